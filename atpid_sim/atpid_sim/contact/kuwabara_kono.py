@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hertz with damping by the root of the overlap, F = k x^1.5 + c x' x^0.5 (equation 3.11; Kuwabara and Kono 1987).
+
+Parameters: (k [N/m^1.5], c [N s/m^1.5]).
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from atpid_sim.contact.hertz import elastic_energy, elastic_force
+from atpid_sim.contact.rebound import hertz_rebound, hertz_time
+
+DESCRIPTION = "Hertz with damping by the root of the overlap, Kuwabara-Kono (Eq. 3.11)"
+
+
+@njit(cache=True)
+def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
+    """Contact force [N], not clamped."""
+    return elastic_force(overlap, p[0]) + p[1] * rate * math.sqrt(abs(overlap))
+
+
+@njit(cache=True)
+def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
+    """Overlap rate at which the force vanishes [m/s]."""
+    if p[1] > 0.0:
+        return -p[0] / p[1] * overlap
+    return -math.inf if overlap >= 0.0 else math.inf
+
+
+@njit(cache=True)
+def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
+    """Stored energy [J]."""
+    return elastic_energy(overlap, p[0])
+
+
+@njit(cache=True)
+def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+    """Restitution [-] at an approach speed [m/s]; it falls with the speed; mass [kg] is the reduced one."""
+    if speed <= 0.0:
+        return 1.0
+    time = hertz_time(speed, mass, p[0])
+    return hertz_rebound(p[1] * time * math.sqrt(speed * time) / mass, 0.5)

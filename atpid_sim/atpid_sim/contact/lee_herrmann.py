@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hertz with linear damping, F = k x^1.5 + c x' (equation 3.10; Lee and Herrmann 1993).
+
+Parameters: (k [N/m^1.5], c [N s/m]).
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from atpid_sim.contact.hertz import elastic_energy, elastic_force
+from atpid_sim.contact.rebound import hertz_rebound, hertz_time
+
+DESCRIPTION = "Hertz with linear damping, Lee-Herrmann (Eq. 3.10)"
+
+
+@njit(cache=True)
+def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
+    """Contact force [N], not clamped."""
+    return elastic_force(overlap, p[0]) + p[1] * rate
+
+
+@njit(cache=True)
+def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
+    """Overlap rate at which the force vanishes [m/s]."""
+    if p[1] > 0.0:
+        return -p[0] / p[1] * overlap * math.sqrt(abs(overlap))
+    return -math.inf if overlap >= 0.0 else math.inf
+
+
+@njit(cache=True)
+def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
+    """Stored energy [J]."""
+    return elastic_energy(overlap, p[0])
+
+
+@njit(cache=True)
+def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+    """Restitution [-] at an approach speed [m/s]; it rises with the speed; mass [kg] is the reduced one."""
+    if speed <= 0.0:
+        return 1.0 if p[1] == 0.0 else 0.0
+    return hertz_rebound(p[1] * hertz_time(speed, mass, p[0]) / mass, 0.0)

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far the motion may be advanced without passing a surface: lower bounds from a bounded third derivative."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+
+@njit(cache=True)
+def _cubic(gap, rate, acceleration, jerk, s):  # type: ignore[no-untyped-def]
+    return gap + s * (rate + s * (0.5 * acceleration - s * jerk / 6.0))
+
+
+@njit(cache=True)
+def safe_step(gap, rate, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
+    """Largest step s <= longest [s] for which gap + rate s + acceleration s^2/2 - jerk s^3/6 is surely not negative.
+
+    `jerk` >= 0 bounds the third derivative of the gap, so no root of the gap itself lies before the step returned:
+    the impact is approached from below, never passed. Newton's steps from the left keep that property where the
+    cubic is convex; elsewhere the root is bracketed and the left end returned.
+    """
+    if gap <= 0.0:
+        if rate < 0.0 or (rate == 0.0 and acceleration <= 0.0):
+            return 0.0
+        gap = 0.0
+    left = 0.0
+    if jerk <= 0.0:
+        jerk = 1e-300
+    if rate < 0.0:
+        close = _nearly(gap, rate, acceleration, jerk)
+        if close > 0.0:
+            return min(close, longest)
+    discriminant = acceleration * acceleration + 2.0 * jerk * rate
+    if rate >= 0.0:
+        left = (acceleration + math.sqrt(discriminant)) / jerk
+    elif discriminant >= 0.0:
+        root = math.sqrt(discriminant)
+        # lowest point of the cubic, in the form that does not cancel
+        lowest = -2.0 * rate / (acceleration + root) if acceleration > 0.0 else -1.0
+        if lowest > 0.0:
+            if _cubic(gap, rate, acceleration, jerk, lowest) <= 0.0:
+                return _newton(gap, rate, acceleration, jerk, longest)
+            left = (acceleration + root) / jerk
+    if left >= longest:
+        return longest
+    return _bracketed(gap, rate, acceleration, jerk, left, longest)
+
+
+@njit(cache=True)
+def _nearly(gap, rate, acceleration, jerk):  # type: ignore[no-untyped-def]
+    """Root of the parabola that bounds the cubic from below, where that is within a tenth of the best; else 0.
+
+    The parabola without jerk gives an upper bound S of the root; below S the cubic term is at least -jerk S s^2 / 6.
+    """
+    squared = rate * rate - 2.0 * acceleration * gap
+    if squared < 0.0:
+        return 0.0
+    upper = 2.0 * gap / (math.sqrt(squared) - rate)
+    squared = rate * rate - 2.0 * (acceleration - jerk * upper / 3.0) * gap
+    lower = 2.0 * gap / (math.sqrt(squared) - rate)
+    return lower if lower >= 0.9 * upper else 0.0
+
+
+@njit(cache=True)
+def _newton(gap, rate, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
+    """Root of the convex, falling part, approached from the left."""
+    s = 0.0
+    for _ in range(6):
+        value = _cubic(gap, rate, acceleration, jerk, s)
+        slope = rate + s * (acceleration - 0.5 * jerk * s)
+        if slope >= 0.0:
+            break
+        step = -value / slope
+        s += step
+        if s >= longest:
+            return longest
+        if step <= 1e-3 * s:
+            break
+    return s
+
+
+@njit(cache=True)
+def _bracketed(gap, rate, acceleration, jerk, left, longest):  # type: ignore[no-untyped-def]
+    """Left end of a bracket around the root beyond `left`, where the cubic only falls."""
+    if _cubic(gap, rate, acceleration, jerk, longest) >= 0.0:
+        return longest
+    right = longest
+    f_left = _cubic(gap, rate, acceleration, jerk, left)
+    f_right = _cubic(gap, rate, acceleration, jerk, right)
+    for _ in range(40):
+        if right - left <= 1e-3 * right:
+            break
+        middle = right - f_right * (right - left) / (f_right - f_left)
+        # keep the guess off the ends, and halve when the chord makes poor progress
+        low = left + 0.05 * (right - left)
+        high = right - 0.05 * (right - left)
+        middle = min(max(middle, low), high)
+        value = _cubic(gap, rate, acceleration, jerk, middle)
+        if value >= 0.0:
+            left, f_left = middle, value
+        else:
+            right, f_right = middle, value
+    return left
+
+
+@njit(cache=True)
+def safe_rate_step(slack, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
+    """Largest step for which a rate that is `slack` below its limit surely stays below it [s]."""
+    if slack <= 0.0:
+        return 0.0
+    if jerk <= 0.0:
+        return longest if acceleration <= 0.0 else min(longest, slack / acceleration)
+    root = math.sqrt(acceleration * acceleration + 2.0 * jerk * slack)
+    step = 2.0 * slack / (acceleration + root) if acceleration > 0.0 else (root - acceleration) / jerk
+    return min(step, longest)

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The drive table: what the support and the ceiling do, as rows between whose ends nothing has a kink.
+
+Row (12,): start [s], end [s], a0 [m], a1 [m/s], omega [rad/s], phase [rad], c0..c3 [m, m/s, m/s^2, m/s^3],
+height [m] and its rate [m/s] at the start of the row. Support: see `beam.py`; ceiling: height + rate * tau.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.engine.beam import support_at
+from atpid_sim.outcome import NumericalFailure
+
+START, END, A0, A1, OMEGA, PHASE, C0, C1, C2, C3, HEIGHT, HEIGHT_RATE = range(12)
+
+#: No row is longer than this many periods, so that local times, and so phases, keep their digits.
+_PERIODS_PER_ROW = 500.0
+
+Points = Sequence[tuple[float, float]]
+Array = NDArray[np.float64]
+
+
+def harmonic_rows(amplitude: Points, frequency: float, duration: float) -> Array:
+    """Support rows (n, 12) of u = A(t) sin(2 pi f t), A [m] along straight ramps between the points (t [s], A [m])."""
+    omega = 2.0 * math.pi * frequency
+    times = [t for t, _ in amplitude if 0.0 < t < duration]
+    longest = _PERIODS_PER_ROW / frequency
+    edges = _split(sorted({0.0, duration, *times}), longest)
+    at = [t for t, _ in amplitude]
+    values = [a for _, a in amplitude]
+    table = np.zeros((len(edges) - 1, 12))
+    table[:, START], table[:, END] = edges[:-1], edges[1:]
+    first, last = np.interp(edges[:-1], at, values), np.interp(edges[1:], at, values)
+    table[:, A0], table[:, A1] = first, (last - first) / np.diff(edges)
+    table[:, OMEGA] = omega
+    # the fractional period is taken before the multiplication by 2 pi: late rows keep an exact phase
+    table[:, PHASE] = 2.0 * math.pi * np.mod(np.asarray(edges[:-1]) * frequency, 1.0)
+    return table
+
+
+def spline_rows(times: Array, coefficients: Array, duration: float) -> Array:
+    """Support rows (n, 12) of a cubic spline: knots (n+1,) [s] and coefficients (4, n), highest power first [m/s^k]."""
+    table = np.zeros((len(times) - 1, 12))
+    table[:, START], table[:, END] = times[:-1], times[1:]
+    for power in range(4):
+        table[:, C0 + power] = coefficients[3 - power]
+    return table[table[:, START] < duration]
+
+
+def still_rows(duration: float) -> Array:
+    """Support rows (1, 12) of a support that does not move."""
+    table = np.zeros((1, 12))
+    table[0, END] = duration
+    return table
+
+
+def with_ceiling(rows: Array, heights: Points) -> Array:
+    """Cut support rows at the ceiling's kinks and fill in its motion: heights (t [s], h [m]), straight in between."""
+    at = np.array([t for t, _ in heights])
+    values = np.array([h for _, h in heights])
+    kinks = [t for t in at if rows[0, START] < t < rows[-1, END]]
+    table = cut(rows, kinks)
+    table[:, HEIGHT] = np.interp(table[:, START], at, values)
+    table[:, HEIGHT_RATE] = (np.interp(table[:, END], at, values) - table[:, HEIGHT]) / (table[:, END] - table[:, START])
+    return table
+
+
+def between(rows: Array, begin: float, end: float) -> Array:
+    """Return the rows of the same motion that cover [begin, end] [s], cut at both."""
+    kept = rows[(rows[:, END] > begin) & (rows[:, START] < end)]
+    if not len(kept):
+        raise NumericalFailure(f"the scene's drive ends at {rows[-1, END]:g} s, before {end:g} s")
+    cut_rows = cut(kept, [t for t in (begin, end) if kept[0, START] < t < kept[-1, END]])
+    return cut_rows[(cut_rows[:, START] >= begin) & (cut_rows[:, END] <= end)]
+
+
+def support_displacement(rows: Array, t: float) -> float:
+    """Return the support's displacement at time t [s] in m."""
+    row = rows[min(int(np.searchsorted(rows[:, START], t, side="right")) - 1, len(rows) - 1)]
+    return float(support_at(*row[A0 : C3 + 1], t - row[START])[0])
+
+
+def _split(edges: list[float], longest: float) -> list[float]:
+    fine = [edges[0]]
+    for left, right in zip(edges[:-1], edges[1:], strict=True):
+        pieces = max(1, math.ceil((right - left) / longest))
+        if pieces > 10_000_000:
+            raise NumericalFailure(f"a run of {right - left:g} s has more than {pieces * _PERIODS_PER_ROW:g} periods")
+        fine.extend(left + (right - left) * k / pieces for k in range(1, pieces))
+        fine.append(right)
+    return fine
+
+
+def cut(rows: Array, kinks: Sequence[float]) -> Array:
+    """Return the same support motion with row ends at the kinks as well."""
+    edges = np.unique(np.concatenate([rows[:, START], rows[-1:, END], np.asarray(kinks, dtype=float)]))
+    source = np.searchsorted(rows[:, START], edges[:-1], side="right") - 1
+    pieces = rows[source].copy()
+    shift = edges[:-1] - pieces[:, START]
+    pieces[:, START], pieces[:, END] = edges[:-1], edges[1:]
+    pieces[:, PHASE] = np.mod(pieces[:, PHASE] + pieces[:, OMEGA] * shift, 2.0 * math.pi)
+    pieces[:, A0] += pieces[:, A1] * shift
+    c0, c1, c2, c3 = (pieces[:, C0 + k].copy() for k in range(4))
+    pieces[:, C0] = c0 + shift * (c1 + shift * (c2 + shift * c3))
+    pieces[:, C1] = c1 + shift * (2.0 * c2 + 3.0 * shift * c3)
+    pieces[:, C2] = c2 + 3.0 * shift * c3
+    return pieces

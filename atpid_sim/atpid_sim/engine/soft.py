@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The `soft` rung: exact flight between contacts, contacts integrated; row by row through the drive table."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from atpid_sim.engine.drive import A0, A1, C0, C2, END, HEIGHT, HEIGHT_RATE, OMEGA, START
+from atpid_sim.engine.flight import fly
+from atpid_sim.engine.observe import note_extreme
+from atpid_sim.engine.state import (
+    BEAM,
+    BEAM_RATE,
+    BEGUN,
+    CEILING_HITS,
+    CONTACT_STEPS,
+    E_SPEED,
+    E_TIME,
+    E_WALL,
+    EVENTS,
+    FLIGHT_STEPS,
+    FLOOR_HITS,
+    GRAIN,
+    GRAIN_RATE,
+    MEMORY,
+    MODE,
+    ON_CEILING,
+    ON_FLOOR,
+    REJECTED,
+    TIME,
+    WINDOW_CEILING,
+    WINDOW_FLOOR,
+)
+from atpid_sim.engine.touch import resting_overlap, touch
+
+DONE, STEP_BUDGET, NOT_FINITE, ESCAPED, OVERLAP_TOO_DEEP, CEILING_CRUSHES, STALLED = range(7)  # as in `outcome.py`
+
+
+@njit(cache=True)
+def _log_impact(y, n, events, now, observing, height_rate):  # type: ignore[no-untyped-def]
+    """Count a new contact and remember when and how fast it began."""
+    on_floor = n[MODE] == ON_FLOOR
+    speed = y[BEAM_RATE] - y[GRAIN_RATE] if on_floor else y[GRAIN_RATE] - y[BEAM_RATE] - height_rate
+    n[FLOOR_HITS if on_floor else CEILING_HITS] += 1
+    if observing:
+        n[WINDOW_FLOOR if on_floor else WINDOW_CEILING] += 1
+    if n[EVENTS] < events.shape[0]:
+        events[n[EVENTS], E_TIME] = now
+        events[n[EVENTS], E_WALL] = 1.0 if on_floor else -1.0
+        events[n[EVENTS], E_SPEED] = speed
+        n[EVENTS] += 1
+    y[MEMORY] = 0.0
+    y[BEGUN] = now
+
+
+@njit(cache=True)
+def _fault(y, height, slack, radius):  # type: ignore[no-untyped-def]
+    """Outcome that the present state amounts to, DONE where it is sound."""
+    lift = y[GRAIN] - y[BEAM]
+    if not (math.isfinite(y[BEAM]) and math.isfinite(y[BEAM_RATE]) and math.isfinite(y[GRAIN_RATE]) and math.isfinite(lift)):  # fmt: skip # noqa: E501
+        return NOT_FINITE
+    if height < slack * (1.0 - 1e-12):
+        return CEILING_CRUSHES
+    overlap = max(-lift, lift - (height - slack))
+    if overlap > radius:
+        return OVERLAP_TOO_DEEP
+    return DONE
+
+
+@njit(cache=True)
+def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
+    """Overlap [m] and overlap rate [m/s] of a grain pushed with a twentieth of the run's typical acceleration."""
+    natural = system.stiffness / system.beam_mass
+    pace = system.gravity + natural * abs(y[BEAM]) + math.sqrt(natural) * abs(y[BEAM_RATE])
+    for row in range(table.shape[0]):
+        a0, a1, omega = abs(table[row, A0]), abs(table[row, A1]), table[row, OMEGA]
+        swing = max(a0, a0 + a1 * (table[row, END] - table[row, START]))
+        pace = max(pace, omega * omega * swing, 2.0 * abs(table[row, C2]), natural * abs(table[row, C0]))
+    pace = max(0.05 * pace, 1e-12)
+    overlap = 0.1 * resting_overlap(law, p, system.grain_mass * pace)
+    return overlap, math.sqrt(pace * overlap)
+
+
+@njit(cache=True, nogil=True)
+def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, events, budget):  # type: ignore[no-untyped-def]
+    """Integrate through the drive table (rows, 12) from y[TIME] to its end; returns an `Outcome` as an integer.
+
+    `observe`: (from, to) [s], both row edges of the table where extremes shall be exact; `sampling`: (first instant,
+    period) [s]; `out`: series (6, samples); `events`: impact log (capacity, 3). y and n are the state, changed in
+    place (see `state.py`), also when the run ends early.
+    """
+    slack = 2.0 * system.radius
+    stuck = 0
+    scale = _error_scale(table, system, law, p, y)
+    for row in range(table.shape[0]):
+        segment = table[row]
+        start, end = segment[START], segment[END]
+        if end <= y[TIME]:
+            continue
+        if segment[HEIGHT] < slack * (1.0 - 1e-12) or segment[HEIGHT] + segment[HEIGHT_RATE] * (end - start) < slack * (1.0 - 1e-12):  # fmt: skip # noqa: E501
+            return CEILING_CRUSHES
+        middle = 0.5 * (start + end)
+        observing = observe[0] <= middle <= observe[1]
+        if observing:
+            note_extreme(y, y[BEAM])
+        tau, until = y[TIME] - start, end - start
+        where = (sampling[0], sampling[1], start)
+        while tau < until:
+            before = tau
+            if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+                tau = touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, observing, where, out, budget)
+            else:
+                tau = fly(y, n, segment, tau, until, system, law, p, observing, where, out, budget)
+                if y[MEMORY] < 0.0:
+                    _log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
+            y[TIME] = start + tau
+            if n[CONTACT_STEPS] + n[REJECTED] > budget or n[FLIGHT_STEPS] > budget:
+                return STEP_BUDGET
+            fault = _fault(y, segment[HEIGHT] + segment[HEIGHT_RATE] * tau, slack, system.radius)
+            if fault != DONE:
+                return fault
+            stuck = stuck + 1 if tau == before else 0
+            if stuck > 1000:
+                return STALLED
+        y[TIME] = end
+    return DONE

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated stand: publishes what the sensors of a scene's plant read, and moves its ceiling as the motor says."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from atpid_interfaces.msg import CeilingState, Event, PlantTruth, RecorderStatus, SampleBlock
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from atpid_sim.nodes.life import run
+from atpid_sim.nodes.messages import (
+    BLOCKS,
+    EVENTS,
+    HELLO,
+    STATES,
+    STATUS,
+    hello,
+    nanoseconds_of,
+    sample_block,
+    time_of,
+    truth_message,
+)
+from atpid_sim.nodes.twice import StartedTwiceError, check_alone
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.plant import Plant
+from atpid_sim.scene import Scene, load_scene
+from atpid_sim.stream import PlantLike, Stream, stamp_ns
+
+HELLO_PERIOD = 0.05
+DONE, BAD_INPUT, NUMERICAL_FAILURE = 0, 2, 3
+
+PARAMETERS: tuple[tuple[str, Any, str], ...] = (
+    ("scene", "", "scene file (docs/scenes.md)"),
+    ("lockstep", False, "true: the next block waits for the ceiling's answer to this one; false: paced by the steady clock"),
+    ("expect_recorder", False, "true: do not start before the recorder has received every topic, nor leave before its bag is closed"),
+)  # fmt: skip
+
+
+class PlantNode(Node):
+    """Parameters, topics, the handshake, and one call into the stream for each block."""
+
+    def __init__(
+        self,
+        *,
+        parameter_overrides: list[Parameter] | None = None,
+        make_plant: Callable[[Scene], PlantLike] = Plant,
+        **node_options: Any,
+    ) -> None:
+        """Read the scene; raise SceneError or StreamError where it cannot be run. `done` receives the exit status."""
+        super().__init__("plant_node", parameter_overrides=parameter_overrides, **node_options)
+        for name, default, text in PARAMETERS:
+            self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
+        scene = load_scene(self.get_parameter("scene").value)
+        self._lockstep = bool(self.get_parameter("lockstep").value)
+        self._expect_recorder = bool(self.get_parameter("expect_recorder").value)
+        self.stream = Stream(scene, make_plant(scene))
+        self.done: Future = Future()
+        self._answered = False  # whether hello came round
+        self._ceiling: CeilingState | None = None
+        self._recorder: RecorderStatus | None = None
+        self._awaited: int | None = None  # stamp whose answer lets the next block start [ns], lockstep only
+        self._start_ns = 0
+        self._steady_start = 0.0
+        self._worst_lag = self._behind = 0.0
+        self._ended: int | None = None
+        self._make_topics()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._hello_timer = self.create_timer(HELLO_PERIOD, self._say_hello, clock=steady)
+        self._pace_timer = self.create_timer(self.stream.block_seconds / 5.0, self._pace, clock=steady)
+        self._pace_timer.cancel()
+
+    def _make_topics(self) -> None:
+        self._sensors = {
+            item.device: self.create_publisher(SampleBlock, f"sensors/{item.device}", BLOCKS)
+            for item in self.stream.instruments
+        }
+        self._truth = self.create_publisher(PlantTruth, "plant/truth", BLOCKS)
+        self._events = self.create_publisher(Event, "events", EVENTS)
+        self.create_subscription(CeilingState, "ceiling/state", self._on_ceiling, STATES)
+        self.create_subscription(RecorderStatus, "recorder/status", self._on_recorder, STATUS)
+
+    # the handshake
+
+    def _say_hello(self) -> None:
+        if self._ended is not None:
+            return
+        try:
+            check_alone(self)
+        except StartedTwiceError as error:
+            self.get_logger().error(str(error))
+            self._finish(BAD_INPUT)
+            return
+        for item in self.stream.instruments:
+            self._sensors[item.device].publish(hello(SampleBlock, item.channels, item.units))
+        self._truth.publish(hello(PlantTruth))
+        self._events.publish(hello(Event))
+        self._start_when_ready()
+
+    def _start_when_ready(self) -> None:
+        if self.waiting_for():
+            return
+        self._hello_timer.cancel()
+        self._steady_start = time.monotonic()
+        if self._lockstep:
+            self._next_block()
+        else:
+            self._start_ns = time.time_ns()
+            self._pace_timer.reset()
+
+    def waiting_for(self) -> str:
+        """What the handshake still lacks, in words; empty: nothing."""
+        if not self._answered:
+            return "hello to come round on ceiling/state (identifier, selector and motor answer it one after the other)"
+        if self._expect_recorder and not self._recorded_all():
+            return "the recorder to have received every topic"
+        return ""
+
+    def _recorded_all(self) -> bool:
+        if self._recorder is None:
+            return False
+        received = {
+            self.resolve_topic_name(topic): count
+            for topic, count in zip(self._recorder.topics, self._recorder.received, strict=True)
+        }
+        loop = ["plant/truth", "events", "excitation", "ceiling/command", "ceiling/state"]
+        wanted = [f"sensors/{device}" for device in self._sensors] + loop
+        return all(received.get(self.resolve_topic_name(topic), 1) > 0 for topic in wanted)
+
+    # the loop
+
+    def _on_recorder(self, status: RecorderStatus) -> None:
+        self._recorder = status
+
+    def _on_ceiling(self, state: CeilingState) -> None:
+        if state.header.frame_id == HELLO:
+            self._answered = True
+            return
+        self._ceiling = state
+        if self._awaited is not None and nanoseconds_of(state.header.stamp) == self._awaited:
+            self._awaited = None
+            self._next_block()
+
+    def _pace(self) -> None:
+        """Publish the block that is due; one a call, so that the ceiling's answers are heard in between."""
+        lag = self._lag()
+        if lag < 0.0 or self._ended is not None:
+            return
+        self._worst_lag = max(self._worst_lag, lag)
+        if lag > self.stream.block_seconds >= self._behind:
+            self._tell(Event.WARNING, "behind", lag, f"the plant is {lag:.3f} s behind real time: the machine is too slow or too busy")
+        self._behind = lag
+        self._next_block()
+
+    def _lag(self) -> float:
+        """How long ago the next block's last sample was due [s]; negative: not due yet."""
+        due = min(self.stream.computed_ticks + self.stream.ticks_per_block, self.stream.ticks) / self.stream.rate
+        return time.monotonic() - self._steady_start - due
+
+    def _next_block(self) -> None:
+        if self.stream.finished:
+            self._end(Event.INFO, DONE, self._summary())
+            return
+        try:
+            block = self.stream.advance(*self._ceiling_target())
+            outcome = Outcome(block.truth.outcome)
+        except NumericalFailure as failure:
+            self._end(Event.ALARM, NUMERICAL_FAILURE, str(failure))
+            return
+        if outcome is not Outcome.DONE:
+            self._end(Event.ALARM, NUMERICAL_FAILURE, outcome.sentence)
+            return
+        if self._lockstep:
+            # before publishing: in one process the answer may come back at once
+            self._awaited = self._last_stamp()
+        for reading in block.readings:
+            self._sensors[reading.instrument.device].publish(sample_block(reading, self._start_ns, f"plant:{reading.instrument.device}"))
+        self._truth.publish(truth_message(block, self._start_ns, "plant"))
+        if self.stream.finished and not self._lockstep:
+            self._end(Event.INFO, DONE, self._summary())
+
+    def _ceiling_target(self) -> tuple[float, float]:
+        """Target [m] and speed [m/s] of the ceiling during the next block; speed 0 holds."""
+        state = self._ceiling
+        if state is None:
+            return self.stream.height, 0.0
+        target = state.target if state.mode == CeilingState.MOVING else state.height
+        return (target, abs(state.speed)) if math.isfinite(target) else (self.stream.height, 0.0)
+
+    def _last_stamp(self) -> int:
+        """Stamp of the last laser sample computed so far [ns]."""
+        rate = self.stream.laser.sensor.rate
+        return stamp_ns(self._start_ns, max(0, self.stream.computed_scans - 1), rate)
+
+    # the end
+
+    def _summary(self) -> str:
+        wall = time.monotonic() - self._steady_start
+        simulated = self.stream.computed_ticks / self.stream.rate
+        text = f"{simulated:g} s simulated in {wall:.2f} s ({simulated / wall:.1f} x real time)"
+        return text if self._lockstep else f"{text}; at worst {1e3 * self._worst_lag:.0f} ms behind the clock"
+
+    def _end(self, severity: int, status: int, text: str) -> None:
+        """Say how the run ended, let the recorder close its bag, and leave with `status`."""
+        if status == NUMERICAL_FAILURE:
+            text = f"the plant stopped at {self.stream.computed_ticks / self.stream.rate:g} s: {text}"
+            self.get_logger().error(text)
+            self._tell(severity, "failed", math.nan, text)
+        self._pace_timer.cancel()
+        self._tell(severity, "finished", self.stream.computed_ticks / self.stream.rate, text)
+        self._ended = status
+        self._leave_timer = self.create_timer(HELLO_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _leave_when_heard(self) -> None:
+        if self._expect_recorder and self._recorder is not None and self._recorder.recording:
+            return
+        self._leave_timer.cancel()
+        self._finish(self._ended or DONE)
+
+    def _finish(self, status: int) -> None:
+        self._ended = status
+        for publisher in (*self._sensors.values(), self._truth, self._events):
+            publisher.wait_for_all_acked(Duration(seconds=1.0))
+        if not self.done.done():
+            self.done.set_result(status)
+
+    def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
+        event = Event(severity=severity, kind=kind, value=value, text=text)
+        event.header.stamp = time_of(self._last_stamp())
+        event.header.frame_id = self.get_name()
+        self._events.publish(event)
+
+    def close(self) -> None:
+        """Stop the timers; a plant has nothing else to put in order."""
+        self._hello_timer.cancel()
+        self._pace_timer.cancel()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the plant as a process of its own; return the exit status."""
+    return run(PlantNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

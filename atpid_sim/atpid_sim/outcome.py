@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a run can end: each outcome is a sentence a person can act on."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Outcome(IntEnum):
+    """The outcome of one integration; `sentence` says it in words."""
+
+    DONE = 0
+    STEP_BUDGET = 1
+    NOT_FINITE = 2
+    ESCAPED = 3
+    OVERLAP_TOO_DEEP = 4
+    CEILING_CRUSHES = 5
+    STALLED = 6
+
+    @property
+    def sentence(self) -> str:
+        """One sentence: what happened and what to do about it."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Outcome.DONE: "the run reached its end",
+    Outcome.STEP_BUDGET: "the step budget was used up before the end: loosen the tolerance, shorten the run or raise the budget",
+    Outcome.NOT_FINITE: "a state, force or input was not a finite number: look for NaN or overflow in the scene",
+    Outcome.ESCAPED: "the grain left the container beyond its overlap: the result must not be used",
+    Outcome.OVERLAP_TOO_DEEP: "the grain was pressed deeper into a wall than its radius: the contact law does not hold there",
+    Outcome.CEILING_CRUSHES: "the ceiling came closer to the floor than the grain's diameter: keep the height at or above 2 r",
+    Outcome.STALLED: "time stopped advancing: events follow each other faster than the clock resolves",
+}
+
+
+class NumericalFailure(ArithmeticError):
+    """A run that ended in anything but DONE, with what is needed to find out why."""

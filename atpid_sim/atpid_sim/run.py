@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs: which stepper carries a scene, from which state, and what the energy ledger says afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.contact import Contact, contact_of
+from atpid_sim.contact.dispatch import energy
+from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
+from atpid_sim.engine import drive, soft, state
+from atpid_sim.engine.one_mass import run_one_mass
+from atpid_sim.excitation import support_rows
+from atpid_sim.outcome import Outcome
+from atpid_sim.scene import FreeExcitation, Scene
+from atpid_sim.system import System, system_of
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+#: First step of a first contact, as the fourth root of a time [s^(1/4)]; later contacts remember their own.
+_FIRST_STEP = 0.05
+
+FIDELITIES = ("simplified", "impact", "soft")
+
+
+class Stepper(Protocol):
+    """One rung of the ladder: carries a state through a drive table and says how it ended."""
+
+    def __call__(
+        self,
+        table: Array,
+        y: Array,
+        n: Counts,
+        observe: tuple[float, float],
+        sampling: tuple[float, float],
+        out: Array,
+        events: Array,
+        budget: int,
+    ) -> Outcome:
+        """Advance y and n (see `engine.state`) to the table's end; observe, sampling: [s]; out (6, samples)."""
+
+
+def stepper_of(scene: Scene, fidelity: str, rtol: float | None = None) -> Stepper:
+    """Return the stepper of a rung for this scene; `rtol` defaults to the scene's tolerance.
+
+    Raises ValueError for an unknown rung, or a soft rung asked to integrate a law that has no force.
+    """
+    system, contact = system_of(scene), contact_of(scene)
+    tolerance = float(scene.tolerance if rtol is None else rtol)
+    if fidelity == "soft":
+        if contact.law == IMPACT:
+            raise ValueError("fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law")
+        return _soft(system, contact, tolerance)
+    if fidelity == "impact":
+        from atpid_sim.engine.impact import impact_stepper
+
+        return impact_stepper(system, contact)
+    if fidelity == "simplified":
+        return _one_mass(system, swinging_mass(scene))
+    raise ValueError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
+
+
+def swinging_mass(scene: Scene) -> float:
+    """Return what the simplified rung takes as its one mass [kg]: beam and grain where closed, else the beam."""
+    return scene.total_mass if is_closed(scene) else scene.beam.mass
+
+
+def is_closed(scene: Scene) -> bool:
+    """Return whether the ceiling holds the grain during the whole run."""
+    diameter = 2.0 * scene.grain.radius
+    return max(height for _, height in scene.ceiling.heights) <= diameter * (1.0 + 1e-9)
+
+
+def _soft(system: System, contact: Contact, rtol: float) -> Stepper:
+    hysteretic = contact.law == WALTON_BRAUN
+
+    def run(table, y, n, observe, sampling, out, events, budget):  # type: ignore[no-untyped-def]
+        law, p = contact
+        return Outcome(soft.run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, events, budget))
+
+    return run
+
+
+def _one_mass(system: System, mass: float) -> Stepper:
+    def run(table, y, n, observe, sampling, out, events, budget):  # type: ignore[no-untyped-def]
+        return Outcome(run_one_mass(table, system, mass, y, n, observe, sampling, out, budget))
+
+    return run
+
+
+def initial_state(scene: Scene, disturbance: float = 0.0) -> tuple[Array, Counts]:
+    """Return the state at time zero: at rest under the weight, or released from a deflection (equations 3.41, 3.42).
+
+    `disturbance`: relative change of the beam's first displacement, for judging reproducibility.
+    """
+    excitation = scene.excitation
+    released = excitation.free.deflection if isinstance(excitation, FreeExcitation) else 0.0
+    beam = released - scene.static_deflection
+    size = abs(beam) if beam != 0.0 else scene.grain.radius
+    y, n = state.at_rest(beam + disturbance * size, 0.0)
+    y[state.FIRST_STEP] = _FIRST_STEP
+    return y, n
+
+
+def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:
+    """Return the whole drive table (rows, 12) of a scene, with row ends also at the given times [s]."""
+    rows = drive.cut(support_rows(scene), [t for t in edges if 0.0 < t < scene.duration])
+    return drive.with_ceiling(rows, scene.ceiling.heights)
+
+
+def stored_energy(system: System, contact: Contact, y: Array, support: float) -> float:
+    """Return kinetic, elastic and potential energy [J] of beam and grain, with the support at `support` [m].
+
+    Energy held by a contact is not in it: it counts as absorbed until the contact gives it back.
+    """
+    stretch = y[state.BEAM] - support
+    return float(
+        0.5 * system.beam_mass * y[state.BEAM_RATE] ** 2
+        + 0.5 * system.grain_mass * y[state.GRAIN_RATE] ** 2
+        + 0.5 * system.stiffness * stretch**2
+        + system.gravity * (system.beam_mass * y[state.BEAM] + system.grain_mass * y[state.GRAIN])
+    )
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Where the energy went since the start [J]; `residual` is what does not add up, relative to all that flowed."""
+
+    input: float
+    beam_loss: float
+    contact_loss: float
+    ceiling_work: float
+    stored: float
+    residual: float
+
+
+def ledger_of(scene: Scene, table: Array, first: Array, last: Array) -> Ledger:
+    """Return the ledger between two states of a run through `table`."""
+    system, contact = system_of(scene), contact_of(scene)
+    support = [drive.support_displacement(table, float(y[state.TIME])) for y in (first, last)]
+    before, after = (stored_energy(system, contact, y, u) for y, u in zip((first, last), support, strict=True))
+    flows = [float(last[k] - first[k]) for k in (state.INPUT, state.BEAM_LOSS, state.CONTACT_LOSS, state.CEILING_WORK)]
+    work, beam_loss, absorbed, ceiling = flows
+    total = abs(work) + beam_loss + abs(absorbed) + abs(ceiling) + abs(before) * 1e-3
+    gap = after - before - (work - beam_loss - absorbed + ceiling)
+    held = _held_by_contact(contact, system, last, table)
+    return Ledger(work, beam_loss, absorbed - held, ceiling, after - before + held, gap / total if total > 0.0 else 0.0)
+
+
+def _held_by_contact(contact: Contact, system: System, y: Array, table: Array) -> float:
+    row = table[min(int(np.searchsorted(table[:, drive.START], y[state.TIME], side="right")) - 1, len(table) - 1)]
+    height = row[drive.HEIGHT] + row[drive.HEIGHT_RATE] * (y[state.TIME] - row[drive.START])
+    lift = y[state.GRAIN] - y[state.BEAM]
+    overlap = max(0.0, -lift, lift - (height - 2.0 * system.radius))
+    if contact.law == IMPACT or overlap == 0.0:
+        return 0.0
+    return float(energy(contact.law, overlap, y[state.MEMORY], contact.parameters))

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the ceiling does: stand, open once, follow a profile, or obey a controller."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, Tag, model_validator
+
+from atpid_sim.scene.fields import Block, LocatedPath, NotNegative, Points, Positive, Range, by_key, impossible
+
+Heights = tuple[tuple[float, float], ...]
+
+
+class FixedCeiling(Block):
+    """A ceiling that stands still."""
+
+    kind: ClassVar[str] = "fixed"
+    height: Positive = Field(description="height above the floor [m]")
+
+    @property
+    def heights(self) -> Heights:
+        """((t [s], h [m]), ...)."""
+        return ((0.0, self.height),)
+
+
+class OpeningCeiling(Block):
+    """A ceiling that goes once from closed to open, at constant speed (equations 3.35 and 3.36)."""
+
+    kind: ClassVar[str] = "opening"
+    closed: Positive = Field(description="height before start [m]")
+    open: Positive = Field(description="height after end [m]")
+    start: NotNegative = Field(description="when it begins to move [s]")
+    end: NotNegative = Field(description="when it has arrived [s]")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> OpeningCeiling:
+        if self.end <= self.start:
+            raise impossible("end", self.end, f"later than start ({self.start:g} s)")
+        return self
+
+    @property
+    def heights(self) -> Heights:
+        """((t [s], h [m]), ...)."""
+        return ((self.start, self.closed), (self.end, self.open))
+
+
+class ProfileCeiling(Block):
+    """A ceiling that follows given points, straight in between."""
+
+    kind: ClassVar[str] = "profile"
+    profile: Points = Field(description="[[t, h], ...] with straight ramps [s, m]")
+
+    @property
+    def heights(self) -> Heights:
+        """((t [s], h [m]), ...)."""
+        return self.profile
+
+
+class ControlledCeiling(Block):
+    """A ceiling that a controller moves at constant speed; it starts closed."""
+
+    kind: ClassVar[str] = "controlled"
+    closed: Positive = Field(description="height at the start [m]")
+    range: Range = Field(description="lowest and highest height the motor may reach [m]")
+    speed: Positive = Field(description="the motor's constant speed [m/s]")
+    controller: Literal["lookup", "pca", "direct", "search"] = Field(description="how the height is selected")
+    map: LocatedPath | None = Field(default=None, description="height map for the look-up; default: one made and kept")
+
+    @model_validator(mode="after")
+    def _within_range(self) -> ControlledCeiling:
+        low, high = self.range
+        if high <= low:
+            raise impossible("range", list(self.range), "two rising heights")
+        if not low <= self.closed <= high:
+            raise impossible("closed", self.closed, f"a height within the range [{low:g}, {high:g}]")
+        return self
+
+    @property
+    def heights(self) -> Heights:
+        """((t [s], h [m]), ...) as long as no controller says otherwise: closed."""
+        return ((0.0, self.closed),)
+
+
+Ceiling = Annotated[
+    Annotated[FixedCeiling, Tag("<fixed>")]
+    | Annotated[OpeningCeiling, Tag("<opening>")]
+    | Annotated[ProfileCeiling, Tag("<profile>")]
+    | Annotated[ControlledCeiling, Tag("<controlled>")],
+    by_key(
+        {
+            "controller": "<controlled>",
+            "range": "<controlled>",
+            "speed": "<controlled>",
+            "profile": "<profile>",
+            "height": "<fixed>",
+            "closed": "<opening>",
+            "open": "<opening>",
+        },
+        "one of {height}, {closed, open, start, end}, {profile}, {closed, range, speed, controller}",
+    ),
+]
+VARIANTS: dict[str, type[Block]] = {
+    "<fixed>": FixedCeiling,
+    "<opening>": OpeningCeiling,
+    "<profile>": ProfileCeiling,
+    "<controlled>": ControlledCeiling,
+}

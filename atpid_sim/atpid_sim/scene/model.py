@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene: everything one run needs and nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, Strict, model_validator
+from pydantic_core import PydanticCustomError
+
+from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
+from atpid_sim.scene.contact import ContactSpec
+from atpid_sim.scene.excitation import Excitation, HarmonicExcitation
+from atpid_sim.scene.fields import Block, NotNegative, Number, Positive, Range, impossible
+from atpid_sim.scene.sensors import Recording, Sensors
+from atpid_sim.scene.structure import Beam, Grain
+from atpid_sim.scene.yaml12 import write_yaml
+
+#: Share of the run, at its end, that is the steady window where the scene names none.
+_STEADY_SHARE = 0.125
+
+
+class Scene(Block):
+    """One run: structure, contact, excitation, ceiling and how long (docs/scenes.md)."""
+
+    beam: Beam = Field(description="the beam reduced to one mass")
+    grain: Grain = Field(description="the grain")
+    contact: ContactSpec = Field(description="the contact law between grain and walls")
+    excitation: Excitation = Field(description="what the support does")
+    ceiling: Ceiling = Field(description="what the ceiling does")
+    gravity: NotNegative = Field(description="gravity [m/s^2]")
+    duration: Positive = Field(description="length of the run [s]")
+    steady_window: Range = Field(
+        default=(math.nan, math.nan),
+        description="between which times the amplitude is taken [s]; default: the last eighth of the run",
+    )
+    tolerance: Annotated[Number, Field(gt=0, lt=1)] = Field(description="relative error of the amplitude asked for [-]")
+    sensors: Sensors = Field(default=Sensors(), description="what the bench's sensors read")
+    recording: Recording = Field(default=Recording(), description="how the bench records")
+    seed: Annotated[int, Strict(), Field(ge=0)] = Field(default=0, description="seed of all noise [-]")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Scene:
+        if "steady_window" not in self.model_fields_set:
+            # filled in here, so that nobody has to ask whether it was given; `defaults` still tells
+            self.__dict__["steady_window"] = ((1.0 - _STEADY_SHARE) * self.duration, self.duration)
+        first, last = self.steady_window
+        if not 0.0 <= first < last <= self.duration:
+            allowed = f"two rising times between 0 and duration ({self.duration:g} s)"
+            raise impossible("steady_window", list(self.steady_window), allowed)
+        for error in (*_height_errors(self), *_block_errors(self)):
+            raise error
+        return self
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of beam and grain [kg]."""
+        return self.beam.mass / (1.0 - self.grain.mass_fraction)
+
+    @property
+    def grain_mass(self) -> float:
+        """Mass of the grain [kg]."""
+        return self.beam.mass * self.grain.mass_fraction / (1.0 - self.grain.mass_fraction)
+
+    @property
+    def natural_frequency_hz(self) -> float:
+        """Undamped natural frequency of beam and grain as one mass [Hz] (equation 3.45)."""
+        return math.sqrt(self.beam.stiffness / self.total_mass) / (2.0 * math.pi)
+
+    @property
+    def frequency_hz(self) -> float:
+        """Frequency of the tone [Hz]; where there is none (free, sweep, series), the natural frequency."""
+        if isinstance(self.excitation, HarmonicExcitation) and self.excitation.frequency != "resonance":
+            return self.excitation.frequency
+        return self.natural_frequency_hz
+
+    @property
+    def static_deflection(self) -> float:
+        """How far the weight of beam and grain pulls the beam down [m] (equation 3.41), positive."""
+        return self.total_mass * self.gravity / self.beam.stiffness
+
+    def defaults(self) -> list[str]:
+        """Return one line for each optional value the scene does not give: key, value used, meaning."""
+        return list(_defaults(self, ""))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return what was given, as plain numbers, text, lists and dicts."""
+        given = self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
+        plain: dict[str, Any] = _plain(given)
+        return plain
+
+    def to_yaml(self) -> str:
+        """Return the scene as YAML; loading it gives the same scene."""
+        return write_yaml(self.to_mapping())
+
+    def with_(self, *, height: float | None = None, mass_fraction: float | None = None, **changes: Any) -> Scene:
+        """Return a validated copy with some values changed.
+
+        `height` [m] puts a ceiling that stands still there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
+        replace that value in its block; any other name is a key of the scene itself (duration, ceiling={...}, ...).
+        Raises SceneError as loading does.
+        """
+        from atpid_sim.scene.loading import scene_from_mapping
+
+        mapping = self.to_mapping()
+        if height is not None:
+            mapping["ceiling"] = {"height": float(height)}
+        if mass_fraction is not None:
+            mapping["grain"]["mass_fraction"] = float(mass_fraction)
+        for key in ("amplitude", "frequency"):
+            if key in changes:
+                mapping["excitation"][key] = _plain(changes.pop(key))
+        mapping.update(_plain(changes))
+        return scene_from_mapping(mapping, source="changed scene")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, Block):
+        return _plain(value.model_dump(by_alias=True, exclude_unset=True, exclude_none=True))
+    return str(value) if isinstance(value, Path) else value
+
+
+def _height_errors(scene: Scene) -> Iterator[PydanticCustomError]:
+    diameter = 2.0 * scene.grain.radius
+    named: dict[str, float] = {}
+    for key in ("height", "closed", "open"):
+        if hasattr(scene.ceiling, key):
+            named[key] = getattr(scene.ceiling, key)
+    if scene.ceiling.kind == "profile":
+        named["profile"] = min(height for _, height in scene.ceiling.heights)
+    if isinstance(scene.ceiling, ControlledCeiling):
+        named["range"] = scene.ceiling.range[0]
+    for key, height in named.items():
+        if height < diameter:
+            yield impossible(f"ceiling.{key}", height, f"at least the grain's diameter 2 r = {diameter:g} m")
+
+
+def _block_errors(scene: Scene) -> Iterator[PydanticCustomError]:
+    if not {"sensors", "recording"} & scene.model_fields_set:
+        return
+    for name in ("laser", "accelerometer"):
+        sensor = getattr(scene.sensors, name)
+        count = scene.recording.block * sensor.rate if sensor else 1.0
+        if count < 0.5 or abs(count - round(count)) > 1e-6 * count:
+            allowed = f"a whole number of samples a block (sensors.{name}.rate x recording.block is {count:g})"
+            yield impossible("recording.block", scene.recording.block, allowed)
+
+
+def _defaults(block: Block, prefix: str) -> Iterator[str]:
+    for name, field in type(block).model_fields.items():
+        key, value = prefix + (field.alias or name), getattr(block, name)
+        if name not in block.model_fields_set and not isinstance(value, Block):
+            shown = list(value) if isinstance(value, tuple) else value
+            yield f"{key} = {'none' if shown is None else shown}: {field.description}"
+        elif isinstance(value, Block):
+            yield from _defaults(value, key + ".")

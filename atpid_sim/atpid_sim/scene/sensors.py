@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors and recording: only what a run on the bench needs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, Strict, model_validator
+
+from atpid_sim.scene.fields import Block, NotNegative, Positive, Range, impossible
+
+
+class Sensor(Block):
+    """One device as the plant imitates it."""
+
+    rate: Positive = Field(default=1000.0, description="samples a second [Hz]")
+    noise: NotNegative = Field(default=0.0, description="standard deviation of white noise [SI unit of the channel]")
+    saturation: Range | None = Field(
+        default=None, description="lowest and highest value it can read [SI unit of the channel]; default: no limit"
+    )
+
+    @model_validator(mode="after")
+    def _rising(self) -> Sensor:
+        if self.saturation is not None and self.saturation[1] <= self.saturation[0]:
+            raise impossible("saturation", list(self.saturation), "two rising values")
+        return self
+
+
+class Sensors(Block):
+    """The sensors of the bench."""
+
+    laser: Sensor = Field(default=Sensor(), description="support and beam displacement [m]")
+    accelerometer: Sensor | None = Field(default=None, description="beam acceleration [m/s^2]; default: none")
+
+
+class Recording(Block):
+    """How the run is cut into messages and kept."""
+
+    block: Positive = Field(default=0.05, description="length of one block of samples [s]")
+    chunk: Annotated[int, Strict(), Field(ge=1024)] = Field(
+        default=16384, description="size of a chunk in the bag [bytes]"
+    )

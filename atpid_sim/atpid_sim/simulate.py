@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`simulate`: one scene from start to end, with the truth about its result."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim import trust
+from atpid_sim.engine import state
+from atpid_sim.engine.one_mass import run_one_mass
+from atpid_sim.fidelity import Choice, choose
+from atpid_sim.motion import classify
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.run import Array, Counts, Ledger, Stepper, drive_table, initial_state, ledger_of, stepper_of
+from atpid_sim.scene import Scene
+from atpid_sim.system import system_of
+
+#: Steps a run may take: a hundred times the standard task, so that a hang is impossible and a hard case still ends.
+STEP_BUDGET = 5_000_000
+
+#: Impacts remembered of one run.
+_LOG = 20_000
+
+#: Samples a period from which the kind of motion is read.
+_STROBES = 64
+
+#: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
+_TOLERANCE_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class Result:
+    """One run: the beam's amplitude in the steady window, what it rests on, and how far to trust it."""
+
+    amplitude: float  # half peak-to-peak of the beam in the window [m]
+    undamped_amplitude: float  # the same with the damper closed [m]
+    efficiency: float  # 1 - amplitude / undamped_amplitude [-]
+    motion: str  # closed, sticking, mixed, optimal, irregular, no_ceiling
+    impacts: int
+    floor_impacts: int
+    ceiling_impacts: int
+    fidelity: str
+    rtol: float
+    left_out: str  # what the chosen rung leaves out, in words
+    error_estimate: float  # relative, of the amplitude: numerical and model error together
+    reproducible: bool
+    spread: tuple[float, float, float] | None  # least, median, largest amplitude [m] where it is not reproducible
+    energy_residual: float  # relative
+    ledger: Ledger
+    steps: int
+    wall_s: float  # the integration alone, compiled [s]
+    result: str  # the outcome, a sentence
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain numbers and text; NaN as None."""
+        plain = asdict(self)
+        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()}
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling height [m]; impacts (k, 3)."""
+
+    time: NDArray[np.float64]
+    support: NDArray[np.float64]
+    beam: NDArray[np.float64]
+    beam_velocity: NDArray[np.float64]
+    beam_acceleration: NDArray[np.float64]
+    grain: NDArray[np.float64]
+    ceiling: NDArray[np.float64]
+    impacts: NDArray[np.float64]  # time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+
+
+def simulate(
+    scene: Scene,
+    fidelity: str = "auto",
+    rtol: float | None = None,
+    height: float | None = None,
+    check: bool = True,
+) -> Result:
+    """Run a scene and return its result.
+
+    `height` [m] replaces the ceiling by one that stands still there. With `check` the run is repeated with a finer
+    tolerance and a disturbed start, which gives the error estimate and tells whether the amplitude is reproducible.
+    Raises NumericalFailure, naming time and state, where the run does not end as it should.
+    """
+    if height is not None:
+        scene = scene.with_(height=height)
+    choice = choose(scene, fidelity)
+    tolerance = _TOLERANCE_SHARE * scene.tolerance if rtol is None else rtol
+    stepper = stepper_of(scene, choice.fidelity, tolerance)
+    table = drive_table(scene, scene.steady_window)
+    warm_up(stepper)
+    begun = time.perf_counter()
+    first, y, n, out, events = _integrate(scene, stepper, table)
+    wall = time.perf_counter() - begun
+    amplitude = half_peak_to_peak(y)
+    undamped = undamped_amplitude(scene, table)
+    verdict = trust.judge(scene, choice.fidelity, tolerance, table, amplitude) if check else trust.unchecked()
+    ledger = ledger_of(scene, table, first, y)
+    return Result(
+        amplitude=amplitude,
+        undamped_amplitude=undamped,
+        efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
+        motion=classify(scene, y, n, out, amplitude),
+        impacts=int(n[state.FLOOR_HITS] + n[state.CEILING_HITS]),
+        floor_impacts=int(n[state.FLOOR_HITS]),
+        ceiling_impacts=int(n[state.CEILING_HITS]),
+        fidelity=choice.fidelity,
+        rtol=tolerance,
+        left_out=choice.left_out,
+        error_estimate=verdict.error + choice.model_error,
+        reproducible=verdict.reproducible,
+        spread=verdict.spread,
+        energy_residual=ledger.residual,
+        ledger=ledger,
+        steps=int(n[state.CONTACT_STEPS] + n[state.FLIGHT_STEPS] + n[state.REJECTED]),
+        wall_s=wall,
+        result=Outcome.DONE.sentence,
+    )
+
+
+def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None) -> Trajectory:
+    """Run a scene and return its motion at i / rate [s] over the whole run. Raises NumericalFailure as `simulate`."""
+    choice = choose(scene, fidelity)
+    stepper = stepper_of(scene, choice.fidelity, _TOLERANCE_SHARE * scene.tolerance if rtol is None else rtol)
+    count = int(math.floor(scene.duration * rate * (1.0 + 1e-12))) + 1
+    out, events = np.zeros((state.ROWS, count)), np.zeros((_LOG, state.COLUMNS))
+    y, n = initial_state(scene)
+    advance(stepper, drive_table(scene), y, n, (math.inf, math.inf), (0.0, 1.0 / rate), out, events)
+    out = out[:, : n[state.SAMPLE]]
+    return Trajectory(np.arange(out.shape[1]) / rate, *out, events[: n[state.EVENTS]])
+
+
+def advance(
+    stepper: Stepper,
+    table: Array,
+    y: Array,
+    n: Counts,
+    observe: tuple[float, float],
+    sampling: tuple[float, float],
+    out: Array,
+    events: Array,
+    budget: int = STEP_BUDGET,
+) -> None:
+    """Carry a state through a table, or raise NumericalFailure with the outcome, time and state."""
+    outcome = stepper(table, y, n, observe, sampling, out, events, budget)
+    if outcome != Outcome.DONE:
+        raise NumericalFailure(
+            f"{outcome.sentence} (at {y[state.TIME]:.6f} s: beam {y[state.BEAM]:.6g} m, "
+            f"grain {y[state.GRAIN]:.6g} m above its rest, {n[state.CONTACT_STEPS] + n[state.FLIGHT_STEPS]} steps)"
+        )
+
+
+def half_peak_to_peak(y: Array) -> float:
+    """Return half the range of the beam in the observed window [m]."""
+    return float(0.5 * (y[state.HIGHEST] - y[state.LOWEST]))
+
+
+def undamped_amplitude(scene: Scene, table: Array) -> float:
+    """Return the half peak-to-peak of the closed damper in the same window [m]: beam and grain as one mass."""
+    y, n = initial_state(scene)
+    system = system_of(scene)
+    run_one_mass(table, system, scene.total_mass, y, n, scene.steady_window, (0.0, 1.0), _NO_SAMPLES, STEP_BUDGET)
+    return half_peak_to_peak(y)
+
+
+def warm_up(stepper: Stepper) -> None:
+    """Compile a stepper, or load it from the cache, so that timings tell the integration alone."""
+    y, n = state.at_rest(0.0, 0.0)
+    stepper(np.zeros((0, 12)), y, n, (0.0, 0.0), (0.0, 1.0), _NO_SAMPLES, _NO_LOG, 1)
+
+
+def _integrate(scene: Scene, stepper: Stepper, table: Array) -> tuple[Array, Array, Counts, Array, Array]:
+    begin, end = scene.steady_window
+    period = 1.0 / (_STROBES * scene.frequency_hz)
+    out = np.zeros((state.ROWS, min(100_000, int((end - begin) / period))))
+    events = np.zeros((_LOG, state.COLUMNS))
+    y, n = initial_state(scene)
+    first = y.copy()
+    advance(stepper, table, y, n, (begin, end), (begin, period), out, events)
+    return first, y, n, out, events
+
+
+_NO_SAMPLES = np.zeros((state.ROWS, 0))
+_NO_LOG = np.zeros((0, state.COLUMNS))
+
+__all__ = ["Choice", "Result", "Trajectory", "simulate", "trajectory"]

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The two masses, the spring and the weight: what every kernel is given."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from atpid_sim.scene import Scene
+
+
+class System(NamedTuple):
+    """Beam and grain (equations 3.39 and 3.40), SI units; plain floats, so that numba kernels take it as it is."""
+
+    beam_mass: float
+    grain_mass: float
+    stiffness: float
+    damping: float
+    gravity: float
+    radius: float
+
+
+def system_of(scene: Scene) -> System:
+    """Return the system a scene describes."""
+    beam, grain = scene.beam, scene.grain
+    return System(beam.mass, scene.grain_mass, beam.stiffness, beam.damping, scene.gravity, grain.radius)
+
+
+def reduced_mass(system: System) -> float:
+    """Mass that the relative motion of grain and container feels in an impact, m_s m_g / (m_s + m_g) [kg]."""
+    return system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
