@@ -1,2 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The physics of the Adaptive Tuned Particle Impact Damper: contact laws, steppers, height maps, and the simulated plant node."""
+
+from __future__ import annotations
+
+from atpid_sim._kernel_cache import use_own_cache
+
+use_own_cache()

@@ -10,7 +10,7 @@ from numba import njit
 
 @njit(cache=True)
 def _cubic(gap, rate, acceleration, jerk, s):  # type: ignore[no-untyped-def]
-    return gap + s * (rate + s * (0.5 * acceleration - s * jerk / 6.0))
+    return gap + s * (rate + s * (0.5 * acceleration - s * jerk * (1.0 / 6.0)))
 
 
 @njit(cache=True)
@@ -58,7 +58,7 @@ def _nearly(gap, rate, acceleration, jerk):  # type: ignore[no-untyped-def]
     if squared < 0.0:
         return 0.0
     upper = 2.0 * gap / (math.sqrt(squared) - rate)
-    squared = rate * rate - 2.0 * (acceleration - jerk * upper / 3.0) * gap
+    squared = rate * rate - 2.0 * (acceleration - jerk * upper * (1.0 / 3.0)) * gap
     lower = 2.0 * gap / (math.sqrt(squared) - rate)
     return lower if lower >= 0.9 * upper else 0.0
 

@@ -149,32 +149,80 @@ def beam_at(arc, tau):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def jerk_bound(arc, tau, until, x, v):  # type: ignore[no-untyped-def]
-    """Upper bound of |x'''| [m/s^3] from tau to `until`, given the beam's x and v at tau.
+def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
+    """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
 
     The swing's jerk j obeys the same damped oscillator as the swing, so j'^2 + w0^2 j^2 never grows and
     |j| <= sqrt(j'^2 / w0^2 + j^2) from there on, under-, over- or critically damped alike. The particular
     solution's jerk is bounded by its envelope, which is linear in time. docs/no_missed_impact.md has the proof.
     """
-    xp = arc.c0 + arc.w0 + tau * (arc.c1 + arc.w1 + tau * (arc.c2 + tau * arc.c3))
-    vp = arc.c1 + arc.w1 + tau * (2.0 * arc.c2 + tau * 3.0 * arc.c3)
+    y, y1 = _swing(arc, tau - arc.start)
+    u = arc.c0 + tau * (arc.c1 + tau * (arc.c2 + tau * arc.c3))
+    rate = arc.c1 + tau * (2.0 * arc.c2 + tau * 3.0 * arc.c3)
+    x = y + u + arc.w0 + arc.w1 * tau
+    v = y1 + rate + arc.w1
     bound = 6.0 * abs(arc.c3)
     if arc.a0 != 0.0 or arc.a1 != 0.0:
         angle = arc.omega * tau + arc.phase
         s, c = math.sin(angle), math.cos(angle)
         q_in = arc.q0_in + arc.q1_in * tau
         q_out = arc.q0_out + arc.q1_out * tau
-        xp += q_in * s + q_out * c
-        vp += (arc.q1_in - arc.omega * q_out) * s + (arc.q1_out + arc.omega * q_in) * c
-        envelope = max(
-            math.hypot(q_in, q_out), math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until)
-        )
+        x += q_in * s + q_out * c
+        v += (arc.q1_in - arc.omega * q_out) * s + (arc.q1_out + arc.omega * q_in) * c
+        amplitude = arc.a0 + arc.a1 * tau
+        u += amplitude * s
+        rate += arc.a1 * s + arc.omega * amplitude * c
+        envelope = math.sqrt(q_in * q_in + q_out * q_out)
         squared = arc.omega * arc.omega
-        bound += squared * (arc.omega * envelope + 3.0 * math.hypot(arc.q1_in, arc.q1_out))
+        if arc.a1 != 0.0:
+            envelope = max(
+                envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until)
+            ) + 3.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
+        bound += squared * arc.omega * envelope
+    a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
     natural = arc.stiffness / arc.mass
-    y = x - xp
-    y1 = v - vp
-    y2 = -2.0 * arc.decay * y1 - natural * y
-    y3 = -2.0 * arc.decay * y2 - natural * y1
-    y4 = -2.0 * arc.decay * y3 - natural * y2
-    return bound + math.sqrt(y4 * y4 / natural + y3 * y3)
+    twice = 2.0 * arc.decay
+    y2 = -twice * y1 - natural * y
+    y3 = -twice * y2 - natural * y1
+    y4 = -twice * y3 - natural * y2
+    return x, v, a, bound + math.sqrt(y4 * y4 / natural + y3 * y3)
+
+
+@njit(cache=True)
+def snap_bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
+    """Beam displacement, velocity, acceleration, jerk [m/s^3] at local time tau, and a bound of its |snap| [m/s^4].
+
+    The bound holds until `until`, by the argument of `bounded_at` one derivative higher.
+    """
+    y, y1 = _swing(arc, tau - arc.start)
+    u = arc.c0 + tau * (arc.c1 + tau * (arc.c2 + tau * arc.c3))
+    rate = arc.c1 + tau * (2.0 * arc.c2 + tau * 3.0 * arc.c3)
+    x = y + u + arc.w0 + arc.w1 * tau
+    v = y1 + rate + arc.w1
+    bound, jerk = 0.0, 6.0 * arc.c3
+    if arc.a0 != 0.0 or arc.a1 != 0.0:
+        angle = arc.omega * tau + arc.phase
+        s, c = math.sin(angle), math.cos(angle)
+        q_in = arc.q0_in + arc.q1_in * tau
+        q_out = arc.q0_out + arc.q1_out * tau
+        squared = arc.omega * arc.omega
+        x += q_in * s + q_out * c
+        v += (arc.q1_in - arc.omega * q_out) * s + (arc.q1_out + arc.omega * q_in) * c
+        jerk += squared * ((arc.omega * q_out - 3.0 * arc.q1_in) * s - (arc.omega * q_in + 3.0 * arc.q1_out) * c)
+        amplitude = arc.a0 + arc.a1 * tau
+        u += amplitude * s
+        rate += arc.a1 * s + arc.omega * amplitude * c
+        envelope = math.sqrt(q_in * q_in + q_out * q_out)
+        if arc.a1 != 0.0:
+            envelope = max(
+                envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until)
+            ) + 4.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
+        bound = squared * squared * envelope
+    a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
+    natural = arc.stiffness / arc.mass
+    twice = 2.0 * arc.decay
+    y2 = -twice * y1 - natural * y
+    y3 = -twice * y2 - natural * y1
+    y4 = -twice * y3 - natural * y2
+    y5 = -twice * y4 - natural * y3
+    return x, v, a, jerk + y3, bound + math.sqrt(y5 * y5 / natural + y4 * y4)

@@ -9,7 +9,7 @@ from numba import njit
 
 from atpid_sim.contact.dispatch import release_rate, rest_overlap
 from atpid_sim.engine.advance import safe_rate_step, safe_step
-from atpid_sim.engine.beam import arc_from, beam_at, jerk_bound
+from atpid_sim.engine.beam import arc_from, bounded_at
 from atpid_sim.engine.observe import flight_extreme, flight_samples, flight_work, note_extreme
 from atpid_sim.engine.state import (
     BEAM,
@@ -46,14 +46,13 @@ def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, bud
     stride = 1.0 / fastest  # a sixth of a period: two turning points never hide in one step
     side = 1.0 if n[MODE] == OFF_FLOOR else -1.0
     flying = n[MODE]
-    x, v, a, _u, _w = beam_at(arc, tau)
+    x, v, a, jerk = bounded_at(arc, tau, until)
     while True:
         s = tau - begin
         grain = grain0 + s * (rate0 - 0.5 * gravity * s)
         rate = rate0 - gravity * s
         lift, lift_rate, lift_acceleration = grain - x, rate - v, -gravity - a
         longest = min(stride, until - tau)
-        jerk = jerk_bound(arc, tau, tau + longest, x, v)
         touch = _TOUCH * (abs(x) + abs(grain) + slack)
         if flying == FREE:
             step = safe_step(lift, lift_rate, lift_acceleration, jerk, longest)
@@ -101,7 +100,7 @@ def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, bud
         ahead = until if step >= until - tau else tau + step
         if ahead == tau:  # below the clock's resolution: take the surface as reached
             ahead = min(until, tau * (1.0 + 4e-16) + 1e-300)
-        x1, v1, a, _u, _w = beam_at(arc, ahead)
+        x1, v1, a, jerk = bounded_at(arc, ahead, until)
         if observing:
             note_extreme(y, x1)
             if v * v1 < 0.0:

@@ -39,7 +39,7 @@ DONE, STEP_BUDGET, NOT_FINITE, ESCAPED, OVERLAP_TOO_DEEP, CEILING_CRUSHES, STALL
 
 
 @njit(cache=True)
-def _log_impact(y, n, events, now, observing, height_rate):  # type: ignore[no-untyped-def]
+def log_impact(y, n, events, now, observing, height_rate):  # type: ignore[no-untyped-def]
     """Count a new contact and remember when and how fast it began."""
     on_floor = n[MODE] == ON_FLOOR
     speed = y[BEAM_RATE] - y[GRAIN_RATE] if on_floor else y[GRAIN_RATE] - y[BEAM_RATE] - height_rate
@@ -114,7 +114,7 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
             else:
                 tau = fly(y, n, segment, tau, until, system, law, p, observing, where, out, budget)
                 if y[MEMORY] < 0.0:
-                    _log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
+                    log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
             y[TIME] = start + tau
             if n[CONTACT_STEPS] + n[REJECTED] > budget or n[FLIGHT_STEPS] > budget:
                 return STEP_BUDGET

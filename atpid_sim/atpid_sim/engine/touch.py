@@ -9,11 +9,11 @@ laws' xi^(1/4) is then smooth and the method keeps its order.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
 from atpid_sim.contact.dispatch import force
-from atpid_sim.engine.beam import support_at
 from atpid_sim.engine.observe import hermite, note_extreme, step_extreme, write_sample
 from atpid_sim.engine.state import (
     BEAM,
@@ -45,59 +45,96 @@ from atpid_sim.engine.state import (
 _DEPTH_FLOOR = 0.01
 
 
+class Touch(NamedTuple):
+    """What does not change during one contact inside one row [SI units]."""
+
+    law: int
+    memory: float
+    side: float  # +1 floor, -1 ceiling
+    stiffness: float
+    damping: float
+    gravity: float
+    beam_inverse: float  # 1 / beam mass
+    reduced_inverse: float  # 1 / beam mass + 1 / grain mass
+
+
 @njit(cache=True, inline="always")
-def _slope(segment, system, law, p, memory, side, height_rate, tau, x, v, overlap, rate):  # type: ignore[no-untyped-def]
+def _turn(angle):  # type: ignore[no-untyped-def]
+    """Sine and cosine of an angle below 0.2 rad, by their series to the last digit."""
+    q = angle * angle
+    sine = angle * (1.0 + q * (-1.0 / 6.0 + q * (1.0 / 120.0 + q * (-1.0 / 5040.0 + q * (1.0 / 362880.0)))))
+    cosine = 1.0 + q * (-0.5 + q * (1.0 / 24.0 + q * (-1.0 / 720.0 + q * (1.0 / 40320.0 - q * (1.0 / 3628800.0)))))
+    return sine, cosine
+
+
+@njit(cache=True, inline="always")
+def _support(segment, tau, ahead, sine, cosine):  # type: ignore[no-untyped-def]
+    """Support displacement and velocity `ahead` seconds after tau, whose phase has this sine and cosine."""
+    at = tau + ahead
+    u = segment[6] + at * (segment[7] + at * (segment[8] + at * segment[9]))
+    w = segment[7] + at * (2.0 * segment[8] + at * 3.0 * segment[9])
+    ds, dc = _turn(segment[4] * ahead)
+    s = sine * dc + cosine * ds
+    c = cosine * dc - sine * ds
+    amplitude = segment[2] + segment[3] * at
+    return u + amplitude * s, w + segment[3] * s + segment[4] * amplitude * c
+
+
+@njit(cache=True, inline="always")
+def _slope(touching, p, u, w, x, v, overlap, rate):  # type: ignore[no-untyped-def]
     """Accelerations of beam and overlap, contact force, powers of support and beam damper at one stage."""
-    u, w = support_at(segment[2], segment[3], segment[4], segment[5], segment[6], segment[7], segment[8], segment[9], tau)  # fmt: skip # noqa: E501
     slip = v - w
-    pull = system.stiffness * (u - x) - system.damping * slip
-    push = force(law, overlap, rate, memory, p)
-    beam = (pull - side * push) / system.beam_mass - system.gravity
+    pull = touching.stiffness * (u - x) - touching.damping * slip
+    push = force(touching.law, overlap, rate, touching.memory, p)
     return (
-        beam,
-        side * pull / system.beam_mass - push * (1.0 / system.beam_mass + 1.0 / system.grain_mass),
+        (pull - touching.side * push) * touching.beam_inverse - touching.gravity,
+        touching.side * pull * touching.beam_inverse - push * touching.reduced_inverse,
         push,
         pull * w,
-        system.damping * slip * slip,
+        touching.damping * slip * slip,
     )
 
 
 @njit(cache=True)
-def _attempt(segment, system, law, p, memory, side, height_rate, origin, smooth, s, h, x, v, overlap, rate, k):  # type: ignore[no-untyped-def]
-    """One Dormand-Prince step of size h in the variable s, of local time origin + s^4 if `smooth`, else origin + s.
+def _attempt(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k):  # type: ignore[no-untyped-def]
+    """One Dormand-Prince step of size h in the variable s, from local time tau on; time goes as s^4 if `smooth`.
 
-    `k` holds the accelerations, force and powers at its start. Returns the end state, the same at the end, the error
-    estimate of the four states, and the integrals of force times overlap rate, of the two powers and of the force.
+    `sine`, `cosine`: of the support's phase at tau; `k`: accelerations, force and powers there. Returns the end state,
+    the same at the end, the error estimate of the four states, and the integrals of force times overlap rate, of the
+    two powers and of the force.
     """
     a1, b1, f1, p1, d1 = k
     if smooth:
         s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
-        w1, w2, w3 = 4.0 * h * s * s * s, 4.0 * h * s2 * s2 * s2, 4.0 * h * s3 * s3 * s3
-        w4, w5, w6 = 4.0 * h * s4 * s4 * s4, 4.0 * h * s5 * s5 * s5, 4.0 * h * s6 * s6 * s6
-        t2, t3, t4 = origin + s2 * s2 * s2 * s2, origin + s3 * s3 * s3 * s3, origin + s4 * s4 * s4 * s4
-        t5, t6 = origin + s5 * s5 * s5 * s5, origin + s6 * s6 * s6 * s6
+        z2, z3, z4, z5, z6 = s2 * s2 * s2, s3 * s3 * s3, s4 * s4 * s4, s5 * s5 * s5, s6 * s6 * s6
+        w1, w2, w3, w4, w5, w6 = 4.0 * h * s * s * s, 4.0 * h * z2, 4.0 * h * z3, 4.0 * h * z4, 4.0 * h * z5, 4.0 * h * z6
+        past = s * s * s * s
+        t2, t3, t4, t5, t6 = z2 * s2 - past, z3 * s3 - past, z4 * s4 - past, z5 * s5 - past, z6 * s6 - past
     else:
         w1 = w2 = w3 = w4 = w5 = w6 = h
-        t2, t3, t4, t5, t6 = (
-            origin + s + 0.2 * h, origin + s + 0.3 * h, origin + s + 0.8 * h, origin + s + 8.0 / 9.0 * h, origin + s + h,
-        )  # fmt: skip
+        t2, t3, t4, t5, t6 = 0.2 * h, 0.3 * h, 0.8 * h, 8.0 / 9.0 * h, h
+    u2, m2 = _support(segment, tau, t2, sine, cosine)
+    u3, m3 = _support(segment, tau, t3, sine, cosine)
+    u4, m4 = _support(segment, tau, t4, sine, cosine)
+    u5, m5 = _support(segment, tau, t5, sine, cosine)
+    u6, m6 = _support(segment, tau, t6, sine, cosine)
     # stage slopes already multiplied by the step: x, v, overlap, rate
     kx1, kv1, ko1, kr1 = w1 * v, w1 * a1, w1 * rate, w1 * b1
     v2, r2 = v + 0.2 * kv1, rate + 0.2 * kr1
     a2, b2, _f, _p, _d = _slope(
-        segment, system, law, p, memory, side, height_rate, t2, x + 0.2 * kx1, v2, overlap + 0.2 * ko1, r2
+        touching, p, u2, m2, x + 0.2 * kx1, v2, overlap + 0.2 * ko1, r2
     )
     kx2, kv2, ko2, kr2 = w2 * v2, w2 * a2, w2 * r2, w2 * b2
     v3, r3 = v + 3.0 / 40.0 * kv1 + 9.0 / 40.0 * kv2, rate + 3.0 / 40.0 * kr1 + 9.0 / 40.0 * kr2
     a3, b3, f3, p3, d3 = _slope(
-        segment, system, law, p, memory, side, height_rate, t3,
+        touching, p, u3, m3,
         x + 3.0 / 40.0 * kx1 + 9.0 / 40.0 * kx2, v3, overlap + 3.0 / 40.0 * ko1 + 9.0 / 40.0 * ko2, r3,
     )  # fmt: skip
     kx3, kv3, ko3, kr3 = w3 * v3, w3 * a3, w3 * r3, w3 * b3
     v4 = v + 44.0 / 45.0 * kv1 - 56.0 / 15.0 * kv2 + 32.0 / 9.0 * kv3
     r4 = rate + 44.0 / 45.0 * kr1 - 56.0 / 15.0 * kr2 + 32.0 / 9.0 * kr3
     a4, b4, f4, p4, d4 = _slope(
-        segment, system, law, p, memory, side, height_rate, t4,
+        touching, p, u4, m4,
         x + 44.0 / 45.0 * kx1 - 56.0 / 15.0 * kx2 + 32.0 / 9.0 * kx3, v4,
         overlap + 44.0 / 45.0 * ko1 - 56.0 / 15.0 * ko2 + 32.0 / 9.0 * ko3, r4,
     )  # fmt: skip
@@ -106,7 +143,7 @@ def _attempt(segment, system, law, p, memory, side, height_rate, origin, smooth,
     v5 = v + c51 * kv1 + c52 * kv2 + c53 * kv3 + c54 * kv4
     r5 = rate + c51 * kr1 + c52 * kr2 + c53 * kr3 + c54 * kr4
     a5, b5, f5, p5, d5 = _slope(
-        segment, system, law, p, memory, side, height_rate, t5,
+        touching, p, u5, m5,
         x + c51 * kx1 + c52 * kx2 + c53 * kx3 + c54 * kx4, v5,
         overlap + c51 * ko1 + c52 * ko2 + c53 * ko3 + c54 * ko4, r5,
     )  # fmt: skip
@@ -115,7 +152,7 @@ def _attempt(segment, system, law, p, memory, side, height_rate, origin, smooth,
     v6 = v + c61 * kv1 + c62 * kv2 + c63 * kv3 + c64 * kv4 + c65 * kv5
     r6 = rate + c61 * kr1 + c62 * kr2 + c63 * kr3 + c64 * kr4 + c65 * kr5
     a6, b6, f6, p6, d6 = _slope(
-        segment, system, law, p, memory, side, height_rate, t6,
+        touching, p, u6, m6,
         x + c61 * kx1 + c62 * kx2 + c63 * kx3 + c64 * kx4 + c65 * kx5, v6,
         overlap + c61 * ko1 + c62 * ko2 + c63 * ko3 + c64 * ko4 + c65 * ko5, r6,
     )  # fmt: skip
@@ -125,7 +162,7 @@ def _attempt(segment, system, law, p, memory, side, height_rate, origin, smooth,
     v1 = v + g1 * kv1 + g3 * kv3 + g4 * kv4 + g5 * kv5 + g6 * kv6
     o1 = overlap + g1 * ko1 + g3 * ko3 + g4 * ko4 + g5 * ko5 + g6 * ko6
     r1 = rate + g1 * kr1 + g3 * kr3 + g4 * kr4 + g5 * kr5 + g6 * kr6
-    last = _slope(segment, system, law, p, memory, side, height_rate, t6, x1, v1, o1, r1)
+    last = _slope(touching, p, u6, m6, x1, v1, o1, r1)
     e1, e3, e4, e5, e6, e7 = 71.0 / 57600.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -0.025
     errors = (
         e1 * kx1 + e3 * kx3 + e4 * kx4 + e5 * kx5 + e6 * kx6 + e7 * w6 * v1,
@@ -141,7 +178,7 @@ def _attempt(segment, system, law, p, memory, side, height_rate, origin, smooth,
 
 
 @njit(cache=True)
-def _detachment(segment, system, law, p, memory, side, height_rate, origin, smooth, s, h, x, v, overlap, rate, k, end_force):  # type: ignore[no-untyped-def] # noqa: E501
+def _detachment(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_force):  # type: ignore[no-untyped-def]
     """Size of the step at whose end the contact force vanishes, given that it changes sign within h (Illinois)."""
     left, right = 0.0, h
     f_left, f_right = k[2], end_force
@@ -151,7 +188,7 @@ def _detachment(segment, system, law, p, memory, side, height_rate, origin, smoo
     for _ in range(30):
         size = right - f_right * (right - left) / (f_right - f_left)
         value = _attempt(
-            segment, system, law, p, memory, side, height_rate, origin, smooth, s, size, x, v, overlap, rate, k
+            segment, touching, p, tau, sine, cosine, smooth, s, size, x, v, overlap, rate, k
         )[4][2]
         if value > 0.0:
             left, f_left = size, value
@@ -159,13 +196,13 @@ def _detachment(segment, system, law, p, memory, side, height_rate, origin, smoo
         else:
             right, f_right = size, value
             f_left *= 0.5
-        if right - left <= 1e-9 * h or abs(value) <= 1e-9 * (abs(k[2]) + abs(end_force)):
+        if right - left <= 1e-6 * h or abs(value) <= 1e-6 * (abs(k[2]) + abs(end_force)):
             break
     return size
 
 
 @njit(cache=True)
-def _turning(segment, system, law, p, memory, side, height_rate, origin, smooth, s, h, x, v, overlap, rate, k, end_rate):  # type: ignore[no-untyped-def] # noqa: E501
+def _turning(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_rate):  # type: ignore[no-untyped-def]
     """Size of the step at whose end the overlap rate vanishes: the turning point of a hysteretic contact (Illinois)."""
     left, right = 0.0, h
     f_left, f_right = rate, end_rate
@@ -173,7 +210,7 @@ def _turning(segment, system, law, p, memory, side, height_rate, origin, smooth,
     for _ in range(30):
         size = right - f_right * (right - left) / (f_right - f_left)
         value = _attempt(
-            segment, system, law, p, memory, side, height_rate, origin, smooth, s, size, x, v, overlap, rate, k
+            segment, touching, p, tau, sine, cosine, smooth, s, size, x, v, overlap, rate, k
         )[3]
         if value > 0.0:
             left, f_left = size, value
@@ -224,9 +261,15 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
     h = y[FIRST_STEP] if smooth else 1e-2 * y[FIRST_STEP] ** 4
     if smooth:
         h = min(h, (until - tau) ** 0.25)
-    k = _slope(segment, system, law, p, y[MEMORY], side, moving, tau, x, v, overlap, rate)
+    touching = Touch(
+        law, y[MEMORY], side, system.stiffness, system.damping, system.gravity, 1.0 / system.beam_mass,
+        1.0 / system.beam_mass + 1.0 / system.grain_mass,
+    )  # fmt: skip
+    sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
+    u, w = _support(segment, tau, 0.0, sine, cosine)
+    k = _slope(touching, p, u, w, x, v, overlap, rate)
     deepest, quickest = overlap, abs(rate)
-    previous = 1.0
+    previous = 0.0
     first = True
     while tau < until:
         end = tau + h
@@ -245,37 +288,38 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         if n[CONTACT_STEPS] + n[REJECTED] > budget:
             break
         x1, v1, o1, r1, k1, errors, sums = _attempt(
-            segment, system, law, p, y[MEMORY], side, moving, origin, smooth, s, h, x, v, overlap, rate, k
+            segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k
         )
         swing = abs(x) + abs(v) / natural
         depth = max(abs(o1), overlap, 0.1 * deepest, scale[0], _DEPTH_FLOOR * swing)
         speed = max(abs(r1), abs(rate), 0.1 * quickest, scale[1], natural * swing)
-        error = (errors[0] / swing) ** 2 + (errors[1] / (swing * natural)) ** 2 if swing > 0.0 else 0.0
-        error += (errors[2] / depth) ** 2 + (errors[3] / speed) ** 2
-        error = 0.5 * math.sqrt(error) / rtol
+        swing += 1e-300
+        inner, outer = (errors[2] / depth) ** 2 + (errors[3] / speed) ** 2, errors[0] ** 2 + (errors[1] / natural) ** 2
+        error = max(0.5 * math.sqrt(inner + outer / (swing * swing)) / rtol, 1e-6)
         if not error <= 1.0:
             n[REJECTED] += 1
             if math.isnan(error):
                 h *= 0.1
+                if h < 1e-25:
+                    x = math.nan  # no step is short enough: the force itself is not a number
+                    break
             else:
                 h *= max(0.2, 0.9 * error**-0.2)
-            if tau + (h if not smooth else (s + h) ** 4 - s**4) == tau and h < 1e-30:
-                break
             continue
         leaving = k1[2] <= 0.0
         turning = hysteretic and rate > 0.0 and r1 < 0.0
         size = h
         if turning:
             size = _turning(
-                segment, system, law, p, y[MEMORY], side, moving, origin, smooth, s, h, x, v, overlap, rate, k, r1
+                segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, r1
             )
         elif leaving:
             size = _detachment(
-                segment, system, law, p, y[MEMORY], side, moving, origin, smooth, s, h, x, v, overlap, rate, k, k1[2]
+                segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, k1[2]
             )
         if size < h:
             x1, v1, o1, r1, k1, _errors, sums = _attempt(
-                segment, system, law, p, y[MEMORY], side, moving, origin, smooth, s, size, x, v, overlap, rate, k
+                segment, touching, p, tau, sine, cosine, smooth, s, size, x, v, overlap, rate, k
             )
             end = origin + (s + size) ** 4 if smooth else tau + size
             leaving = leaving and not turning
@@ -303,20 +347,25 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
             xs = hermite(fraction, elapsed, x, v, k[0], x1, v1, k1[0])
             depth = hermite(fraction, elapsed, overlap, rate, k[1], o1, r1, k1[1])
             ceiling = height + height_rate * at
-            u, w = support_at(segment[2], segment[3], segment[4], segment[5], segment[6], segment[7], segment[8], segment[9], at)  # fmt: skip # noqa: E501
+            u, w = _support(segment, tau, at - tau, sine, cosine)
             vs = v + fraction * (v1 - v)
             write_sample(out, n[SAMPLE], u, xs, vs, k[0] + fraction * (k1[0] - k[0]),
                          xs - depth if side > 0.0 else xs + ceiling - slack + depth, ceiling)  # fmt: skip
             n[SAMPLE] += 1
         tau, x, v, overlap, rate, k = end, x1, v1, o1, r1, k1
+        sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
         s += size
         deepest = max(overlap, 0.9 * deepest)
         quickest = max(abs(rate), 0.9 * quickest)
         if hysteretic and overlap > y[MEMORY]:
             y[MEMORY] = overlap
-            k = _slope(segment, system, law, p, y[MEMORY], side, moving, tau, x, v, overlap, rate)
-        growth = 0.9 * max(error, 1e-6) ** -0.14 * previous**0.08
-        previous = max(error, 1e-4)
+            touching = Touch(
+                law, overlap, side, touching.stiffness, touching.damping, touching.gravity,
+                touching.beam_inverse, touching.reduced_inverse,
+            )  # fmt: skip
+        logarithm = math.log(error)
+        growth = 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)
+        previous = max(logarithm, -9.0)
         h *= min(5.0, max(0.2, growth))
         if smooth and (rate <= 0.0 or turning):
             # from the deepest point on plain time: s^4 would only slow the step control down

@@ -65,6 +65,7 @@ class PlantNode(Node):
         self._expect_recorder = bool(self.get_parameter("expect_recorder").value)
         self.stream = Stream(scene, make_plant(scene))
         self.done: Future = Future()
+        self.failure = ""  # what went wrong with the plant, one sentence
         self._answered = False  # whether hello came round
         self._ceiling: CeilingState | None = None
         self._recorder: RecorderStatus | None = None
@@ -204,15 +205,16 @@ class PlantNode(Node):
     # the end
 
     def _summary(self) -> str:
-        wall = time.monotonic() - self._steady_start
         simulated = self.stream.computed_ticks / self.stream.rate
-        text = f"{simulated:g} s simulated in {wall:.2f} s ({simulated / wall:.1f} x real time)"
-        return text if self._lockstep else f"{text}; at worst {1e3 * self._worst_lag:.0f} ms behind the clock"
+        if self._lockstep:
+            # nothing of the machine's speed: two runs with the same seed say the same
+            return f"{simulated:g} s simulated in {self.stream.blocks} blocks"
+        return f"{simulated:g} s in real time; at worst {1e3 * self._worst_lag:.0f} ms behind the clock"
 
     def _end(self, severity: int, status: int, text: str) -> None:
         """Say how the run ended, let the recorder close its bag, and leave with `status`."""
         if status == NUMERICAL_FAILURE:
-            text = f"the plant stopped at {self.stream.computed_ticks / self.stream.rate:g} s: {text}"
+            text = self.failure = f"the plant stopped at {self.stream.computed_ticks / self.stream.rate:g} s: {text}"
             self.get_logger().error(text)
             self._tell(severity, "failed", math.nan, text)
         self._pace_timer.cancel()

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one error a height map can raise."""
+
+from __future__ import annotations
+
+
+class MapError(ValueError):
+    """A map that cannot be made, read or used as asked; one line: what was given, what is allowed, what to do."""
