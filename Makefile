@@ -1,9 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
-# `make` alone says what there is.
+# `make` alone says what there is. The steps are in ros2_ws/bootstrap.py and in what the recipes call.
 
-SHELL := /bin/bash
-PYTHON3 := $(or $(PYTHON),python3)
+.DEFAULT_GOAL := help
+IN_WORKSPACE := . ros2_ws/activate &&
+# $(call stage,name,command): run one stage, and name it where it fails.
+stage = echo "== $(1)"; $(2) || { echo "make test stopped: $(1) failed" >&2; exit 1; }
+
+.PHONY: help
+help: ## this list
+	@echo "ATPID: an adaptive tuned particle impact damper on ROS 2 Jazzy. What there is:"
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 24
+	@echo "A shell in which everything works:  . ros2_ws/activate"
 
 .PHONY: setup
-setup: ## set up what is missing
-	@$(PYTHON3) ros2_ws/bootstrap.py
+setup: ## set up what is missing (PYTHON=python3.12 names the interpreter)
+	@for python in $(PYTHON) python3 python3.12 python3.11 python3.13 python3.10; do \
+	    if $$python -c 'import sys; sys.exit(sys.version_info < (3, 8))' 2>/dev/null; then \
+	        exec $$python ros2_ws/bootstrap.py; \
+	    fi; \
+	done; \
+	echo "set-up needs Python 3.10 to 3.13 with venv: sudo apt install python3 python3-venv python3-dev" >&2; exit 2
+
+.PHONY: bench
+bench: setup ## the adaptive bench of thesis section 4.3: table, bag and report in out/bench
+	@$(IN_WORKSPACE) python -m atpid_control bench scenes/thesis_4_3.yaml --out out/bench
+
+.PHONY: test
+test: setup ## format, types, import rules, then all tests; stops at the first that fails
+	@$(IN_WORKSPACE) \
+	$(call stage,ruff check,ruff check .); \
+	$(call stage,ruff format,ruff format --check .); \
+	$(call stage,mypy,mypy --strict); \
+	$(call stage,import rules,lint-imports --no-logo); \
+	echo "== pytest"; exec python -m pytest -q
+
+.PHONY: lock
+lock: ## resolve requirements/*.in again (UPGRADE=--upgrade for the newest of everything)
+	@requirements/lock
+
+.PHONY: avr-tools
+avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root)
+	apt-get update -q
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends \
+	    gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev
+
+.PHONY: clean
+clean: ## remove all that set-up and runs made
+	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log ros2_ws/setup.log ros2_ws/.setup.lock out
+	find . -name __pycache__ -prune -exec rm -rf {} +

@@ -28,7 +28,7 @@ class Instrument:
     def read(self, block: int, signals: Array) -> Array:
         """Return the readings (n_scans, n_channels) [SI] of exact `signals` of the same shape, NaN where saturated.
 
-        Noise is seeded by scene, device, channel and block: a run repeats, and no block depends on how many came before.
+        Noise is seeded by scene, device, channel and block: a run repeats, whatever was read before.
         """
         readings = signals.copy()
         for channel in range(len(self.channels)) if self.sensor.noise > 0.0 else ():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between the points of a computed motion: interpolation from displacement, velocity and acceleration, and its peaks."""
+"""Between the points of a computed motion: interpolation from displacement, velocity, acceleration; and its peaks."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from atpid_sim.contact import contact_of
 from atpid_sim.engine import drive, state
 from atpid_sim.excitation import amplitude_at, frequency_at, support_rows
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import Stepper, initial_state, stepper_of, stored_energy
+from atpid_sim.run import Stepper, held_by_contact, initial_state, stepper_of, stored_energy
 from atpid_sim.scene import Scene
 from atpid_sim.system import system_of
 
@@ -58,7 +58,7 @@ class Plant:
         self._run: Stepper = stepper_of(scene, fidelity)
         self._rows = support_rows(scene)
         self._y, self._n = initial_state(scene)
-        self._energy_at_start = stored_energy(self._system, self._contact, self._y, 0.0)
+        self._energy_at_start = stored_energy(self._system, self._y, 0.0)
         self._ticks = 0
         self.height = float(scene.ceiling.heights[0][1])
 
@@ -88,7 +88,7 @@ class Plant:
         self.height = float(table[-1, drive.HEIGHT] + table[-1, drive.HEIGHT_RATE] * (table[-1, drive.END] - table[-1, drive.START]))
         if speed > 0.0 and abs(self.height - target) < 1e-12:
             self.height = target
-        return self._block(begin, end, rate, out, outcome)
+        return self._block(begin, end, rate, table, out, outcome)
 
     def _table(self, begin: float, end: float, target: float, speed: float) -> Array:
         way = abs(target - self.height)
@@ -99,9 +99,10 @@ class Plant:
             points.append((min(arrival, end), self.height + share * (target - self.height)))
         return drive.with_ceiling(drive.between(self._rows, begin, end), points)
 
-    def _block(self, begin: float, end: float, rate: float, out: Array, outcome: Outcome) -> PlantBlock:
+    def _block(self, begin: float, end: float, rate: float, table: Array, out: Array, outcome: Outcome) -> PlantBlock:
         y, n = self._y, self._n
-        stored = stored_energy(self._system, self._contact, y, self._support_at(end))
+        held = held_by_contact(self._contact, self._system, y, int(n[state.MODE]), table)
+        stored = stored_energy(self._system, y, self._support_at(end)) + held
         return PlantBlock(
             time=begin + np.arange(out.shape[1]) / rate,
             support=out[state.S_SUPPORT],

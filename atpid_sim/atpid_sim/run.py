@@ -113,10 +113,10 @@ def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:
     return drive.with_ceiling(rows, scene.ceiling.heights)
 
 
-def stored_energy(system: System, contact: Contact, y: Array, support: float) -> float:
+def stored_energy(system: System, y: Array, support: float) -> float:
     """Return kinetic, elastic and potential energy [J] of beam and grain, with the support at `support` [m].
 
-    Energy held by a contact is not in it: it counts as absorbed until the contact gives it back.
+    What a contact holds is not in it (see `held_by_contact`).
     """
     stretch = y[state.BEAM] - support
     return float(
@@ -139,24 +139,25 @@ class Ledger:
     residual: float
 
 
-def ledger_of(scene: Scene, table: Array, first: Array, last: Array) -> Ledger:
-    """Return the ledger between two states of a run through `table`."""
+def ledger_of(scene: Scene, table: Array, first: Array, last: Array, mode: int) -> Ledger:
+    """Return the ledger between two states of a run through `table` that ended in `mode`."""
     system, contact = system_of(scene), contact_of(scene)
     support = [drive.support_displacement(table, float(y[state.TIME])) for y in (first, last)]
-    before, after = (stored_energy(system, contact, y, u) for y, u in zip((first, last), support, strict=True))
+    before, after = (stored_energy(system, y, u) for y, u in zip((first, last), support, strict=True))
     flows = [float(last[k] - first[k]) for k in (state.INPUT, state.BEAM_LOSS, state.CONTACT_LOSS, state.CEILING_WORK)]
-    work, beam_loss, absorbed, ceiling = flows
-    total = abs(work) + beam_loss + abs(absorbed) + abs(ceiling) + abs(before) * 1e-3
-    gap = after - before - (work - beam_loss - absorbed + ceiling)
-    held = _held_by_contact(contact, system, last, table)
-    return Ledger(work, beam_loss, absorbed - held, ceiling, after - before + held, gap / total if total > 0.0 else 0.0)
+    work, beam_loss, contact_loss, ceiling = flows
+    stored = after - before + held_by_contact(contact, system, last, mode, table)
+    turnover = sum(abs(flow) for flow in flows) + abs(stored)
+    gap = stored - (work - beam_loss - contact_loss + ceiling)
+    return Ledger(work, beam_loss, contact_loss, ceiling, stored, gap / turnover if turnover > 0.0 else 0.0)
 
 
-def _held_by_contact(contact: Contact, system: System, y: Array, table: Array) -> float:
+def held_by_contact(contact: Contact, system: System, y: Array, mode: int, table: Array) -> float:
+    """Return the elastic energy a present contact can give back [J]; 0 unless a wall pushes the grain."""
+    if contact.law == IMPACT or mode not in (state.ON_FLOOR, state.ON_CEILING):
+        return 0.0
     row = table[min(int(np.searchsorted(table[:, drive.START], y[state.TIME], side="right")) - 1, len(table) - 1)]
     height = row[drive.HEIGHT] + row[drive.HEIGHT_RATE] * (y[state.TIME] - row[drive.START])
     lift = y[state.GRAIN] - y[state.BEAM]
     overlap = max(0.0, -lift, lift - (height - 2.0 * system.radius))
-    if contact.law == IMPACT or overlap == 0.0:
-        return 0.0
     return float(energy(contact.law, overlap, y[state.MEMORY], contact.parameters))

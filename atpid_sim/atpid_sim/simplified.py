@@ -2,8 +2,8 @@
 """Closed form of one mass on the moving support: the closed damper, or a grain that never leaves the floor, or none.
 
 The thesis's Simplified Model (section 4.4, equations 4.7-4.19) with the amplitude along straight ramps: between kinks
-A(t) = a0 + a1 tau, and with u the imaginary part of A e^(i omega t) the motion is the imaginary part of (q0 + q1 tau + q2
-tau^2) e^(i omega t), plus a decaying swing that carries displacement and velocity over each kink.
+A(t) = a0 + a1 tau, and with u the imaginary part of A e^(i omega t) the motion is the imaginary part of
+(q0 + q1 tau + q2 tau^2) e^(i omega t), plus a decaying swing that carries displacement and velocity over each kink.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _RESONANT = 1e-9
 _NODES, _NODE_WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
-class NoClosedForm(ValueError):
+class NoClosedFormError(ValueError):
     """A scene whose motion has no closed form of this kind."""
 
 
@@ -43,7 +43,7 @@ class OneMass(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Displacement [m], velocity [m/s], acceleration [m/s^2] of the mass, displacement and velocity of the support (n,)."""
+    """Displacement [m], velocity [m/s], acceleration [m/s^2] of the mass; the support's first two (n,)."""
 
     x: Array
     v: Array
@@ -79,7 +79,7 @@ class ClosedForm:
     def __init__(self, scene: Scene, with_grain: bool = True) -> None:
         """Work out all pieces; the beam carries the grain, or swings alone as under a ceiling out of reach.
 
-        Raises NoClosedForm for a sweep or a measured series.
+        Raises NoClosedFormError for a sweep or a measured series.
         """
         mass = scene.total_mass if with_grain else scene.beam.mass
         self.body = OneMass(mass, scene.beam.stiffness, scene.beam.damping, scene.gravity)
@@ -123,7 +123,7 @@ class ClosedForm:
         return Ledger(given, lost, last - first, abs(given - lost - (last - first)) / scale)
 
     def stays_down(self) -> bool:
-        """Whether a grain on the floor never leaves it: the beam never falls faster than the grain would (1 % margin)."""
+        """Whether a grain on the floor never leaves it: the beam never falls as fast as it would (1 % margin)."""
         return bool(self.at(self._grid(0.0, self.duration, _POINTS)).a.min() > -0.99 * self.body.gravity)
 
     def _grid(self, first: float, last: float, points: int) -> Array:
@@ -169,8 +169,8 @@ class ClosedForm:
     def _piece_at(self, piece: _Piece, times: Array) -> Motion:
         tau, omega = times - piece.start, self._omega
         # the fractional period first: a late phase keeps its digits
-        turn = np.exp(2j * np.pi * np.mod(times * (omega / (2.0 * np.pi)), 1.0))
-        amplitude = piece.a0 + piece.a1 * tau
+        turn = np.exp(2j * np.pi * np.mod(times * (omega / (2.0 * np.pi)), 1.0)).astype(np.complex128)
+        amplitude: Array = piece.a0 + piece.a1 * tau
         q0, q1, q2 = piece.q
         q, dq, ddq = q0 + tau * (q1 + tau * q2), q1 + 2.0 * tau * q2, 2.0 * q2
         y, dy = self._swing(piece.swing, piece.swing_rate, tau)
@@ -219,4 +219,6 @@ def _drive(scene: Scene) -> tuple[Points, float]:
         return (((0.0, amplitude),) if isinstance(amplitude, float | int) else amplitude), 0.0
     if isinstance(excitation, FreeExcitation):
         return ((0.0, 0.0),), excitation.free.deflection
-    raise NoClosedForm(f"excitation: given {excitation.kind}; allowed here: a tone or a free decay; use impact or soft")
+    raise NoClosedFormError(
+        f"excitation: given {excitation.kind}; allowed here: a tone or a free decay; use impact or soft"
+    )

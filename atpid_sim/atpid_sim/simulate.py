@@ -31,7 +31,7 @@ _LOG = 20_000
 _STROBES = 64
 
 #: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
-_TOLERANCE_SHARE = 0.5
+_TOLERANCE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def simulate(
     amplitude = half_peak_to_peak(y)
     undamped = undamped_amplitude(scene, table)
     verdict = trust.judge(scene, choice.fidelity, tolerance, table, amplitude) if check else trust.unchecked()
-    ledger = ledger_of(scene, table, first, y)
+    ledger = ledger_of(scene, table, first, y, int(n[state.MODE]))
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,

@@ -128,7 +128,7 @@ class Stream:
 
 
 def common_rate(rates: list[float]) -> float:
-    """Return the slowest rate [Hz] of which every one of `rates` [Hz] is a whole fraction; raise StreamError if none."""
+    """Return the slowest rate [Hz] that is a whole multiple of every one of `rates`; raise StreamError if none."""
     exact = [Fraction(rate).limit_denominator(1000) for rate in rates]
     common = exact[0]
     for rate in exact[1:]:
@@ -137,7 +137,7 @@ def common_rate(rates: list[float]) -> float:
     if common > _FASTEST:
         given = ", ".join(f"{rate:g}" for rate in rates)
         raise StreamError(
-            f"sensors: given rates {given} Hz; allowed: rates with a common multiple up to {_FASTEST} Hz; round one of them"
+            f"sensors: given rates {given} Hz; allowed: rates with a common multiple up to {_FASTEST} Hz; round one"
         )
     return float(common)
 

@@ -37,8 +37,8 @@ def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
 def damped_restitution(zeta):  # type: ignore[no-untyped-def]
     """Restitution of a damped oscillator that lets go where its force vanishes, zeta its damping ratio [-].
 
-    The force vanishes after the angle 2 arccos(zeta), so e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)); beyond critical
-    damping arccosh takes its place (Schwager and Poeschel, Granular Matter 9 (2007) 465).
+    The force vanishes after the angle 2 arccos(zeta), so e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)); beyond
+    critical damping arccosh takes its place (Schwager and Poeschel, Granular Matter 9 (2007) 465).
     """
     if zeta < 1.0 - 1e-9:
         return math.exp(-2.0 * zeta * math.acos(zeta) / math.sqrt(1.0 - zeta * zeta))

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from atpid_sim.engine.kernel import kernel
 
 
-@njit(cache=True)
+@kernel
 def _cubic(gap, rate, acceleration, jerk, s):  # type: ignore[no-untyped-def]
     return gap + s * (rate + s * (0.5 * acceleration - s * jerk * (1.0 / 6.0)))
 
 
-@njit(cache=True)
+@kernel
 def safe_step(gap, rate, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
     """Largest step s <= longest [s] for which gap + rate s + acceleration s^2/2 - jerk s^3/6 is surely not negative.
 
@@ -48,7 +48,7 @@ def safe_step(gap, rate, acceleration, jerk, longest):  # type: ignore[no-untype
     return _bracketed(gap, rate, acceleration, jerk, left, longest)
 
 
-@njit(cache=True)
+@kernel
 def _nearly(gap, rate, acceleration, jerk):  # type: ignore[no-untyped-def]
     """Root of the parabola that bounds the cubic from below, where that is within a tenth of the best; else 0.
 
@@ -63,7 +63,7 @@ def _nearly(gap, rate, acceleration, jerk):  # type: ignore[no-untyped-def]
     return lower if lower >= 0.9 * upper else 0.0
 
 
-@njit(cache=True)
+@kernel
 def _newton(gap, rate, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
     """Root of the convex, falling part, approached from the left."""
     s = 0.0
@@ -81,7 +81,7 @@ def _newton(gap, rate, acceleration, jerk, longest):  # type: ignore[no-untyped-
     return s
 
 
-@njit(cache=True)
+@kernel
 def _bracketed(gap, rate, acceleration, jerk, left, longest):  # type: ignore[no-untyped-def]
     """Left end of a bracket around the root beyond `left`, where the cubic only falls."""
     if _cubic(gap, rate, acceleration, jerk, longest) >= 0.0:
@@ -105,7 +105,7 @@ def _bracketed(gap, rate, acceleration, jerk, left, longest):  # type: ignore[no
     return left
 
 
-@njit(cache=True)
+@kernel
 def safe_rate_step(slack, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
     """Largest step for which a rate that is `slack` below its limit surely stays below it [s]."""
     if slack <= 0.0:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
+from atpid_sim.engine.kernel import kernel
 
 #: Relative detuning used where an undamped beam is driven exactly at resonance, whose particular solution does not exist.
 _DETUNING = 1e-8
@@ -48,7 +48,7 @@ class Arc(NamedTuple):
     swing_rate: float  # its rate, corrected for the decay
 
 
-@njit(cache=True)
+@kernel
 def support_at(a0, a1, omega, phase, c0, c1, c2, c3, tau):  # type: ignore[no-untyped-def]
     """Support displacement [m] and velocity [m/s] at local time tau [s]."""
     u = c0 + tau * (c1 + tau * (c2 + tau * c3))
@@ -62,7 +62,7 @@ def support_at(a0, a1, omega, phase, c0, c1, c2, c3, tau):  # type: ignore[no-un
     return u, rate
 
 
-@njit(cache=True)
+@kernel
 def _forced(q0_in, q0_out, q1_in, q1_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):  # type: ignore[no-untyped-def]
     """Particular solution and its rate at tau."""
     angle = omega * tau + phase
@@ -74,7 +74,7 @@ def _forced(q0_in, q0_out, q1_in, q1_out, omega, phase, c0, c1, c2, c3, w0, w1, 
     return x, v
 
 
-@njit(cache=True)
+@kernel
 def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ignore[no-untyped-def]
     """Coefficients of the swing that starts at local time tau [s] with displacement x [m] and velocity v [m/s].
 
@@ -105,7 +105,7 @@ def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ig
     )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel
 def _swing(arc, s):  # type: ignore[no-untyped-def]
     """Homogeneous part of the motion and its rate, s seconds after the start of the arc."""
     angle = arc.rate * s
@@ -126,7 +126,7 @@ def _swing(arc, s):  # type: ignore[no-untyped-def]
     return x, v
 
 
-@njit(cache=True)
+@kernel
 def beam_at(arc, tau):  # type: ignore[no-untyped-def]
     """Beam displacement, velocity, acceleration and support displacement, velocity at local time tau [SI units]."""
     x, v = _swing(arc, tau - arc.start)
@@ -148,7 +148,7 @@ def beam_at(arc, tau):  # type: ignore[no-untyped-def]
     return x, v, a, u, rate
 
 
-@njit(cache=True)
+@kernel
 def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
     """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
 
@@ -188,7 +188,7 @@ def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
     return x, v, a, bound + math.sqrt(y4 * y4 / natural + y3 * y3)
 
 
-@njit(cache=True)
+@kernel
 def snap_bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
     """Beam displacement, velocity, acceleration, jerk [m/s^3] at local time tau, and a bound of its |snap| [m/s^4].
 

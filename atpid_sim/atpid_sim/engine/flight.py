@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from atpid_sim.contact.dispatch import release_rate, rest_overlap
 from atpid_sim.engine.advance import safe_rate_step, safe_step
 from atpid_sim.engine.beam import arc_from, bounded_at
+from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import flight_extreme, flight_samples, flight_work, note_extreme
 from atpid_sim.engine.state import (
     BEAM,
@@ -30,7 +29,7 @@ from atpid_sim.engine.state import (
 _TOUCH = 1e-14
 
 
-@njit(cache=True)
+@kernel
 def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, budget):  # type: ignore[no-untyped-def]
     """Advance a flight inside one row from local time tau to at most `until`; returns the local time reached.
 
@@ -77,16 +76,16 @@ def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, bud
                 n[MODE] = FREE
                 flying = FREE
                 continue
-            limit = release_rate(law, overlap, y[MEMORY], p)
-            if limit == math.inf:  # a dented wall: no force until the overlap reaches the dent again
-                depth = rest_overlap(law, y[MEMORY], p)
+            depth = rest_overlap(law, y[MEMORY], p)
+            if depth > 0.0:  # a dented wall: no force until the overlap reaches the dent again
                 step = safe_step(depth - overlap, -closing, -acceleration, jerk, longest)
                 held = step == 0.0 and closing > 0.0
             else:
+                limit = release_rate(law, overlap, y[MEMORY], p)
                 step = safe_rate_step(limit - closing, acceleration, jerk, longest)
                 held = limit <= closing
-            # at the very moment of release the force is zero to within rounding: go a thousandth of the way out first
-            least = min(1e-3 * overlap / abs(closing) if closing != 0.0 else longest, 1e-6 * stride)
+            # at the very moment of release the force is zero to within rounding: go a hundredth of the way out first
+            least = min(1e-2 * overlap / abs(closing) if closing != 0.0 else longest, 1e-6 * stride)
             if tau == begin:
                 held = False
             step = max(step, min(least, longest))

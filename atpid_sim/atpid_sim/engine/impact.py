@@ -6,14 +6,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from atpid_sim.contact import Contact
 from atpid_sim.contact.dispatch import restitution
 from atpid_sim.engine.advance import safe_rate_step
 from atpid_sim.engine.beam import arc_from, beam_at, snap_bounded_at
 from atpid_sim.engine.drive import END, HEIGHT, HEIGHT_RATE, START
 from atpid_sim.engine.flight import fly
+from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import flight_extreme, flight_work, note_extreme, write_sample
 from atpid_sim.engine.soft import CEILING_CRUSHES, DONE, NOT_FINITE, STALLED, STEP_BUDGET, log_impact
 from atpid_sim.engine.state import (
@@ -53,7 +52,7 @@ def impact_stepper(system: System, contact: Contact) -> Stepper:
     return run
 
 
-@njit(cache=True)
+@kernel
 def _collide(y, n, arc, tau, system, law, p, height_rate):  # type: ignore[no-untyped-def]
     """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks."""
     side = 1.0 if n[MODE] == ON_FLOOR else -1.0
@@ -76,7 +75,7 @@ def _collide(y, n, arc, tau, system, law, p, height_rate):  # type: ignore[no-un
         n[MODE] = FREE
 
 
-@njit(cache=True)
+@kernel
 def _stick(y, n, segment, tau, until, system, observing, sampling, out, budget):  # type: ignore[no-untyped-def]
     """Carry beam and grain as one mass until the wall would have to pull, or the row ends; returns the local time.
 
@@ -125,7 +124,7 @@ def _stick(y, n, segment, tau, until, system, observing, sampling, out, budget):
     return tau
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, budget):  # type: ignore[no-untyped-def]
     """Integrate through the drive table with instantaneous impacts; arguments and result as `soft.run`."""
     slack = 2.0 * system.radius

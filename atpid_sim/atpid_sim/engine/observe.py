@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from atpid_sim.engine.beam import beam_at
+from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.state import (
     BEAM_LOSS,
     HIGHEST,
@@ -29,7 +28,7 @@ _WEIGHTS = (0.08566224618958517, 0.1803807865240693, 0.23395696728634552,
             0.23395696728634552, 0.1803807865240693, 0.08566224618958517)  # fmt: skip
 
 
-@njit(cache=True)
+@kernel
 def note_extreme(y, x):  # type: ignore[no-untyped-def]
     """Widen the observed range of the beam to contain x [m]."""
     if x < y[LOWEST]:
@@ -38,7 +37,7 @@ def note_extreme(y, x):  # type: ignore[no-untyped-def]
         y[HIGHEST] = x
 
 
-@njit(cache=True)
+@kernel
 def flight_extreme(y, arc, left, right, v_left, v_right):  # type: ignore[no-untyped-def]
     """Note the beam's turning point between two local times where its velocity changed sign."""
     s = left - v_left * (right - left) / (v_right - v_left)
@@ -53,7 +52,7 @@ def flight_extreme(y, arc, left, right, v_left, v_right):  # type: ignore[no-unt
     note_extreme(y, beam_at(arc, s)[0])
 
 
-@njit(cache=True)
+@kernel
 def hermite(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
     """Quintic through position, velocity and acceleration at both ends of a step h, at the fraction s in [0, 1]."""
     p0, q0 = h * v0, 0.5 * h * h * a0
@@ -65,7 +64,7 @@ def hermite(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
     return x0 + s * (p0 + s * (q0 + s * (c3 + s * (c4 + s * c5))))
 
 
-@njit(cache=True)
+@kernel
 def hermite_rate(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
     """Rate of the same quintic."""
     p0, q0 = h * v0, 0.5 * h * h * a0
@@ -77,7 +76,7 @@ def hermite_rate(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
     return (p0 + s * (2.0 * q0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
 
 
-@njit(cache=True)
+@kernel
 def step_extreme(y, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
     """Note the turning point inside one contact step whose end velocities differ in sign."""
     left, right = 0.0, 1.0
@@ -94,7 +93,7 @@ def step_extreme(y, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
     note_extreme(y, hermite(s, h, x0, v0, a0, x1, v1, a1))
 
 
-@njit(cache=True)
+@kernel
 def write_sample(out, i, support, x, v, a, grain, ceiling):  # type: ignore[no-untyped-def]
     """Fill column i of the sample series."""
     out[S_SUPPORT, i] = support
@@ -105,7 +104,7 @@ def write_sample(out, i, support, x, v, a, grain, ceiling):  # type: ignore[no-u
     out[S_CEILING, i] = ceiling
 
 
-@njit(cache=True)
+@kernel
 def flight_samples(n, out, first, period, origin, arc, left, right, grain, rate, gravity, height, height_rate):  # type: ignore[no-untyped-def]
     """Write all samples whose instants lie in the flight (left, right], in local time of the row that began at `origin`."""
     while n[SAMPLE] < out.shape[1]:
@@ -118,7 +117,7 @@ def flight_samples(n, out, first, period, origin, arc, left, right, grain, rate,
         n[SAMPLE] += 1
 
 
-@njit(cache=True)
+@kernel
 def flight_work(y, arc, left, right):  # type: ignore[no-untyped-def]
     """Add the support's work and the beam's loss between two local times, by Gauss-Legendre panels of 1.6 rad."""
     fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(arc.stiffness / arc.mass))

@@ -5,17 +5,16 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from atpid_sim.engine.beam import arc_from, beam_at
 from atpid_sim.engine.drive import END, HEIGHT, HEIGHT_RATE, START
+from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import flight_extreme, flight_work, note_extreme, write_sample
 from atpid_sim.engine.state import BEAM, BEAM_RATE, FLIGHT_STEPS, GRAIN, GRAIN_RATE, SAMPLE, TIME
 
 DONE, STEP_BUDGET, NOT_FINITE = range(3)  # as in `outcome.py`
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def run_one_mass(table, system, mass, y, n, observe, sampling, out, budget):  # type: ignore[no-untyped-def]
     """Carry one `mass` [kg] through the drive table (rows, 12) in closed form; arguments and result as `soft.run`."""
     for row in range(table.shape[0]):

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from atpid_sim.contact.dispatch import energy
 from atpid_sim.engine.drive import A0, A1, C0, C2, END, HEIGHT, HEIGHT_RATE, OMEGA, START
 from atpid_sim.engine.flight import fly
+from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import note_extreme
 from atpid_sim.engine.state import (
     BEAM,
     BEAM_RATE,
     BEGUN,
     CEILING_HITS,
+    CONTACT_LOSS,
     CONTACT_STEPS,
     E_SPEED,
     E_TIME,
@@ -38,7 +39,7 @@ from atpid_sim.engine.touch import resting_overlap, touch
 DONE, STEP_BUDGET, NOT_FINITE, ESCAPED, OVERLAP_TOO_DEEP, CEILING_CRUSHES, STALLED = range(7)  # as in `outcome.py`
 
 
-@njit(cache=True)
+@kernel
 def log_impact(y, n, events, now, observing, height_rate):  # type: ignore[no-untyped-def]
     """Count a new contact and remember when and how fast it began."""
     on_floor = n[MODE] == ON_FLOOR
@@ -55,7 +56,7 @@ def log_impact(y, n, events, now, observing, height_rate):  # type: ignore[no-un
     y[BEGUN] = now
 
 
-@njit(cache=True)
+@kernel
 def _fault(y, height, slack, radius):  # type: ignore[no-untyped-def]
     """Outcome that the present state amounts to, DONE where it is sound."""
     lift = y[GRAIN] - y[BEAM]
@@ -69,21 +70,26 @@ def _fault(y, height, slack, radius):  # type: ignore[no-untyped-def]
     return DONE
 
 
-@njit(cache=True)
+@kernel
 def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
-    """Overlap [m] and overlap rate [m/s] of a grain pushed with a twentieth of the run's typical acceleration."""
+    """Overlap [m], overlap rate [m/s] and swing [m] below which the errors of a contact count as absolute.
+
+    The overlap is a tenth of what a twentieth of the run's typical acceleration, weight included, presses the grain in;
+    the swing a thousandth of the run's typical displacement.
+    """
     natural = system.stiffness / system.beam_mass
-    pace = system.gravity + natural * abs(y[BEAM]) + math.sqrt(natural) * abs(y[BEAM_RATE])
+    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    motion = natural * abs(y[BEAM] - rest) + math.sqrt(natural) * abs(y[BEAM_RATE])
     for row in range(table.shape[0]):
         a0, a1, omega = abs(table[row, A0]), abs(table[row, A1]), table[row, OMEGA]
         swing = max(a0, a0 + a1 * (table[row, END] - table[row, START]))
-        pace = max(pace, omega * omega * swing, 2.0 * abs(table[row, C2]), natural * abs(table[row, C0]))
-    pace = max(0.05 * pace, 1e-12)
+        motion = max(motion, min(omega * omega, natural) * swing, 2.0 * abs(table[row, C2]), natural * abs(table[row, C0]))
+    pace = max(0.05 * (motion + system.gravity), 1e-12)
     overlap = 0.1 * resting_overlap(law, p, system.grain_mass * pace)
-    return overlap, math.sqrt(pace * overlap)
+    return overlap, math.sqrt(pace * overlap), 1e-3 * motion / natural + overlap
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, events, budget):  # type: ignore[no-untyped-def]
     """Integrate through the drive table (rows, 12) from y[TIME] to its end; returns an `Outcome` as an integer.
 
@@ -115,6 +121,12 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
                 tau = fly(y, n, segment, tau, until, system, law, p, observing, where, out, budget)
                 if y[MEMORY] < 0.0:
                     log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
+                elif n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+                    # a force again before the surfaces parted: what was given up at the release is held again
+                    lift = y[GRAIN] - y[BEAM]
+                    room = segment[HEIGHT] + segment[HEIGHT_RATE] * tau - slack
+                    overlap = -lift if n[MODE] == ON_FLOOR else lift - room
+                    y[CONTACT_LOSS] -= energy(law, max(overlap, 0.0), y[MEMORY], p)
             y[TIME] = start + tau
             if n[CONTACT_STEPS] + n[REJECTED] > budget or n[FLIGHT_STEPS] > budget:
                 return STEP_BUDGET

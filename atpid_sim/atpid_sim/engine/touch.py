@@ -11,9 +11,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
-
-from atpid_sim.contact.dispatch import force
+from atpid_sim.contact.dispatch import energy, force, release_rate
+from atpid_sim.engine.kernel import inlined, kernel
 from atpid_sim.engine.observe import hermite, note_extreme, step_extreme, write_sample
 from atpid_sim.engine.state import (
     BEAM,
@@ -49,6 +48,7 @@ class Touch(NamedTuple):
     """What does not change during one contact inside one row [SI units]."""
 
     law: int
+    hysteretic: bool
     memory: float
     side: float  # +1 floor, -1 ceiling
     stiffness: float
@@ -58,7 +58,7 @@ class Touch(NamedTuple):
     reduced_inverse: float  # 1 / beam mass + 1 / grain mass
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _turn(angle):  # type: ignore[no-untyped-def]
     """Sine and cosine of an angle below 0.2 rad, by their series to the last digit."""
     q = angle * angle
@@ -67,7 +67,7 @@ def _turn(angle):  # type: ignore[no-untyped-def]
     return sine, cosine
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _support(segment, tau, ahead, sine, cosine):  # type: ignore[no-untyped-def]
     """Support displacement and velocity `ahead` seconds after tau, whose phase has this sine and cosine."""
     at = tau + ahead
@@ -80,30 +80,35 @@ def _support(segment, tau, ahead, sine, cosine):  # type: ignore[no-untyped-def]
     return u + amplitude * s, w + segment[3] * s + segment[4] * amplitude * c
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _slope(touching, p, u, w, x, v, overlap, rate):  # type: ignore[no-untyped-def]
-    """Accelerations of beam and overlap, contact force, powers of support and beam damper at one stage."""
+    """Accelerations of beam and overlap, contact force, powers of support, beam damper and contact at one stage.
+
+    The contact's power is that of its damping part alone: what the elastic part takes it gives back, exactly.
+    """
     slip = v - w
     pull = touching.stiffness * (u - x) - touching.damping * slip
     push = force(touching.law, overlap, rate, touching.memory, p)
+    elastic = 0.0 if touching.hysteretic else force(touching.law, overlap, 0.0, touching.memory, p)
     return (
         (pull - touching.side * push) * touching.beam_inverse - touching.gravity,
         touching.side * pull * touching.beam_inverse - push * touching.reduced_inverse,
         push,
         pull * w,
         touching.damping * slip * slip,
+        (push - elastic) * rate,
     )
 
 
-@njit(cache=True)
+@kernel
 def _attempt(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k):  # type: ignore[no-untyped-def]
     """One Dormand-Prince step of size h in the variable s, from local time tau on; time goes as s^4 if `smooth`.
 
     `sine`, `cosine`: of the support's phase at tau; `k`: accelerations, force and powers there. Returns the end state,
-    the same at the end, the error estimate of the four states, and the integrals of force times overlap rate, of the
-    two powers and of the force.
+    the same at the end, the error estimate of the four states, and the integrals of the powers of contact, support and
+    beam damper and of the force.
     """
-    a1, b1, f1, p1, d1 = k
+    a1, b1, f1, p1, d1, c1 = k
     if smooth:
         s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
         z2, z3, z4, z5, z6 = s2 * s2 * s2, s3 * s3 * s3, s4 * s4 * s4, s5 * s5 * s5, s6 * s6 * s6
@@ -121,19 +126,19 @@ def _attempt(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overla
     # stage slopes already multiplied by the step: x, v, overlap, rate
     kx1, kv1, ko1, kr1 = w1 * v, w1 * a1, w1 * rate, w1 * b1
     v2, r2 = v + 0.2 * kv1, rate + 0.2 * kr1
-    a2, b2, _f, _p, _d = _slope(
+    a2, b2, _f, _p, _d, _c = _slope(
         touching, p, u2, m2, x + 0.2 * kx1, v2, overlap + 0.2 * ko1, r2
     )
     kx2, kv2, ko2, kr2 = w2 * v2, w2 * a2, w2 * r2, w2 * b2
     v3, r3 = v + 3.0 / 40.0 * kv1 + 9.0 / 40.0 * kv2, rate + 3.0 / 40.0 * kr1 + 9.0 / 40.0 * kr2
-    a3, b3, f3, p3, d3 = _slope(
+    a3, b3, f3, p3, d3, c3 = _slope(
         touching, p, u3, m3,
         x + 3.0 / 40.0 * kx1 + 9.0 / 40.0 * kx2, v3, overlap + 3.0 / 40.0 * ko1 + 9.0 / 40.0 * ko2, r3,
     )  # fmt: skip
     kx3, kv3, ko3, kr3 = w3 * v3, w3 * a3, w3 * r3, w3 * b3
     v4 = v + 44.0 / 45.0 * kv1 - 56.0 / 15.0 * kv2 + 32.0 / 9.0 * kv3
     r4 = rate + 44.0 / 45.0 * kr1 - 56.0 / 15.0 * kr2 + 32.0 / 9.0 * kr3
-    a4, b4, f4, p4, d4 = _slope(
+    a4, b4, f4, p4, d4, c4 = _slope(
         touching, p, u4, m4,
         x + 44.0 / 45.0 * kx1 - 56.0 / 15.0 * kx2 + 32.0 / 9.0 * kx3, v4,
         overlap + 44.0 / 45.0 * ko1 - 56.0 / 15.0 * ko2 + 32.0 / 9.0 * ko3, r4,
@@ -142,7 +147,7 @@ def _attempt(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overla
     c51, c52, c53, c54 = 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0
     v5 = v + c51 * kv1 + c52 * kv2 + c53 * kv3 + c54 * kv4
     r5 = rate + c51 * kr1 + c52 * kr2 + c53 * kr3 + c54 * kr4
-    a5, b5, f5, p5, d5 = _slope(
+    a5, b5, f5, p5, d5, c5 = _slope(
         touching, p, u5, m5,
         x + c51 * kx1 + c52 * kx2 + c53 * kx3 + c54 * kx4, v5,
         overlap + c51 * ko1 + c52 * ko2 + c53 * ko3 + c54 * ko4, r5,
@@ -151,7 +156,7 @@ def _attempt(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overla
     c61, c62, c63, c64, c65 = 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0
     v6 = v + c61 * kv1 + c62 * kv2 + c63 * kv3 + c64 * kv4 + c65 * kv5
     r6 = rate + c61 * kr1 + c62 * kr2 + c63 * kr3 + c64 * kr4 + c65 * kr5
-    a6, b6, f6, p6, d6 = _slope(
+    a6, b6, f6, p6, d6, c6 = _slope(
         touching, p, u6, m6,
         x + c61 * kx1 + c62 * kx2 + c63 * kx3 + c64 * kx4 + c65 * kx5, v6,
         overlap + c61 * ko1 + c62 * ko2 + c63 * ko3 + c64 * ko4 + c65 * ko5, r6,
@@ -170,14 +175,14 @@ def _attempt(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overla
         e1 * ko1 + e3 * ko3 + e4 * ko4 + e5 * ko5 + e6 * ko6 + e7 * w6 * r1,
         e1 * kr1 + e3 * kr3 + e4 * kr4 + e5 * kr5 + e6 * kr6 + e7 * w6 * last[1],
     )
-    absorbed = g1 * w1 * f1 * rate + g3 * w3 * f3 * r3 + g4 * w4 * f4 * r4 + g5 * w5 * f5 * r5 + g6 * w6 * f6 * r6
+    absorbed = g1 * w1 * c1 + g3 * w3 * c3 + g4 * w4 * c4 + g5 * w5 * c5 + g6 * w6 * c6
     work = g1 * w1 * p1 + g3 * w3 * p3 + g4 * w4 * p4 + g5 * w5 * p5 + g6 * w6 * p6
     loss = g1 * w1 * d1 + g3 * w3 * d3 + g4 * w4 * d4 + g5 * w5 * d5 + g6 * w6 * d6
     impulse = g1 * w1 * f1 + g3 * w3 * f3 + g4 * w4 * f4 + g5 * w5 * f5 + g6 * w6 * f6
     return x1, v1, o1, r1, last, errors, (absorbed, work, loss, impulse)
 
 
-@njit(cache=True)
+@kernel
 def _detachment(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_force):  # type: ignore[no-untyped-def]
     """Size of the step at whose end the contact force vanishes, given that it changes sign within h (Illinois)."""
     left, right = 0.0, h
@@ -201,7 +206,7 @@ def _detachment(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, ove
     return size
 
 
-@njit(cache=True)
+@kernel
 def _turning(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_rate):  # type: ignore[no-untyped-def]
     """Size of the step at whose end the overlap rate vanishes: the turning point of a hysteretic contact (Illinois)."""
     left, right = 0.0, h
@@ -223,7 +228,7 @@ def _turning(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overla
     return size
 
 
-@njit(cache=True)
+@kernel
 def resting_overlap(law, p, push):  # type: ignore[no-untyped-def]
     """Overlap [m] at which the elastic force alone reaches `push` [N]: the size against which errors are measured."""
     low, high = 1e-18, 1e3
@@ -238,12 +243,12 @@ def resting_overlap(law, p, push):  # type: ignore[no-untyped-def]
     return high
 
 
-@njit(cache=True)
+@kernel
 def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, observing, sampling, out, budget):  # type: ignore[no-untyped-def]
     """Advance a contact inside one row from local time tau to at most `until`; returns the local time reached.
 
     Leaves y at that time and n[MODE] at what comes next: still in contact, overlapped without force, or free.
-    `scale`: overlap [m] and overlap rate [m/s] below which errors count as absolute.
+    `scale`: overlap [m], overlap rate [m/s] and swing [m] below which errors count as absolute.
     """
     side = 1.0 if n[MODE] == ON_FLOOR else -1.0
     height, height_rate = segment[10], segment[11]
@@ -262,13 +267,14 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
     if smooth:
         h = min(h, (until - tau) ** 0.25)
     touching = Touch(
-        law, y[MEMORY], side, system.stiffness, system.damping, system.gravity, 1.0 / system.beam_mass,
+        law, hysteretic, y[MEMORY], side, system.stiffness, system.damping, system.gravity, 1.0 / system.beam_mass,
         1.0 / system.beam_mass + 1.0 / system.grain_mass,
     )  # fmt: skip
     sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
     u, w = _support(segment, tau, 0.0, sine, cosine)
     k = _slope(touching, p, u, w, x, v, overlap, rate)
     deepest, quickest = overlap, abs(rate)
+    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
     previous = 0.0
     first = True
     while tau < until:
@@ -290,10 +296,9 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         x1, v1, o1, r1, k1, errors, sums = _attempt(
             segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k
         )
-        swing = abs(x) + abs(v) / natural
+        swing = abs(x - rest) + abs(v) / natural + scale[2]
         depth = max(abs(o1), overlap, 0.1 * deepest, scale[0], _DEPTH_FLOOR * swing)
         speed = max(abs(r1), abs(rate), 0.1 * quickest, scale[1], natural * swing)
-        swing += 1e-300
         inner, outer = (errors[2] / depth) ** 2 + (errors[3] / speed) ** 2, errors[0] ** 2 + (errors[1] / natural) ** 2
         error = max(0.5 * math.sqrt(inner + outer / (swing * swing)) / rtol, 1e-6)
         if not error <= 1.0:
@@ -330,7 +335,10 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         if first and smooth:
             y[FIRST_STEP] = h
             first = False
-        y[CONTACT_LOSS] += sums[0]
+        lost = sums[0]
+        if hysteretic:
+            lost += energy(law, overlap, y[MEMORY], p) - energy(law, o1, max(o1, y[MEMORY]), p)
+        y[CONTACT_LOSS] += max(0.0, lost)  # a law only takes; the quadrature's negative weights may say otherwise
         y[INPUT] += sums[1]
         y[BEAM_LOSS] += sums[2]
         y[CEILING_WORK] -= moving * sums[3]
@@ -360,7 +368,7 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         if hysteretic and overlap > y[MEMORY]:
             y[MEMORY] = overlap
             touching = Touch(
-                law, overlap, side, touching.stiffness, touching.damping, touching.gravity,
+                law, hysteretic, overlap, side, touching.stiffness, touching.damping, touching.gravity,
                 touching.beam_inverse, touching.reduced_inverse,
             )  # fmt: skip
         logarithm = math.log(error)
@@ -374,6 +382,11 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         elif not smooth:
             s = tau
         if leaving:
+            y[CONTACT_LOSS] += energy(law, max(overlap, 0.0), y[MEMORY], p)  # still compressed, but nothing holds it
+            if overlap < 1e-6 * scale[0] or (
+                not hysteretic and release_rate(law, overlap, y[MEMORY], p) == -math.inf
+            ):
+                overlap = 0.0  # without damping the force vanishes only where the surfaces part
             n[MODE] = (OFF_FLOOR if side > 0.0 else OFF_CEILING) if overlap > 0.0 else FREE
             break
         if overlap > system.radius or finishing:

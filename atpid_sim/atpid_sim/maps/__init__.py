@@ -1,2 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height maps: the best ceiling height over support amplitude and grain mass (thesis section 4.2, Fig. 3.25)."""
+
+from __future__ import annotations
+
+from atpid_sim.maps.best import Best, best_height
+from atpid_sim.maps.build import build_map
+from atpid_sim.maps.errors import MapError
+from atpid_sim.maps.header import header_text, write_header
+from atpid_sim.maps.height_map import HeightMap, MapEntry
+from atpid_sim.maps.rig import Response, Rig, Timing
+
+__all__ = [
+    "Best",
+    "HeightMap",
+    "MapEntry",
+    "MapError",
+    "Response",
+    "Rig",
+    "Timing",
+    "best_height",
+    "build_map",
+    "header_text",
+    "write_header",
+]

@@ -10,12 +10,13 @@ lowest is taken (docs/selection.md).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from atpid_sim.maps.rig import Rig, Timing
+from atpid_sim.maps.rig import Path, Rig, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
@@ -27,7 +28,10 @@ _GROWTH, _HIGHEST = 0.2, 2.0
 _FINE = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 
 #: How far a coarse amplitude may lie above the least to be looked at closely, and how many are.
-_PROMISING, _CANDIDATES, _RATED = 1.2, 3, 8
+_PROMISING, _CANDIDATES, _RATED = 1.25, 4, 4
+
+#: In an irregular motion a short window shows less than the worst: what its amplitude is multiplied by.
+_IRREGULAR = 1.15
 
 #: Heights whose amplitudes differ by less than this share are equally good [-].
 FLAT = 2e-3
@@ -35,12 +39,30 @@ FLAT = 2e-3
 #: Where the ways to a height end in amplitudes further apart than this, its motion is not reproducible: a surcharge.
 REPRODUCIBLE, _SURCHARGE = 1e-2, 1.05
 
+#: While not all ways are known, a height this much worse than the best so far is given up.
+_HOPELESS = 1.03
+
 #: Time the ceiling takes for slow travels [s]: the thesis's opening time.
 _TRAVEL = 1.0
 
-_BISECTIONS = 5
+#: Where the ceiling stood before it was raised or lowered, as shares of the clearance.
+_BELOW, _ABOVE = 0.5, 1.25
 
-Rating = Callable[[float, float], float]
+#: Heights tried between the best of the grid and the one below it.
+_BETWEEN = 4
+
+#: Wells whose clearances differ by this factor are far apart: a ceiling on its way from one to the other meets rumble.
+_FAR = 1.1
+
+Job, Answer = TypeVar("Job"), TypeVar("Answer")
+Rated = tuple[float, float]  # height [m], rating [m]
+
+
+class Mapper(Protocol):
+    """Like `map`: on one core, or a pool's `map` on all."""
+
+    def __call__(self, work: Callable[[Job], Answer], jobs: Iterable[Job], /) -> Iterable[Answer]:
+        """Return the answers in the order of the jobs."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +76,42 @@ class Best:
     evaluations: int
 
 
-def best_height(rig: Rig, amplitude: float) -> Best:
-    """Return the best height for a support amplitude [m]. Raises NumericalFailure where a run fails."""
-    search = _Search(rig, amplitude)
-    coarse = _scan(search, rig, rig.ballistic_clearance(amplitude))
-    step = coarse[1][0] - coarse[0][0]
-    fine = {h for k in promising([v for _, v in coarse]) for h in _around(coarse[k][0], step, rig.diameter)}
-    near = sorted(((search.quick(h), h) for h in fine))[:_RATED]
-    rated = _rate(search.rating, [h for _, h in near])
-    height = _lowest(search.rating, rated, coarse)
+@dataclass(frozen=True)
+class Present:
+    """Where the ceiling is, and how it moves: a fifth way to a height."""
+
+    height: float  # [m]
+    speed: float  # [m/s]
+
+    def path(self, height: float, rest: float) -> Path:
+        """Return the way from here to a height [m] after `rest` seconds."""
+        return (0.0, self.height), (rest, self.height), (rest + max(abs(height - self.height) / self.speed, 1e-6), height)
+
+
+def best_height(
+    rig: Rig,
+    amplitude: float,
+    loyalty: float = 0.0,
+    limits: tuple[float, float] = (0.0, math.inf),
+    present: Present | None = None,
+    mapper: Mapper = map,
+) -> Best:
+    """Return the best height for a support amplitude [m]. Raises NumericalFailure where a run fails.
+
+    loyalty: where there are several wells far apart, the lowest is kept unless another is better by more than this
+    share; with 0 the deepest is taken. A map keeps to one well, because it is read between its points.
+    limits: lowest and highest height allowed [m]; present: where the ceiling is, if that counts.
+    """
+    search = Search(rig, amplitude, limits, present, mapper)
+    coarse = _scan(search, rig.ballistic_clearance(amplitude))
+    step = coarse[1][0] - coarse[0][0] if len(coarse) > 1 else 0.0
+    wells = [search.nearby(coarse[k][0], step) for k in promising([value for _, value in coarse])]
+    rated = search.rate({h for well in wells for h in well}, loyalty)
+    height = _lowest(search, rated, coarse)
+    least = min(rated.values())
+    lower = _far_below([{h: rated[h] for h in well} for well in wells], height, least * (1.0 + loyalty), rig.diameter)
+    if lower:
+        height = _lowest(search, lower, coarse)
     worst = search.worst(height)
     return Best(
         height=height,
@@ -84,11 +133,15 @@ def promising(values: list[float]) -> list[int]:
     return sorted(kept, key=lambda k: values[k])[:_CANDIDATES]
 
 
-class _Search:
-    """Rates heights and remembers what it found."""
+class Search:
+    """Rates heights at one amplitude and remembers what it found."""
 
-    def __init__(self, rig: Rig, amplitude: float) -> None:
-        self._rig, self._amplitude = rig, amplitude
+    def __init__(
+        self, rig: Rig, amplitude: float, limits: tuple[float, float], present: Present | None, mapper: Mapper
+    ) -> None:
+        """See `best_height`."""
+        self._rig, self._amplitude, self._present, self._map = rig, amplitude, present, mapper
+        self._limits = max(limits[0], rig.diameter), limits[1]
         settle = rig.settling()
         self._short, self._long = Timing(0.8 * settle, 6.0), Timing(settle, 16.0)
         self._quick: dict[float, float] = {}
@@ -99,81 +152,101 @@ class _Search:
         """Runs made so far."""
         return len(self._quick) + sum(map(len, self._ways.values()))
 
-    def quick(self, height: float) -> float:
-        """Amplitude [m] when the closed damper is opened at once."""
-        if height not in self._quick:
-            self._quick[height] = self._rig.opened(self._amplitude, height, self._short)
-        return self._quick[height]
+    @property
+    def ways(self) -> int:
+        """How many ways lead to a height."""
+        return 4 if self._present is None else 5
 
-    def rating(self, height: float, limit: float = math.inf) -> float:
-        """Worst amplitude [m], with the surcharge where the ways disagree; infinite as soon as `limit` is exceeded."""
-        if any(way > limit for way in self._each_way(height)):
-            return math.inf
-        rating = self.worst(height) * (1.0 if self.gap(height) <= REPRODUCIBLE else _SURCHARGE)
-        return rating if rating <= limit else math.inf
+    def allowed(self, share: float, unit: float) -> float:
+        """Return the height [m] at a share of a clearance [m], within the limits."""
+        return float(min(max(self._rig.diameter + share * unit, self._limits[0]), self._limits[1]))
+
+    def quick(self, heights: Sequence[float]) -> list[float]:
+        """Amplitudes [m] when the closed damper is opened at once, raised where the motion is irregular."""
+        new = [height for height in dict.fromkeys(heights) if height not in self._quick]
+        self._quick.update(zip(new, self._map(self._opened, new), strict=True))
+        return [self._quick[height] for height in heights]
+
+    def nearby(self, height: float, step: float) -> list[float]:
+        """Return the best few heights [m] of a finer grid around one."""
+        fine = list(dict.fromkeys(self.allowed(height - self._rig.diameter + step * part, 1.0) for part in _FINE))
+        return [h for _, h in sorted(zip(self.quick(fine), fine, strict=True))[:_RATED]]
+
+    def rate(self, heights: Iterable[float], loyalty: float = 0.0, limit: float = math.inf) -> dict[float, float]:
+        """Return {height: rating [m]}: the worst amplitude, with a surcharge where the ways disagree.
+
+        What turns out hopeless beside the others, or exceeds `limit`, is infinite.
+        """
+        left = sorted(heights)
+        rated = dict.fromkeys(left, math.inf)
+        for way in range(self.ways):
+            jobs = [(height, way) for height in left if len(self._ways.setdefault(height, [])) == way]
+            for (height, _), value in zip(jobs, self._map(self._by_way, jobs), strict=True):
+                self._ways[height].append(value)
+            worst = {height: max(self._ways[height][: way + 1]) for height in left}
+            bound = min(limit, _HOPELESS * (1.0 + loyalty) * min(worst.values(), default=math.inf))
+            left = [height for height in left if worst[height] <= bound]
+        for height in left:
+            rating = self.worst(height) * (1.0 if self.gap(height) <= REPRODUCIBLE else _SURCHARGE)
+            rated[height] = rating if rating <= limit else math.inf
+        return rated
 
     def worst(self, height: float) -> float:
-        """Largest amplitude [m] over the ways to this height."""
-        return max(self._each_way(height))
+        """Largest amplitude [m] over the ways to a rated height."""
+        return max(self._ways[height])
 
     def gap(self, height: float) -> float:
         """How far the ways differ, relative to the worst."""
-        ways = list(self._each_way(height))
-        return (max(ways) - min(ways)) / max(ways)
+        return (max(self._ways[height]) - min(self._ways[height])) / self.worst(height)
 
-    def _each_way(self, height: float) -> Iterator[float]:
+    def _opened(self, height: float) -> float:
+        response = self._rig.opened(self._amplitude, height, self._short)
+        return response.amplitude * (1.0 if response.regular else _IRREGULAR)
+
+    def _by_way(self, job: tuple[float, int]) -> float:
+        height, way = job
         rig, a, long = self._rig, self._amplitude, self._long
-        known = self._ways.setdefault(height, [])
-        ways = (
-            lambda: rig.raised(a, height, long, _TRAVEL),
-            lambda: rig.lowered(a, height, long, _TRAVEL),
-            lambda: rig.opened(a, height, long, _TRAVEL),
-            lambda: rig.opened(a, height, long),
-        )
-        for k, way in enumerate(ways):
-            if k == len(known):
-                known.append(way())
-            yield known[k]
+        if way < 2:
+            return rig.passed(a, height, long, _TRAVEL, (_BELOW, _ABOVE)[way]).amplitude
+        if way < 4:
+            return rig.opened(a, height, long, (_TRAVEL, 0.0)[way - 2]).amplitude
+        assert self._present is not None
+        return rig.follow(a, self._present.path(height, 0.5 * long.settle * rig.period), long).amplitude
 
 
-def _scan(search: _Search, rig: Rig, unit: float) -> list[tuple[float, float]]:
+def _scan(search: Search, unit: float) -> list[Rated]:
     """Return (height [m], amplitude [m]) over a range that has the least amplitude inside, not at an end."""
-    shares = list(np.arange(_FIRST, _LAST + 0.5 * _STEP, _STEP))
+    first, last = _FIRST, _LAST
     while True:
-        coarse = [(float(rig.diameter + share * unit), 0.0) for share in shares]
-        coarse = [(h, search.quick(h)) for h, _ in coarse]
-        least = min(range(len(coarse)), key=lambda k: coarse[k][1])
-        lower = next(k for k, (_, v) in enumerate(coarse) if v <= coarse[least][1] * (1.0 + FLAT))
-        if lower <= 1 and shares[0] > 2.0 * _STEP:
-            shares = [*np.arange(max(_STEP, shares[0] - _GROWTH), shares[0] - 0.5 * _STEP, _STEP), *shares]
-        elif lower >= len(shares) - 2 and shares[-1] < _HIGHEST:
-            shares = [*shares, *np.arange(shares[-1] + _STEP, shares[-1] + _GROWTH + 0.5 * _STEP, _STEP)]
+        shares = np.arange(first, last + 0.5 * _STEP, _STEP)
+        heights = list(dict.fromkeys(search.allowed(float(share), unit) for share in shares))
+        values = search.quick(heights)
+        lowest = next(k for k, value in enumerate(values) if value <= min(values) * (1.0 + FLAT))
+        if lowest <= 1 and first > 2.0 * _STEP:
+            first = max(_STEP, round((first - _GROWTH) / _STEP) * _STEP)
+        elif lowest >= len(heights) - 2 and last < _HIGHEST:
+            last += _GROWTH
         else:
-            return coarse
+            return list(zip(heights, values, strict=True))
 
 
-def _around(height: float, step: float, lowest: float) -> Iterator[float]:
-    return (float(max(lowest, height + step * part)) for part in _FINE)
+def _far_below(wells: list[dict[float, float]], height: float, limit: float, diameter: float) -> dict[float, float]:
+    """Return the lowest well far below a height [m] whose rating is within `limit` [m]; empty where there is none."""
+    far = [
+        (bottom, well)
+        for well in wells
+        for bottom in [min(well, key=well.__getitem__)]
+        if _FAR * (bottom - diameter) < height - diameter and well[bottom] <= limit
+    ]
+    return min(far, key=lambda item: item[0], default=(0.0, {}))[1]
 
 
-def _rate(rate: Rating, heights: list[float]) -> list[tuple[float, float]]:
-    """Return (height [m], rating [m]); a height is given up as soon as it is surely worse than the best so far."""
-    rated: list[tuple[float, float]] = []
-    limit = math.inf
-    for height in heights:
-        rated.append((height, rate(height, limit)))
-        limit = min(limit, rated[-1][1] * (1.0 + FLAT))
-    return rated
-
-
-def _lowest(rate: Rating, rated: list[tuple[float, float]], coarse: list[tuple[float, float]]) -> float:
-    """Return the lowest height whose rating is within `FLAT` of the least, by bisection below the best of the grid."""
-    limit = (1.0 + FLAT) * min(value for _, value in rated)
-    good = min(h for h, value in rated if value <= limit)
-    plateau = (h for h, value in coarse if value <= limit and h < good)
-    good = next((h for h in plateau if rate(h, limit) <= limit), good)
-    bad = max([h for h, _ in (*rated, *coarse) if h < good], default=good)
-    for _ in range(_BISECTIONS if bad < good else 0):
-        middle = 0.5 * (bad + good)
-        good, bad = (middle, bad) if rate(middle, limit) <= limit else (good, middle)
-    return good
+def _lowest(search: Search, rated: dict[float, float], coarse: list[Rated]) -> float:
+    """Return the lowest height whose rating is within `FLAT` of the least, sought also below the best of the grid."""
+    limit = (1.0 + FLAT) * min(rated.values())
+    good = min(h for h, value in rated.items() if value <= limit)
+    plateau = [h for h, value in coarse if value <= limit and h < good]
+    good = min([h for h, value in search.rate(plateau, limit=limit).items() if value <= limit], default=good)
+    bad = max([h for h in (*rated, *(h for h, _ in coarse)) if h < good], default=good)
+    between = [bad + (good - bad) * k / (_BETWEEN + 1) for k in range(1, _BETWEEN + 1)] if bad < good else []
+    return min([h for h, value in search.rate(between, limit=limit).items() if value <= limit], default=good)

@@ -24,6 +24,9 @@ Path = tuple[tuple[float, float], ...]
 _FIRST_STEP = 0.05
 _BUDGET = 5_000_000
 
+#: Unrest up to which a motion counts as regular [-].
+_REGULAR = 0.02
+
 _NO_SAMPLES = np.zeros((state.ROWS, 0))
 _NO_LOG = np.zeros((0, state.COLUMNS))
 
@@ -34,6 +37,19 @@ class Timing:
 
     settle: float  # from the moment the ceiling stands until the window [periods]
     window: float  # in which the amplitude is taken [periods]
+
+
+@dataclass(frozen=True)
+class Response:
+    """What the beam did in a window."""
+
+    amplitude: float  # half peak-to-peak [m]
+    unrest: float  # largest change of the beam between periods of the same parity, over the amplitude [-]
+
+    @property
+    def regular(self) -> bool:
+        """Whether the motion repeats, each period or each second one."""
+        return self.unrest <= _REGULAR
 
 
 class Rig:
@@ -95,42 +111,39 @@ class Rig:
         y[state.FIRST_STEP] = _FIRST_STEP
         return y, n
 
-    def follow(self, amplitude: float, path: Path, timing: Timing) -> float:
-        """Return half the beam's range [m] in the window after the ceiling went the path ((t [s], h [m]), ...).
+    def follow(self, amplitude: float, path: Path, timing: Timing) -> Response:
+        """Return what the beam does in the window after the ceiling went the path ((t [s], h [m]), ...).
 
         The run starts in the closed damper's steady state at time zero, the ceiling at the path's first height.
         """
-        y, _ = self.carry(amplitude, path, timing)
-        return float(0.5 * (y[state.HIGHEST] - y[state.LOWEST]))
+        strobe = np.zeros((state.ROWS, int(timing.window)))
+        y, _ = self.carry(amplitude, path, timing, strobe)
+        size = float(0.5 * (y[state.HIGHEST] - y[state.LOWEST]))
+        beam = strobe[state.S_BEAM]
+        unrest = max(float(np.ptp(beam[parity::2])) for parity in (0, 1)) / size if size > 0.0 else 0.0
+        return Response(size, unrest)
 
     def carry(
-        self, amplitude: float, path: Path, timing: Timing, log: Array = _NO_LOG
+        self, amplitude: float, path: Path, timing: Timing, out: Array = _NO_SAMPLES, log: Array = _NO_LOG
     ) -> tuple[Array, NDArray[np.int64]]:
-        """As `follow`, but return the whole last state; impacts are written to `log` (capacity, 3)."""
+        """As `follow`, but return the last state; fill `out` (6, n) once a period and `log` (capacity, 3) with impacts."""
         begin = path[-1][0] + timing.settle * self.period
         end = begin + timing.window * self.period
         rows = drive.cut(drive.harmonic_rows([(0.0, amplitude)], self.frequency, end), [begin])
         y, n = self.closed_state(amplitude)
-        outcome = self._run(
-            drive.with_ceiling(rows, path), y, n, (begin, end), (0.0, 1.0), _NO_SAMPLES, log, _BUDGET
-        )
+        table = drive.with_ceiling(rows, path)
+        outcome = self._run(table, y, n, (begin, end), (begin, self.period), out, log, _BUDGET)
         if outcome != Outcome.DONE:
             raise NumericalFailure(f"{Outcome(outcome).sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
         return y, n
 
-    def opened(self, amplitude: float, height: float, timing: Timing, travel: float = 0.0) -> float:
-        """Return the amplitude [m] at a height reached from the closed damper in `travel` seconds (0: at once)."""
+    def opened(self, amplitude: float, height: float, timing: Timing, travel: float = 0.0) -> Response:
+        """Return the response at a height reached from the closed damper in `travel` seconds (0: at once)."""
         path = ((0.0, height),) if travel == 0.0 else ((0.0, self.diameter), (travel, height))
         return self.follow(amplitude, path, timing)
 
-    def lowered(self, amplitude: float, height: float, timing: Timing, travel: float) -> float:
-        """Return the amplitude [m] at a height reached from a quarter more clearance, where the motion had settled."""
-        above = self.diameter + 1.25 * (height - self.diameter)
+    def passed(self, amplitude: float, height: float, timing: Timing, travel: float, share: float) -> Response:
+        """Return the response at a height reached in `travel` seconds from `share` of its clearance, settled there."""
+        before = self.diameter + share * (height - self.diameter)
         rest = 0.5 * timing.settle * self.period
-        return self.follow(amplitude, ((0.0, above), (rest, above), (rest + travel, height)), timing)
-
-    def raised(self, amplitude: float, height: float, timing: Timing, travel: float) -> float:
-        """Return the amplitude [m] at a height reached from half the clearance, where the motion had settled."""
-        below = self.diameter + 0.5 * (height - self.diameter)
-        rest = 0.5 * timing.settle * self.period
-        return self.follow(amplitude, ((0.0, below), (rest, below), (rest + travel, height)), timing)
+        return self.follow(amplitude, ((0.0, before), (rest, before), (rest + travel, height)), timing)

@@ -15,7 +15,7 @@ from rclpy.task import Future
 
 from atpid_sim.nodes.twice import claim
 
-BAD_INPUT = 2
+BAD_INPUT, NUMERICAL_FAILURE = 2, 3
 
 
 class LastingNode(Protocol):
@@ -41,12 +41,12 @@ def run(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         return int(done.result()) if done.done() else 0
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
-    except ValueError as error:
+    except (ValueError, ArithmeticError) as error:
         # bad input has an error of our own; a plain ValueError is a mistake in the program and keeps its traceback
         if not type(error).__module__.startswith("atpid_"):
             raise
         print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
+        return BAD_INPUT if isinstance(error, ValueError) else NUMERICAL_FAILURE
     finally:
         leave(node)
 

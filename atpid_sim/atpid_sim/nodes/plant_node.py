@@ -41,8 +41,8 @@ DONE, BAD_INPUT, NUMERICAL_FAILURE = 0, 2, 3
 
 PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("scene", "", "scene file (docs/scenes.md)"),
-    ("lockstep", False, "true: the next block waits for the ceiling's answer to this one; false: paced by the steady clock"),
-    ("expect_recorder", False, "true: do not start before the recorder has received every topic, nor leave before its bag is closed"),
+    ("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
+    ("expect_recorder", False, "true: start when the recorder hears every topic, leave when it has closed"),
 )  # fmt: skip
 
 
@@ -63,6 +63,8 @@ class PlantNode(Node):
         scene = load_scene(self.get_parameter("scene").value)
         self._lockstep = bool(self.get_parameter("lockstep").value)
         self._expect_recorder = bool(self.get_parameter("expect_recorder").value)
+        # once for nothing: loading, or even compiling, the kernels must not fall into the first block's time
+        Stream(scene, make_plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
         self.stream = Stream(scene, make_plant(scene))
         self.done: Future = Future()
         self.failure = ""  # what went wrong with the plant, one sentence
@@ -158,7 +160,12 @@ class PlantNode(Node):
             return
         self._worst_lag = max(self._worst_lag, lag)
         if lag > self.stream.block_seconds >= self._behind:
-            self._tell(Event.WARNING, "behind", lag, f"the plant is {lag:.3f} s behind real time: the machine is too slow or too busy")
+            self._tell(
+                Event.WARNING,
+                "behind",
+                lag,
+                f"the plant is {lag:.3f} s behind real time: the machine is too slow or too busy",
+            )
         self._behind = lag
         self._next_block()
 
@@ -184,7 +191,9 @@ class PlantNode(Node):
             # before publishing: in one process the answer may come back at once
             self._awaited = self._last_stamp()
         for reading in block.readings:
-            self._sensors[reading.instrument.device].publish(sample_block(reading, self._start_ns, f"plant:{reading.instrument.device}"))
+            self._sensors[reading.instrument.device].publish(
+                sample_block(reading, self._start_ns, f"plant:{reading.instrument.device}")
+            )
         self._truth.publish(truth_message(block, self._start_ns, "plant"))
         if self.stream.finished and not self._lockstep:
             self._end(Event.INFO, DONE, self._summary())
@@ -220,7 +229,9 @@ class PlantNode(Node):
         self._pace_timer.cancel()
         self._tell(severity, "finished", self.stream.computed_ticks / self.stream.rate, text)
         self._ended = status
-        self._leave_timer = self.create_timer(HELLO_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._leave_timer = self.create_timer(
+            HELLO_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     def _leave_when_heard(self) -> None:
         if self._expect_recorder and self._recorder is not None and self._recorder.recording:

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The equations of motion as everybody else writes them: one right-hand side, contact forces switched by the overlap.
 
-State (6,): beam displacement [m] and velocity [m/s], grain displacement and velocity, then two integrals that only watch:
-work done by the support [J], and all work done on beam and grain [J], which the ledger holds against the energy gained.
+State (6,): beam displacement [m] and velocity [m/s], grain displacement and velocity, then two integrals that only
+watch: work done by the support [J], and all work done on beam and grain [J], which the ledger holds against the energy
+gained.
 
-What a row needs is packed in one array (24,), so that a call from Python costs as little as it can: the drive row (12,),
-the system (6,), the law's number, and the first five of its parameters.
+What a row needs is packed in one array (24,), so that a call from Python costs as little as it can: the drive row
+(12,), the system (6,), the law's number, and the first five of its parameters.
 """
 
 from __future__ import annotations

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import odeint, solve_ivp
+from scipy.integrate import BDF, LSODA, RK45, ODEintWarning, OdeSolver, Radau, odeint
 
 from atpid_sim.contact import Contact, contact_of
 from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
@@ -28,7 +31,9 @@ Array = NDArray[np.float64]
 _POINTS = 64
 #: Absolute over relative tolerance [m, m/s]: resolves an overlap of 0.1 mm as finely as a displacement of 0.1 m asks.
 _ABSOLUTE = 1e-3
-_BUDGET = 200_000_000
+#: Steps after which a peer is given up: compiled loops, and loops that call back into Python.
+_BUDGET = 50_000_000
+_PATIENCE = 1_000_000
 #: Points the window may hold.
 _ROOM = 4_000_000
 
@@ -75,10 +80,15 @@ class _Task:
         """Return what the right-hand side needs in this row, (24,)."""
         return pack(row, self.system, self.contact)
 
+    def instants(self, row: Array) -> Array:
+        """Return the local times (n,) [s] at which a row in the window is looked at; none outside."""
+        length = row[drive.END] - row[drive.START]
+        return np.linspace(0.0, length, max(2, math.ceil(_POINTS * length / self.period)) if self.inside(row) else 0)
+
     def inside(self, row: Array) -> bool:
         """Whether a row lies in the window."""
         middle = 0.5 * (row[drive.START] + row[drive.END])
-        return self.window[0] <= middle <= self.window[1]
+        return bool(self.window[0] <= middle <= self.window[1])
 
 
 @dataclass
@@ -92,6 +102,11 @@ class _Track:
     message: str = ""
     escaped: bool = False
 
+    def watch(self, task: _Task, row: Array, tau: float, y: Array) -> None:
+        """See whether the grain is still between the walls at local time tau [s]."""
+        centre = y[2] - y[0] + task.system.radius
+        self.escaped |= bool(centre < 0.0 or centre > row[drive.HEIGHT] + row[drive.HEIGHT_RATE] * tau)
+
     def keep(self, task: _Task, row: Array, points: Array, inside: bool) -> None:
         """Keep points (n, 5) of a row that lies in the window; watch the grain in all."""
         height = row[drive.HEIGHT] + row[drive.HEIGHT_RATE] * (points[:, 0] - row[drive.START])
@@ -101,14 +116,22 @@ class _Track:
             self.points.append(points)
 
 
+class _Instant(NamedTuple):
+    """One state (6,) at a local time [s]."""
+
+    time: float
+    state: Array
+
+
 _Method = Callable[[_Task, float], _Track]
 
 
 def run_peer(scene: Scene, method: str, tolerance: float) -> PeerResult:
     """Run `scene` by the `method` (a key of PEERS) at a relative `tolerance` [-], for rk4 the step [s].
 
-    The absolute tolerance is 1e-3 of the relative one, in SI units. The scene's controller is not run: a controlled ceiling stays closed. Raises PeerError for a law without
-    a force of overlap and rate alone (impact, walton_braun), or a method it does not know.
+    The absolute tolerance is 1e-3 of the relative one, in SI units. The scene's controller is not run: a controlled
+    ceiling stays closed. Raises PeerError for a method it does not know, or a law whose force is not one of overlap and
+    rate alone (impact, walton_braun).
     """
     if method not in PEERS:
         raise PeerError(f"method: given {method!r}; allowed: {', '.join(PEERS)}")
@@ -173,40 +196,59 @@ def _residual(task: _Task, final: Array) -> float:
 
 def _scipy(name: str) -> _Method:
     def run(task: _Task, rtol: float) -> _Track:
-        return _run_scipy(task, name, rtol)
+        return _run_scipy(task, _SOLVERS[name], rtol)
 
     return run
 
 
-def _run_scipy(task: _Task, name: str, rtol: float) -> _Track:
+def _run_scipy(task: _Task, solver_class: type[OdeSolver], rtol: float) -> _Track:
+    """Carry a task by one of scipy's solvers, step by step as `solve_ivp` does, but with an end to its patience."""
     track = _Track([], task.start.copy())
     # the last two states only watch: they must not steer the step
     atol = np.array([_ABSOLUTE * rtol] * 4 + [1e6] * 2)
     for row in task.rows:
-        q, length, inside = task.packed(row), row[drive.END] - row[drive.START], task.inside(row)
-        at = np.linspace(0.0, length, max(2, math.ceil(_POINTS * length / task.period))) if inside else None
-        # the implicit methods widen the difference of a state that acts on nothing until it overflows: harmless
-        with np.errstate(over="ignore"):
-            solved = solve_ivp(slope, (0.0, length), track.final, method=name, rtol=rtol, atol=atol, t_eval=at, args=(q,))
-        track.steps += len(solved.t)
-        track.evaluations += solved.nfev
-        if not solved.success:
-            track.message = str(solved.message)
+        q, length = task.packed(row), float(row[drive.END] - row[drive.START])
+        at = task.instants(row)
+        solver = solver_class(partial(_slope_of, q), 0.0, track.final, length, rtol=rtol, atol=atol)
+        found = [_Instant(0.0, track.final)] if len(at) else []
+        while solver.status == "running" and track.steps < _PATIENCE:
+            # the implicit methods widen the difference of a state that acts on nothing until it overflows: harmless
+            with np.errstate(over="ignore"):
+                said = solver.step()
+            track.steps += 1
+            track.message = said or ""
+            passed = at[(at > solver.t_old) & (at <= solver.t)] if len(at) else at
+            if len(passed):
+                dense = solver.dense_output()
+                found += [_Instant(float(t), dense(t)) for t in passed]
+            track.watch(task, row, solver.t, solver.y)
+        track.evaluations += solver.nfev
+        track.final = solver.y.copy()
+        if solver.status != "finished":
+            track.message = track.message or f"gave up after {_PATIENCE} steps"
             break
-        track.final = solved.y[:, -1].copy()
-        track.keep(task, row, _points(solved.t, solved.y, q), inside)
+        if found:
+            states = np.array([instant.state for instant in found]).T
+            track.keep(task, row, _points(np.array([instant.time for instant in found]), states, q), True)
     return track
+
+
+def _slope_of(q: Array, tau: float, y: Array) -> Array:
+    return np.asarray(slope(tau, y, q))
 
 
 def _odeint(task: _Task, rtol: float) -> _Track:
     track = _Track([], task.start.copy())
     atol = np.array([_ABSOLUTE * rtol] * 4 + [1e6] * 2)
     for row in task.rows:
-        q, length, inside = task.packed(row), row[drive.END] - row[drive.START], task.inside(row)
-        at = np.linspace(0.0, length, max(2, math.ceil(_POINTS * length / task.period)) if inside else 2)
-        states, told = odeint(
-            slope, track.final, at, args=(q,), tfirst=True, rtol=rtol, atol=atol, mxstep=_BUDGET, full_output=True
-        )
+        q, inside = task.packed(row), task.inside(row)
+        at = task.instants(row) if inside else np.array([0.0, row[drive.END] - row[drive.START]])
+        with warnings.catch_warnings():
+            # what it has to say is in its message, which the result carries
+            warnings.simplefilter("ignore", ODEintWarning)
+            states, told = odeint(
+                slope, track.final, at, args=(q,), tfirst=True, rtol=rtol, atol=atol, mxstep=_PATIENCE, full_output=True
+            )
         track.steps += int(told["nst"][-1])
         track.evaluations += int(told["nfe"][-1])
         if told["message"] != "Integration successful.":
@@ -256,8 +298,10 @@ def _classical(task: _Task, step: float) -> _Track:
     return track
 
 
-#: The methods the thesis compared (LSODE as LSODA, Rosenbrock as Radau) and the usual ones beside them. `odeint` is LSODA
-#: too, through scipy's older interface, whose loop over the steps is compiled: the fastest LSODA Python has.
+_SOLVERS: dict[str, type[OdeSolver]] = {"LSODA": LSODA, "RK45": RK45, "Radau": Radau, "BDF": BDF}
+
+#: The methods the thesis compared (LSODE as LSODA, Rosenbrock as Radau) and the usual ones beside them. `odeint` is
+#: LSODA too, through scipy's older interface, whose loop over the steps is compiled: the fastest LSODA scipy has.
 PEERS: dict[str, _Method] = {
     "lsoda": _scipy("LSODA"),
     "odeint": _odeint,

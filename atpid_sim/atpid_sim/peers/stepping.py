@@ -53,8 +53,8 @@ def _error(h, y, new, k, d, rtol, atol):  # type: ignore[no-untyped-def]
 def adaptive_row(q, a, c, b, d, order, rtol, atol, longest, y, h, budget, kept, fill):  # type: ignore[no-untyped-def]
     """Carry y (6,) through the row packed in q (24,) with error control; return (next step, steps tried, points kept).
 
-    The pair: stages a (s, s), nodes c, weights b, error weights d (s,), order. No step is longer than `longest` [s]; after
-    `budget` steps it stops. Step ends go to `kept` (n, 5) from row `fill` on: t, x, v, acceleration, grain.
+    The pair: stages a (s, s), nodes c, weights b, error weights d (s,), order. No step is longer than `longest` [s];
+    after `budget` steps it stops. Step ends go to `kept` (n, 5) from row `fill` on: t, x, v, acceleration, grain.
     """
     k = np.zeros((b.shape[0], 6))
     new = np.zeros(6)
@@ -87,7 +87,7 @@ def classical_row(q, step, y, stride, kept, fill):  # type: ignore[no-untyped-de
     The classical method of fourth order, written out: its stages need no table. Every `stride`-th point is kept.
     """
     length = q[1] - q[0]
-    count = max(1, int(math.ceil(length / step - 1e-9)))
+    count = max(1, math.ceil(length / step - 1e-9))
     h = length / count
     x, v, z, w, given, work = y
     start = drive_at(0.0, q)

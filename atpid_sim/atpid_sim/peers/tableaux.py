@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 class Tableau(NamedTuple):
-    """An explicit pair: stage matrix (s, s), nodes (s,), weights (s,), weights minus embedded weights (s,), order of the error."""
+    """An explicit pair: stages (s, s), nodes (s,), weights (s,), weights less embedded ones (s,), order of error."""
 
     stages: Array
     nodes: Array

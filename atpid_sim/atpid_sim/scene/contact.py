@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from atpid_sim.scene.fields import Block, NotNegative, Number, Positive, Share, impossible
+from atpid_sim.scene.fields import Block, NotNegative, Number, Positive, Share, Words, impossible
 
 Poisson = Annotated[Number, Field(gt=-1, le=0.5)]
 
@@ -103,9 +103,9 @@ class WaltonBraunContact(Block):
         return self
 
 
-def _given(block: Block, *keys: str) -> str:
+def _given(block: Block, *keys: str) -> Words:
     present = [key for key in keys if getattr(block, key) is not None]
-    return " and ".join(present) or "neither"
+    return Words(" and ".join(present) or "neither")
 
 
 def _law(value: Any) -> str | None:

@@ -26,6 +26,13 @@ Fraction = Annotated[Number, Field(gt=0, lt=1)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 
 
+class Words(str):
+    """What was given, where that is not a value but has to be described."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
 def impossible(key: str, given: object, allowed: str) -> PydanticCustomError:
     """Return the error for a value that reads well and cannot be: key, what was given, what is allowed."""
     return PydanticCustomError("impossible", "{allowed}", {"key": key, "given": given, "allowed": allowed})

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control bench SCENE.yaml --out DIR [--real-time]`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from types import FrameType
+
+from atpid_sim.scene import ControlledCeiling, Scene, load_scene
+from rich.console import Console
+
+from atpid_control.bagread import open_bag
+from atpid_control.bench import outdir
+from atpid_control.bench.domain import own_domain
+from atpid_control.bench.graph import parameters_for, write_parameters
+from atpid_control.bench.lockstep import run_lockstep
+from atpid_control.bench.maps import map_for
+from atpid_control.bench.progress import shown
+from atpid_control.bench.realtime import run_realtime
+from atpid_control.bench.summary import show, summary_of, write_summary
+from atpid_control.selection import make_selector
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("scene", type=Path, help="scene file (docs/scenes.md)")
+    parser.add_argument("--out", type=Path, required=True, help="folder for bag, summary and report; an earlier run is kept")
+    parser.add_argument("--real-time", action="store_true", help="every node its own process, paced by the clock")
+    parser.add_argument("--domain", type=int, help="ROS domain to use; default: a free one")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the bench; return 0. Raises the errors the command line turns into status 2 and 3."""
+    scene = load_scene(args.scene)
+    scene_file, out = args.scene.resolve(), args.out.resolve()
+    height_map = map_for(scene)
+    if isinstance(scene.ceiling, ControlledCeiling):
+        # refused here, before an earlier run is moved or a node started, and in one line
+        make_selector(scene.ceiling.controller, scene, height_map)
+    moved = outdir.prepare(out)
+    outdir.mark(out, scene_file)
+    if moved:
+        print(f"an earlier run was moved to {moved}", file=sys.stderr)
+    _run_graph(args, scene, scene_file, height_map, out)
+    return _conclude(scene, out, "real time" if args.real_time else "lockstep")
+
+
+def _run_graph(args: argparse.Namespace, scene: Scene, scene_file: Path, height_map: Path | None, out: Path) -> None:
+    parameters = parameters_for(scene, scene_file, height_map, out / "bag", lockstep=not args.real_time)
+    parameter_file = out / "parameters.yaml"
+    parameters["recorder_node"]["files"] = [str(parameter_file)]
+    write_parameters(parameters, parameter_file)
+    os.environ["ROS_LOG_DIR"] = str(out / "log")
+    with own_domain(args.domain), _stoppable(), shown(scene.duration, args.scene.name) as progress:
+        try:
+            if args.real_time:
+                run_realtime(parameter_file, out / "log", progress)
+            else:
+                run_lockstep(parameters, progress)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"stopped before the end; the bag is closed: {out / 'bag'}") from None
+
+
+def _conclude(scene: Scene, out: Path, mode: str) -> int:
+    """Write summary and report, print the table."""
+    # here, so that the run itself does not wait for the drawing libraries
+    from atpid_control.report import report, stages
+
+    bag = open_bag(out / "bag")
+    summary = summary_of(bag, [asdict(stage) for stage in stages(bag)], scene, mode)
+    write_summary(summary, out / "summary.json")
+    show(summary, bag, scene, Console(width=None if sys.stdout.isatty() else 160))
+    page = report(bag, out)
+    print(f"bag {out / 'bag'}, summary {out / 'summary.json'}, report {page}")
+    return 0
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end the run alike: nodes stopped, bag closed. A shell's background jobs ignore SIGINT else."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

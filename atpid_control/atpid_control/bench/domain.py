@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS domain of the bench's own, so that two benches, or a bench and a stand, never hear each other."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from collections.abc import Iterator, MutableMapping
+from contextlib import contextmanager, suppress
+
+from atpid_control.bench.errors import BenchError
+
+#: Domains whose ports lie below Linux's ephemeral range, without 0, where everybody else is.
+LOWEST, HIGHEST = 1, 101
+# DDS: port of the domain's multicast and of its first participant (RTPS 2.5, section 9.6.2.3)
+_BASE, _GAIN, _FIRST_UNICAST = 7400, 250, 10
+
+
+@contextmanager
+def own_domain(wanted: int | None = None, environment: MutableMapping[str, str] = os.environ) -> Iterator[int]:
+    """Claim a free domain, or the `wanted` one, and set it in `environment`, with discovery on this machine only.
+
+    The range chosen by the user (ROS_AUTOMATIC_DISCOVERY_RANGE) stays. Raises BenchError where none is free.
+    """
+    domain, holder = _claim(wanted)
+    before = {key: environment.get(key) for key in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")}
+    environment["ROS_DOMAIN_ID"] = str(domain)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    try:
+        yield domain
+    finally:
+        holder.close()
+        for key, value in before.items():
+            if value is None:
+                environment.pop(key, None)
+            else:
+                environment[key] = value
+
+
+def _claim(wanted: int | None) -> tuple[int, socket.socket]:
+    if wanted is not None and not 0 <= wanted <= 232:
+        raise BenchError(f"--domain: given {wanted}; allowed: 0 to 232")
+    # starting from the process id, benches started together look in different places first
+    span = HIGHEST - LOWEST + 1
+    candidates = [wanted] if wanted is not None else [LOWEST + (os.getpid() + k) % span for k in range(span)]
+    for domain in candidates:
+        holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        with suppress(OSError):
+            # held for the whole run: between the look at the ports and the first node, somebody else may look
+            holder.bind(f"\0atpid/bench/domain/{domain}")
+            if wanted is not None or is_quiet(domain):
+                return domain, holder
+        holder.close()
+    if wanted is not None:
+        raise BenchError(
+            f"--domain: given {wanted}, where another bench is running; leave it out to have a free one chosen"
+        )
+    raise BenchError(
+        f"no free ROS domain between {LOWEST} and {HIGHEST}: stop other ROS programs, or name one with --domain"
+    )
+
+
+def is_quiet(domain: int) -> bool:
+    """Whether no DDS participant on this machine has opened the domain's ports."""
+    base = _BASE + _GAIN * domain
+    for port in (base, base + _FIRST_UNICAST):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", port))
+            except OSError as error:
+                if error.errno == errno.EADDRINUSE:
+                    return False
+                raise
+    return True

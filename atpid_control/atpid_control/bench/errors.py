@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a bench run can fail."""
+
+from __future__ import annotations
+
+
+class BenchError(ValueError):
+    """The bench cannot run as asked; the message is one line that says why and what to do."""
+
+
+class NodeDiedError(BenchError):
+    """A node ended before the run did."""
+
+
+class PlantFailedError(ArithmeticError):
+    """The simulated plant failed numerically; the message is its own sentence."""

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The output folder: the newest run lies at its top, older ones are moved aside, and nothing is ever deleted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from atpid_control.bench.errors import BenchError
+
+#: Written first: it says that what lies beside it was made by the bench.
+MARKER = "bench.json"
+
+
+def prepare(out: Path) -> Path | None:
+    """Make `out` ready for a run; return where an earlier run of the bench was moved to, if there was one.
+
+    Raises BenchError where `out` is not a folder, cannot be written, or holds files the bench did not write.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        moved = _move_earlier(out)
+        (out / "log").mkdir(exist_ok=True)
+    except OSError as error:
+        raise BenchError(f"--out: given {out}: {error.strerror}; give a folder that can be written") from None
+    return moved
+
+
+def mark(out: Path, scene: Path) -> None:
+    """Note which files and folders at the top of `out` belong to the run of `scene` that begins now."""
+    (out / MARKER).write_text(json.dumps({"scene": str(scene), "layout": 1}) + "\n", encoding="utf-8")
+
+
+def _move_earlier(out: Path) -> Path | None:
+    present = [item for item in out.iterdir() if not _is_earlier_run(item)]
+    if not present:
+        return None
+    if not (out / MARKER).is_file():
+        names = ", ".join(sorted(item.name for item in present)[:3])
+        raise BenchError(
+            f"--out: given {out}, which holds files that are not the bench's ({names}); give an empty or a new folder"
+        )
+    number = 1 + max((int(item.name[4:]) for item in out.iterdir() if _is_earlier_run(item)), default=0)
+    target = out / f"run-{number:04d}"
+    target.mkdir()
+    for item in present:
+        item.rename(target / item.name)
+    return target
+
+
+def _is_earlier_run(item: Path) -> bool:
+    return item.is_dir() and item.name.startswith("run-") and item.name[4:].isdigit()

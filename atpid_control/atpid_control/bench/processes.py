@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes: started together, watched, and stopped one after the other so that the bag gets everything."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from atpid_control.bench.errors import BenchError, NodeDiedError
+
+#: How long a node may take to leave after SIGINT, and after SIGTERM, before it is killed [s].
+_PATIENCE = 10.0
+_LAST_WORDS = 3
+
+
+class NodeProcess:
+    """One node's process; what it says goes to its log file."""
+
+    def __init__(self, name: str, command: Sequence[str], log: Path) -> None:
+        """Start it, in a session of its own: Ctrl-C at the terminal reaches the bench, which stops them in order."""
+        self.name, self.log = name, log
+        environment = os.environ | {"PYTHONUNBUFFERED": "1", "RCUTILS_COLORIZED_OUTPUT": "0"}
+        with log.open("wb") as sink:
+            try:
+                self._process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=sink,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
+                    start_new_session=True,
+                )
+            except OSError as error:
+                raise BenchError(f"{name}: {command[0]} cannot be started: {error.strerror}; `make setup`") from None
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """Exit status; None while it runs."""
+        return self._process.poll()
+
+    def wait(self) -> int:
+        """Wait until it has ended; return its exit status."""
+        return self._process.wait()
+
+    def last_words(self) -> str:
+        """Return the last lines of its log, as one."""
+        lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
+        return " / ".join(lines[-_LAST_WORDS:]) or "it said nothing"
+
+    def stop(self) -> None:
+        """Ask it to leave; insist when it does not."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            if self.status is not None:
+                return
+            self._process.send_signal(number)
+            try:
+                self._process.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                continue
+
+
+class Processes:
+    """All nodes of a run, as a context: leaving it leaves no process behind."""
+
+    def __init__(self, commands: Iterable[tuple[str, Sequence[str]]], logs: Path) -> None:
+        """Take (name, command) in the order of stopping: sources first, the recorder last."""
+        self._commands, self._logs = list(commands), logs
+        self.nodes: list[NodeProcess] = []
+
+    def __enter__(self) -> Processes:
+        """Start all of them."""
+        try:
+            for name, command in self._commands:
+                self.nodes.append(NodeProcess(name, command, self._logs / f"{name}.log"))
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop them."""
+        self.stop()
+
+    def stop(self) -> None:
+        """Stop one after the other; a second Ctrl-C must not leave half of them behind."""
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            for node in self.nodes:
+                node.stop()
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    def check(self, except_for: str) -> None:
+        """Raise NodeDiedError, naming it and its last words, if any node but `except_for` has ended."""
+        for node in self.nodes:
+            if node.status is not None and node.name != except_for:
+                raise NodeDiedError(
+                    f"{node.name} ended with status {node.status}: {node.last_words()} (whole log: {node.log})"
+                )
+
+    def __getitem__(self, name: str) -> NodeProcess:
+        """Return the node called `name`."""
+        return next(node for node in self.nodes if node.name == name)

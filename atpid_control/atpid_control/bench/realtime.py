@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real-time bench: every node its own process, as on the stand, started together and stopped together."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from atpid_control.bench.errors import BenchError, PlantFailedError
+from atpid_control.bench.graph import PARTS
+from atpid_control.bench.processes import Processes
+
+#: Five interpreters load their libraries, and after an update compile their kernels, before the first hello [s].
+_START_PATIENCE = 180.0
+#: Data may stop for so long before the run is given up [s].
+_LOOP_PATIENCE = 20.0
+_FAILED = 3
+
+
+def run_realtime(parameter_file: Path, logs: Path, progress: Callable[[float], None]) -> None:
+    """Run the graph until the plant has finished; `progress` is told the data time [s].
+
+    Raises NodeDiedError where a node ends early, PlantFailedError where the plant does, BenchError where data stop.
+    KeyboardInterrupt passes through after all nodes have been stopped and the bag is closed.
+    """
+    commands = [
+        (part.name, [str(part.executable), "--ros-args", "--params-file", str(parameter_file)]) for part in PARTS
+    ]
+    # nodes/ alone imports rclpy; by name, so that this module can be read, tested and linted without it
+    watching = importlib.import_module("atpid_control.nodes.bench_watch").watching
+    with Processes(commands, logs) as nodes, watching() as (watch, listen):
+        plant = nodes["plant_node"]
+        elapsed, since = 0.0, time.monotonic()
+        while plant.status is None:
+            listen()
+            nodes.check(except_for="plant_node")
+            if watch.elapsed != elapsed:
+                elapsed, since = watch.elapsed, time.monotonic()
+                progress(elapsed)
+            elif time.monotonic() - since > (_LOOP_PATIENCE if elapsed else _START_PATIENCE):
+                raise BenchError(
+                    f"no estimate for {time.monotonic() - since:.0f} s, at {elapsed:.1f} s of the run: see {logs}"
+                )
+        if plant.status == _FAILED:
+            raise PlantFailedError(watch.failure or plant.last_words())
+        if plant.status != 0:
+            nodes.check(except_for="")

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When to select a new height, and when to leave the ceiling alone (docs/graph.md, "When the ceiling moves").
+
+A ceiling too low only damps less; a ceiling too high lets the grain miss its beat, and the amplitude jumps ("rumble").
+An estimate lags behind a ramp, being a mean over its window: on a rising ramp it is too low, which is the safe side, so
+the ceiling may follow; on a falling one it is too high, so it must follow at once. A single jump is not a ramp.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import pairwise
+
+
+OFF_RESONANCE = "frequency off resonance"
+
+
+class HoldError(ValueError):
+    """Contradictory settings of the dead band and hold."""
+
+
+class Quality(IntEnum):
+    """Quality of an estimate, as in Excitation.msg."""
+
+    NONE = 0
+    STEADY = 1
+    TRANSIENT = 2
+    POOR = 3
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the hold needs to know; no value here has a physical default, the parameter file says them."""
+
+    dead_band: float  # relative change of amplitude that moves nothing [-]
+    sigmas: float  # a change must also exceed this many standard deviations [-]
+    steady_count: int  # consecutive agreeing steady estimates that are acted on
+    rising_count: int  # consecutive rising estimates, each above the dead band, that are a ramp to follow
+    falling_count: int  # consecutive estimates below the dead band before it goes down
+    frequency: float  # frequency the heights are made for [Hz]
+    frequency_tolerance: float  # relative distance from it that is still on resonance [-]
+
+    def __post_init__(self) -> None:
+        """Refuse settings that could not hold anything."""
+        limits = {
+            "dead_band": (self.dead_band, 0.0 <= self.dead_band < 1.0, "at least 0 and below 1"),
+            "sigmas": (self.sigmas, self.sigmas >= 0.0, "at least 0"),
+            "steady_count": (self.steady_count, self.steady_count >= 1, "at least 1"),
+            "rising_count": (self.rising_count, self.rising_count >= 2, "at least 2"),
+            "falling_count": (self.falling_count, self.falling_count >= 1, "at least 1"),
+            "frequency": (self.frequency, 0.0 < self.frequency < math.inf, "a positive number of hertz"),
+            "frequency_tolerance": (self.frequency_tolerance, self.frequency_tolerance > 0.0, "above 0"),
+        }
+        for name, (given, fine, allowed) in limits.items():
+            if not fine:
+                raise HoldError(f"{name}: given {given}; allowed: {allowed}")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The part of an Excitation message that decides."""
+
+    quality: int
+    amplitude: float  # [m]
+    amplitude_std: float  # [m]
+    frequency: float  # [Hz]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What to do now: select for `amplitude` [m], or stay; `refused` marks an estimate that must not be acted on."""
+
+    select: bool
+    reason: str
+    amplitude: float = math.nan
+    amplitude_std: float = math.nan
+    refused: bool = False
+
+
+class Hold:
+    """The dead band and hold: a state machine over estimates, without a clock of its own."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Start with nothing selected."""
+        self._settings = settings
+        self._acted = math.nan
+        self._failed = math.nan
+        self._rising: deque[Estimate] = deque(maxlen=max(settings.steady_count, settings.rising_count))
+        self._falling = 0
+
+    @property
+    def acted_amplitude(self) -> float:
+        """Amplitude the present height was selected for [m]; NaN: none yet."""
+        return self._acted
+
+    def judge(self, estimate: Estimate) -> Verdict:
+        """Return what to do about one more estimate. Answer a verdict to select with `acted` or `failed`."""
+        trouble = self._trouble(estimate)
+        if trouble:
+            self._forget()
+            # while the excitation changes a wrong frequency is no more than part of not being settled
+            settling = estimate.quality == Quality.TRANSIENT and trouble == OFF_RESONANCE
+            return Verdict(False, trouble, refused=estimate.quality != Quality.NONE and not settling)
+        if self._inside(estimate, self._acted):
+            self._forget()
+            return Verdict(False, "inside dead band")
+        if self._inside(estimate, self._failed):
+            return Verdict(False, "no height for this amplitude", refused=True)
+        if estimate.amplitude < self._acted:
+            return self._judge_falling(estimate)
+        return self._judge_rising(estimate)
+
+    def acted(self, amplitude: float) -> None:
+        """Take note that the ceiling goes where `amplitude` [m] wants it."""
+        self._acted, self._failed = amplitude, math.nan
+        self._forget()
+
+    def failed(self, amplitude: float) -> None:
+        """Take note that no height could be selected for `amplitude` [m]: do not ask again inside the dead band."""
+        self._failed = amplitude
+        self._forget()
+
+    def _judge_falling(self, estimate: Estimate) -> Verdict:
+        self._rising.clear()
+        self._falling += 1
+        if self._falling < self._settings.falling_count:
+            return Verdict(False, "falling, not yet sure")
+        return Verdict(True, "falling", estimate.amplitude, estimate.amplitude_std)
+
+    def _judge_rising(self, estimate: Estimate) -> Verdict:
+        self._falling = 0
+        self._rising.append(estimate)
+        if self._settled():
+            return Verdict(True, "selected", estimate.amplitude, estimate.amplitude_std)
+        if self._climbing():
+            return Verdict(True, "rising", estimate.amplitude, estimate.amplitude_std)
+        return Verdict(False, "waiting for a steady excitation")
+
+    def _settled(self) -> bool:
+        """Whether the last estimates are steady and agree with the newest."""
+        last = list(self._rising)[-self._settings.steady_count :]
+        enough = len(last) == self._settings.steady_count
+        return enough and all(
+            item.quality == Quality.STEADY and self._inside(item, last[-1].amplitude) for item in last
+        )
+
+    def _climbing(self) -> bool:
+        """Whether the last estimates rise one after the other."""
+        last = [item.amplitude for item in self._rising][-self._settings.rising_count :]
+        enough = len(last) == self._settings.rising_count
+        return enough and all(right > left for left, right in pairwise(last))
+
+    def _inside(self, estimate: Estimate, reference: float) -> bool:
+        """Whether a change from `reference` [m] is too small to matter or to be sure of; never, where there is none."""
+        if math.isnan(reference):
+            return False
+        noise = self._settings.sigmas * estimate.amplitude_std
+        return abs(estimate.amplitude - reference) <= max(self._settings.dead_band * reference, noise)
+
+    def _trouble(self, estimate: Estimate) -> str:
+        """Why the estimate must not be acted on; empty if it may."""
+        if estimate.quality == Quality.NONE:
+            return "no estimate yet" if math.isnan(self._acted) else "no estimate"
+        if estimate.quality == Quality.POOR:
+            return "poor estimate"
+        if not all(map(math.isfinite, (estimate.amplitude, estimate.amplitude_std, estimate.frequency))):
+            return "estimate is not a number"
+        if estimate.amplitude <= 0.0:
+            return "amplitude is not positive"
+        off = abs(estimate.frequency / self._settings.frequency - 1.0)
+        return "" if off <= self._settings.frequency_tolerance else OFF_RESONANCE
+
+    def _forget(self) -> None:
+        self._rising.clear()
+        self._falling = 0

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which groups of columns describe a window: decided by how much of the residual each explains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.identification import columns as col
+from atpid_control.identification.compiled import compiled
+from atpid_control.identification.linear import dot, explained, factor, gram, project
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: A sample this many robust standard deviations off the fit is a spike and no part of it.
+SPIKE = 6.0
+#: More spikes than this share of the samples are no spikes but a signal the model does not describe.
+SPIKES_AT_MOST = 0.15
+#: The fit takes no misfit below this share of the amplitude for a change: sensors are not better, nor is arithmetic.
+FLOOR = 1e-4
+#: Log-likelihood every further parameter has to bring before a group may join.
+PENALTY = 6.0
+#: Harmonics cannot be told from a change inside less than this many periods.
+HARMONICS_FROM = 1.5
+
+
+@compiled
+def chosen_columns(active: Flags) -> NDArray[np.int64]:
+    """Return the columns of the base and of the groups that joined."""
+    chosen = np.empty(col.COUNT, dtype=np.int64)
+    n = 0
+    for i in range(col.BASE):
+        chosen[n] = i
+        n += 1
+    for g in range(len(col.GROUPS)):
+        if active[g]:
+            for i in range(col.GROUPS[g][0], col.GROUPS[g][1]):
+                chosen[n] = i
+                n += 1
+    return chosen[:n]
+
+
+@compiled
+def residual_of(columns: Array, y: Array, tone: Array, active: Flags) -> Array:
+    """Return signal minus fit (n,), the columns of the tone being up to date."""
+    left = y.copy()
+    chosen = chosen_columns(active)
+    for k in range(chosen.size):
+        value = tone[2 + chosen[k]]
+        if value != 0.0:
+            column = columns[chosen[k]]
+            for i in range(left.size):
+                left[i] -= value * column[i]
+    return left
+
+
+@compiled
+def without_spikes(
+    columns: Array, signal: Array, tone: Array, scale: float, active: Flags, keep: Flags
+) -> tuple[Flags, bool]:
+    """Return which samples are no spikes, and whether what sticks out may be called spikes at all.
+
+    `columns` are those of all samples, `keep` marks the ones that took part in the fit.
+    """
+    count = signal.size
+    off = np.abs(residual_of(columns, signal, tone, active))
+    limit = SPIKE * 1.4826 * np.median(off[keep]) + 1e-9 * np.hypot(tone[2], tone[3])
+    fresh = off <= limit
+    longest = max(6.0, 0.06 * count * 2.0 * np.pi / (tone[1] * 2.0 * scale))
+    spikes, run = 0, 0
+    for i in range(count):
+        run = 0 if fresh[i] else run + 1
+        spikes += 0 if fresh[i] else 1
+        if run > longest:
+            return fresh, False
+    return fresh, spikes <= SPIKES_AT_MOST * count
+
+
+@compiled
+def _allowed(active: Flags, omega: float, hum: float, scale: float, step: float) -> Flags:
+    """Return the groups that may join: independent of what is there, and below the sampling's limit."""
+    allowed = ~active
+    periods = omega * scale / np.pi
+    allowed[1] &= periods >= HARMONICS_FROM and col.HIGHEST_HARMONIC * omega * step < 0.9 * np.pi
+    nearest = abs(hum / omega - min(max(np.round(hum / omega), 1.0), float(col.HIGHEST_HARMONIC))) * periods
+    allowed[2] &= hum > 0.0 and hum * step < 0.9 * np.pi and nearest > 1.0
+    allowed[6] &= periods >= HARMONICS_FROM
+    return allowed
+
+
+@compiled
+def best_group(
+    columns: Array, t: Array, y: Array, tone: Array, hum: float, scale: float, end: float, active: Flags
+) -> tuple[int, float]:
+    """Return the group that describes the residual best and the log-likelihood it brings; -1 where none is worth it."""
+    omega, n = tone[1], t.size
+    col.write_harmonics(columns)
+    col.write_changes(columns, t, end, 2.0 * np.pi / omega, tone[2], tone[3], scale)
+    allowed = _allowed(active, omega, hum, scale, 2.0 * scale / n)
+    left = residual_of(columns, y, tone, active)
+    everything = np.arange(col.COUNT)
+    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
+    gram(columns, everything, matrix)
+    project(columns, everything, left, vector)
+    total = dot(left, left) + n * FLOOR * FLOOR * (tone[2] * tone[2] + tone[3] * tone[3])
+    lower = np.zeros((col.COUNT, col.COUNT))
+    best, highest = -1, 0.0
+    for g in range(len(col.GROUPS)):
+        if not allowed[g]:
+            continue
+        trial = active.copy()
+        trial[g] = True
+        chosen = chosen_columns(trial)
+        if not factor(matrix, chosen, lower):
+            continue
+        ratio = total / max(total - explained(lower, vector, chosen), 1e-300)
+        freedom = n - chosen.size
+        gain = 0.5 * freedom * np.log(ratio) - PENALTY * (col.GROUPS[g][1] - col.GROUPS[g][0])
+        if g < col.STEADY_GROUPS:
+            gain -= PENALTY
+        if gain > highest:
+            best, highest = g, gain
+    return best, highest

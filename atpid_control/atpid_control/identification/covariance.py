@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the converged fit to the estimate: amplitude, phase and their standard deviations, residual, harmonics."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.identification import columns as col
+from atpid_control.identification.choice import chosen_columns, residual_of
+from atpid_control.identification.compiled import compiled
+from atpid_control.identification.linear import dot, factor, gram, inverse_corner, project, substitute
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+OK, AMPLITUDE, A_STD, OMEGA, O_STD, PHASE, P_STD = 0, 1, 2, 3, 4, 5, 6
+OFFSET, RESIDUAL, CONTENT, USED, CHANGE, SLOPE_STD = 7, 8, 9, 10, 11, 12
+RESULTS = 13
+
+
+@compiled
+def report(out: Array, columns: Array, y: Array, tone: Array, scale: float, centre: float, active: Flags) -> None:
+    """Write the estimate and its standard deviations from the covariance of the model that was chosen."""
+    chosen = chosen_columns(active)
+    omega, a, b, n = tone[1], tone[2], tone[3], y.size
+    col.write_harmonics(columns)
+    left = residual_of(columns, y, tone, active)
+    matrix, lower = np.zeros((col.COUNT, col.COUNT)), np.zeros((col.COUNT, col.COUNT))
+    gram(columns, chosen, matrix)
+    if n <= chosen.size or not factor(matrix, chosen, lower):
+        return
+    variance = dot(left, left) / (n - chosen.size)
+    c = inverse_corner(lower, chosen.size, 4)
+    amplitude = np.hypot(a, b)
+    if not amplitude > 0.0:
+        return
+    along, across = a / amplitude, b / amplitude
+    out[AMPLITUDE] = amplitude
+    spread = along * along * c[0, 0] + 2.0 * along * across * c[0, 1] + across * across * c[1, 1]
+    out[A_STD] = np.sqrt(variance * spread)
+    out[OMEGA] = omega
+    out[O_STD] = np.sqrt(variance * c[3, 3]) / (amplitude * scale)
+    out[PHASE] = np.arctan2(a, b) - omega * centre
+    # phase = atan2(a, b) + omega (end - centre): gradient with respect to a, b and the scaled rate
+    g0, g1, g3 = b / amplitude**2, -a / amplitude**2, -centre / (amplitude * scale)
+    out[P_STD] = np.sqrt(variance * (g0 * g0 * c[0, 0] + g1 * g1 * c[1, 1] + g3 * g3 * c[3, 3]
+                                      + 2.0 * (g0 * g1 * c[0, 1] + g0 * g3 * c[0, 3] + g1 * g3 * c[1, 3])))  # fmt: skip
+    out[OFFSET] = tone[2 + col.ONE] - tone[2 + col.DRIFT] * centre / scale
+    out[RESIDUAL] = np.sqrt(variance)
+    out[CONTENT] = _harmonic_content(columns, left, tone, active, variance)
+    out[USED] = n
+    out[SLOPE_STD] = np.sqrt(variance * 6.0 / n) / amplitude
+    out[OK] = 1.0
+
+
+@compiled
+def _harmonic_content(columns: Array, left: Array, tone: Array, active: Flags, variance: float) -> float:
+    """Return the harmonics' root power relative to the amplitude, what noise would show taken off."""
+    trial = active.copy()
+    trial[1] = True
+    chosen = chosen_columns(trial)
+    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
+    lower = np.zeros((col.COUNT, col.COUNT))
+    gram(columns, chosen, matrix)
+    project(columns, chosen, left, vector)
+    if not factor(matrix, chosen, lower):
+        return 0.0
+    solution = np.zeros(col.COUNT)
+    for i in range(chosen.size):
+        solution[i] = vector[chosen[i]]
+    substitute(lower, chosen.size, solution)
+    power = 0.0
+    for i in range(chosen.size):
+        if col.HARMONICS <= chosen[i] < col.HUM:
+            value = solution[i] + tone[2 + chosen[i]]
+            power += value * value - 2.0 * variance / left.size
+    return float(np.sqrt(max(power, 0.0)) / np.hypot(tone[2], tone[3]))

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The least error any unbiased estimator can have for a tone of unknown amplitude, phase, frequency and offset.
+
+Fisher information of y_n = a cos(w t_n) + b sin(w t_n) + c + noise (Kay, Fundamentals of Statistical Signal Processing,
+1993, section 3.9; with the offset as in Handel, IEEE Trans. Instrum. Meas. 49, 2000). All sums over equally spaced
+samples are geometric, so the bound has a closed form for any phase and any window, not only for whole periods.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Least standard deviations."""
+
+    amplitude: float  # [m]
+    frequency: float  # [Hz]
+    phase: float  # in the middle of the window [rad]
+    offset: float  # [m]
+
+
+def cramer_rao(amplitude: float, frequency: float, phase: float, samples: int, rate: float, noise: float) -> Bound:
+    """Return the bound for A sin(2 pi f t + phase) + c, t = 0 in the middle of the window.
+
+    `amplitude` [m], `frequency` [Hz], `phase` [rad], `rate` [Hz], white `noise` [m] standard deviation.
+    """
+    a, b = amplitude * math.sin(phase), amplitude * math.cos(phase)
+    information = fisher_information(a, b, 2.0 * math.pi * frequency / rate, samples) / noise**2
+    covariance = np.linalg.inv(information)
+    along = np.array([a, b]) / amplitude
+    turn = np.array([b, -a]) / amplitude**2
+    plane = covariance[:2, :2]
+    return Bound(
+        amplitude=math.sqrt(along @ plane @ along),
+        frequency=math.sqrt(covariance[3, 3]) * rate / (2.0 * math.pi),
+        phase=math.sqrt(turn @ plane @ turn),
+        offset=math.sqrt(covariance[2, 2]),
+    )
+
+
+def fisher_information(a: float, b: float, omega: float, samples: int) -> Array:
+    """Return the information (4, 4) about a, b, offset and angular frequency `omega` [rad/sample], for unit noise."""
+    c1, c2 = _cosines(omega, samples), _cosines(2.0 * omega, samples)
+    t1, t2 = _sines_times(omega, samples), _sines_times(2.0 * omega, samples)
+    q2 = _cosines_times_square(2.0 * omega, samples)
+    squares = samples * (samples * samples - 1.0) / 12.0
+    # derivative with respect to omega is n (b cos - a sin); odd sums vanish because n runs symmetrically about 0
+    with_cosine, with_sine = -0.5 * a * t2, 0.5 * b * t2
+    with_one = -a * t1
+    omega_omega = 0.5 * (a * a + b * b) * squares + 0.5 * (b * b - a * a) * q2
+    return np.array([
+        [0.5 * (samples + c2), 0.0, c1, with_cosine],
+        [0.0, 0.5 * (samples - c2), 0.0, with_sine],
+        [c1, 0.0, float(samples), with_one],
+        [with_cosine, with_sine, with_one, omega_omega],
+    ])  # fmt: skip
+
+
+def _cosines(x: float, samples: int) -> float:
+    """Sum of cos(n x) over n = -(N-1)/2 ... (N-1)/2."""
+    return math.sin(0.5 * samples * x) / math.sin(0.5 * x)
+
+
+def _sines_times(x: float, samples: int) -> float:
+    """Sum of n sin(n x): minus the derivative of the sum of cosines."""
+    s, c = math.sin(0.5 * x), math.cos(0.5 * x)
+    top, slope = math.sin(0.5 * samples * x), math.cos(0.5 * samples * x)
+    return -(0.5 * samples * slope * s - 0.5 * top * c) / s**2
+
+
+def _cosines_times_square(x: float, samples: int) -> float:
+    """Sum of n^2 cos(n x): minus the second derivative of the sum of cosines."""
+    s, c = math.sin(0.5 * x), math.cos(0.5 * x)
+    top, slope = math.sin(0.5 * samples * x), math.cos(0.5 * samples * x)
+    n = float(samples)
+    second = -0.25 * n * n * top / s - 0.5 * n * slope * c / s**2 + 0.25 * top / s + 0.5 * top * c * c / s**3
+    return -second

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One estimate of the excitation for each block of samples, in a window that slides with them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.identification.change import ChangeTracker
+from atpid_control.identification.estimate import Estimate, Origin
+from atpid_control.identification.seed import seed_frequency
+from atpid_control.identification.settings import IdentificationError, Settings
+from atpid_control.identification.tone import Tone, ToneFinder
+from atpid_control.identification.window import SampleBuffer, half_peak_to_peak
+
+Array = NDArray[np.float64]
+TAU = 2.0 * math.pi
+
+
+class BeamInverse(Protocol):
+    """Tells the support's motion from the beam's, through a model (see `from_beam`)."""
+
+    def support_of(self, beam: Estimate, height: float) -> Estimate:
+        """Return what the support does where the beam does `beam` and the ceiling is at `height` [m]."""
+        ...
+
+
+class Identifier:
+    """Takes blocks of samples and returns an estimate for each; it has no clock but the samples' own."""
+
+    def __init__(self, settings: Settings, inverse: BeamInverse | None = None) -> None:
+        """With `inverse` the excitation is inferred from the beam, otherwise read from the support."""
+        self._settings, self._inverse = settings, inverse
+        self._finder = ToneFinder(settings)
+        self._tracker = ChangeTracker(settings.change)
+        self._buffer: SampleBuffer | None = None
+        self._last_index = 0
+        self.source = Origin.SUPPORT if inverse is None else Origin.BEAM
+
+    def push(
+        self,
+        first_index: int,
+        rate: float,
+        support: Array | None,
+        beam: Array | None,
+        t_last: float,
+        *,
+        delay: float = 0.0,
+        height: float = math.nan,
+    ) -> Estimate:
+        """Take the next block and return the estimate at its last sample.
+
+        `support` and `beam` are (n,) [m], NaN where invalid, or None where not measured; `rate` [Hz]; `t_last` [s] is
+        when the last scan was taken and is only handed on; `delay` [s]: the channel's sampling after its scan;
+        `height` [m]: of the ceiling. Blocks may be missing: `first_index` tells. Raises IdentificationError for samples
+        that cannot be: no channel at all, or a rate too low for the tones looked for.
+        """
+        samples = self._stacked(support, beam)
+        if self._buffer is None or self._buffer.rate != rate:
+            self._buffer = self._new_buffer(rate)
+        self._buffer.push(first_index, samples)
+        self._last_index = max(first_index + samples.shape[1] - 1, 0)
+        tone = self._finder.find(self._buffer, self.source)
+        estimate = Estimate(time=t_last, last_index=self._last_index, origin=self.source)
+        if tone is not None:
+            estimate = self._filled(estimate, tone, delay)
+        if self._inverse is not None:
+            estimate = self._inverse.support_of(estimate, height)
+        changed = self._tracker.judge(
+            estimate.quality, estimate.amplitude, estimate.amplitude_std, estimate.frequency, estimate.frequency_std
+        )
+        return replace(estimate, changed=changed, beam_amplitude=self._beam_amplitude(estimate, beam is not None))
+
+    def _new_buffer(self, rate: float) -> SampleBuffer:
+        s = self._settings
+        if not rate >= 8.0 * s.highest_frequency:
+            raise IdentificationError(
+                f"rate: given {rate:g} Hz; allowed: at least 8 samples a period of the highest frequency, "
+                f"{8.0 * s.highest_frequency:g} Hz; sample faster or lower highest_frequency"
+            )
+        self._finder, self._tracker = ToneFinder(s), ChangeTracker(s.change)
+        return SampleBuffer(2, rate, s.window_periods / s.lowest_frequency, s.analysis_rate)
+
+    def _stacked(self, support: Array | None, beam: Array | None) -> Array:
+        given = [channel for channel in (support, beam) if channel is not None]
+        if not given or (support if self._inverse is None else beam) is None:
+            needed = "support" if self._inverse is None else "beam"
+            raise IdentificationError(f"{needed}: given no samples; allowed: the displacement of the {needed} [m]")
+        samples = np.full((2, given[0].size), np.nan)
+        for row, channel in enumerate((support, beam)):
+            if channel is not None:
+                samples[row] = channel
+        # an infinite reading is as invalid as none
+        samples[np.isinf(samples)] = np.nan
+        return samples
+
+    def _filled(self, estimate: Estimate, tone: Tone, delay: float) -> Estimate:
+        assert self._buffer is not None
+        fit = tone.fit
+        gain = self._buffer.attenuation(tone.frequency)
+        phase = fit.phase - fit.omega * delay
+        return replace(
+            estimate,
+            quality=tone.quality,
+            amplitude=fit.amplitude / gain,
+            amplitude_std=fit.amplitude_std / gain,
+            frequency=tone.frequency,
+            frequency_std=fit.omega_std / TAU,
+            phase=math.remainder(phase, TAU),
+            phase_std=fit.phase_std,
+            offset=fit.offset,
+            window=tone.window,
+            residual=fit.residual,
+            harmonics=fit.harmonics,
+            used=fit.used,
+            lost=tone.lost,
+        )
+
+    def _beam_amplitude(self, estimate: Estimate, measured: bool) -> float:
+        """Half peak-to-peak of the beam over the excitation's window, or its own where the support stands still."""
+        buffer, s = self._buffer, self._settings
+        if not measured or buffer is None:
+            return math.nan
+        frequency, window = estimate.frequency, estimate.window
+        if math.isnan(frequency):
+            everything = buffer.newest(buffer.size)[Origin.BEAM]
+            frequency = seed_frequency(everything, 1.0 / buffer.step, s.lowest_frequency, s.highest_frequency)
+            window = s.window_periods / frequency
+        if math.isnan(frequency):
+            return math.nan
+        signal = buffer.newest(math.ceil(window / buffer.step))[Origin.BEAM]
+        return half_peak_to_peak(signal, buffer.step, frequency)

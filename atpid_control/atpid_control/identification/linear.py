@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Least squares on a few columns, compiled: normal equations and Cholesky, written out because they are small."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.identification.compiled import compiled
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@compiled
+def dot(a: Array, b: Array) -> float:
+    """Return the scalar product of two vectors (n,)."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@compiled
+def gram(columns: Array, chosen: Indices, matrix: Array) -> None:
+    """Write the scalar products of the `chosen` rows of `columns` (p, n) into `matrix` (p, p)."""
+    for i in range(chosen.size):
+        for j in range(i + 1):
+            value = dot(columns[chosen[i]], columns[chosen[j]])
+            matrix[chosen[i], chosen[j]] = value
+            matrix[chosen[j], chosen[i]] = value
+
+
+@compiled
+def project(columns: Array, chosen: Indices, signal: Array, vector: Array) -> None:
+    """Write the scalar products of the `chosen` rows of `columns` (p, n) with `signal` (n,) into `vector` (p,)."""
+    for i in range(chosen.size):
+        vector[chosen[i]] = dot(columns[chosen[i]], signal)
+
+
+@compiled
+def factor(matrix: Array, chosen: Indices, lower: Array) -> bool:
+    """Write the Cholesky factor of matrix[chosen, chosen] into `lower`; False where the columns are not independent."""
+    for i in range(chosen.size):
+        for j in range(i + 1):
+            value = matrix[chosen[i], chosen[j]]
+            for k in range(j):
+                value -= lower[i, k] * lower[j, k]
+            if i == j:
+                if not value > 1e-11 * matrix[chosen[i], chosen[i]]:
+                    return False
+                lower[i, i] = np.sqrt(value)
+            else:
+                lower[i, j] = value / lower[j, j]
+    return True
+
+
+@compiled
+def substitute(lower: Array, count: int, vector: Array) -> None:
+    """Solve lower lower' x = vector in place for the first `count` entries."""
+    for i in range(count):
+        for k in range(i):
+            vector[i] -= lower[i, k] * vector[k]
+        vector[i] /= lower[i, i]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            vector[i] -= lower[k, i] * vector[k]
+        vector[i] /= lower[i, i]
+
+
+@compiled
+def explained(lower: Array, vector: Array, chosen: Indices) -> float:
+    """Return the sum of squares that the factored columns explain of a signal with scalar products `vector`."""
+    partial = np.empty(chosen.size)
+    total = 0.0
+    for i in range(chosen.size):
+        value = vector[chosen[i]]
+        for k in range(i):
+            value -= lower[i, k] * partial[k]
+        partial[i] = value / lower[i, i]
+        total += partial[i] * partial[i]
+    return total
+
+
+@compiled
+def inverse_corner(lower: Array, count: int, size: int) -> Array:
+    """Return the first `size` rows and columns of the inverse of lower lower' (count, count)."""
+    corner = np.empty((size, size))
+    for column in range(size):
+        unit = np.zeros(count)
+        unit[column] = 1.0
+        substitute(lower, count, unit)
+        for row in range(size):
+            corner[row, column] = unit[row]
+    return corner

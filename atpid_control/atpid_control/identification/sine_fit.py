@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The four-parameter sine fit of IEEE 1057, with covariance, made to stand what real signals do.
+
+Spikes are left out, offset drift, harmonics and mains hum join the model where the samples ask for them, and a tone
+that changes inside the window is told from a steady one. Each decision compares the sums of squares two models leave
+(a likelihood ratio), so the plain four parameters are what remains for a tone in white noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.identification import columns as col
+from atpid_control.identification.choice import best_group, chosen_columns, without_spikes
+from atpid_control.identification.compiled import compiled
+from atpid_control.identification.covariance import CHANGE, OK, RESULTS, SLOPE_STD, USED, report
+from atpid_control.identification.linear import factor, gram, project, substitute
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Gauss-Newton steps; three do, from the seed.
+STEPS = 12
+#: A step this small [rad over half the window] leaves the next one at rounding: convergence is quadratic.
+CONVERGED = 1e-6
+#: Refits after spikes were found or a group joined, and how many of them may be for spikes.
+ROUNDS, SPIKE_ROUNDS = 10, 6
+
+
+@dataclass(frozen=True)
+class SineFit:
+    """A tone in a window: u = offset + amplitude sin(omega tau + phase) with tau = 0 at the window's end."""
+
+    amplitude: float  # [m]
+    amplitude_std: float  # [m]
+    omega: float  # [rad/s]
+    omega_std: float  # [rad/s]
+    phase: float  # at the window's end [rad]
+    phase_std: float  # [rad]
+    offset: float  # [m]
+    residual: float  # root mean square, degrees of freedom accounted for [m]
+    harmonics: float  # [-]
+    used: int
+    change: float  # log-likelihood by which a changing tone describes the window better; 0: steady
+    slope_std: float  # relative change of amplitude over half the window that noise could hide, standard deviation [-]
+
+
+def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: float) -> SineFit | None:
+    """Fit a tone to `signal` (n,) [m] at `tau` (n,) [s], tau = 0 at the window's end, from the seed `omega` [rad/s].
+
+    `hum` [rad/s] is the angular frequency of the mains, 0 for none; `threshold` is the log-likelihood from which a
+    change is believed. No NaN may be among the samples. None is returned where no tone can be fitted.
+    """
+    out = _fit(tau, signal, omega, hum, threshold)
+    if out[OK] == 0.0 or not np.all(np.isfinite(out)):
+        return None
+    amplitude, amplitude_std, omega, omega_std, phase, phase_std, offset, residual, harmonics = map(float, out[1:USED])
+    return SineFit(
+        amplitude, amplitude_std, omega, omega_std, phase, phase_std, offset, residual, harmonics,
+        used=int(out[USED]), change=float(out[CHANGE]), slope_std=float(out[SLOPE_STD]),
+    )  # fmt: skip
+
+
+@compiled
+def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) -> Array:
+    out = np.zeros(RESULTS)
+    count = tau.size
+    if count < 10:
+        return out
+    keep = np.ones(count, dtype=np.bool_)
+    rejecting = True
+    active = np.zeros(len(col.GROUPS), dtype=np.bool_)
+    scale = 0.5 * (tau[-1] - tau[0])
+    columns = np.zeros((col.COUNT, count))
+    t, y = tau.copy(), signal.copy()
+    centre = tau[0] + scale
+    for i in range(count):
+        t[i] -= centre
+    used = count
+    for turn in range(ROUNDS):
+        tone = _converge(columns, t, y, omega, hum, scale, active)
+        if tone[0] == 0.0:
+            return out
+        omega = tone[1]
+        if rejecting and turn < SPIKE_ROUNDS:
+            whole = columns
+            if used < count:
+                whole = np.zeros((col.COUNT, count))
+                _write_steady(whole, tau - centre, tone, hum, scale)
+            fresh, rejecting = without_spikes(whole, signal, tone, scale, active, keep)
+            if not rejecting:
+                fresh = np.ones(count, dtype=np.bool_)
+            if not np.array_equal(fresh, keep):
+                keep = fresh
+                t, y = _taken(tau, signal, centre, keep)
+                used = t.size
+                columns = np.zeros((col.COUNT, used))
+                continue
+        best, gain = best_group(columns, t, y, tone, hum, scale, -centre, active)
+        if best < 0 or (best >= col.STEADY_GROUPS and gain < threshold):
+            break
+        if best >= col.STEADY_GROUPS:
+            out[CHANGE] = gain
+            break
+        active[best] = True
+    report(out, columns, y, tone, scale, centre, active)
+    return out
+
+
+@compiled
+def _write_steady(columns: Array, t: Array, tone: Array, hum: float, scale: float) -> None:
+    """Write all columns of a steady tone."""
+    col.write_constant(columns, t, hum, scale)
+    col.write_tone(columns, t, tone[1], tone[2], tone[3], scale)
+    col.write_harmonics(columns)
+
+
+@compiled
+def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scale: float, active: Flags) -> Array:
+    """Gauss-Newton on the frequency, everything else solved for exactly; return ok, omega, then the coefficients."""
+    chosen = chosen_columns(active)
+    tone = np.zeros(2 + col.COUNT)
+    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
+    lower, solution = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
+    col.write_constant(columns, t, hum, scale)
+    cosine, sine, first = 0.0, 0.0, True
+    for _ in range(STEPS):
+        col.write_tone(columns, t, omega, cosine, sine, scale)
+        if active[1]:
+            col.write_harmonics(columns)
+        used = _drop(chosen, col.PHASE_RATE) if first else chosen
+        gram(columns, used, matrix)
+        project(columns, used, y, vector)
+        if not factor(matrix, used, lower):
+            return tone
+        for i in range(used.size):
+            solution[i] = vector[used[i]]
+        substitute(lower, used.size, solution)
+        cosine, sine = solution[0], solution[1]
+        if first:
+            first = False
+            continue
+        amplitude = np.hypot(cosine, sine)
+        step = solution[3] / (max(amplitude, 1e-300) * scale)
+        limit = 1.0 / scale
+        omega += min(max(step, -limit), limit)
+        if not (omega * scale > 0.5 and np.isfinite(omega)):
+            return tone
+        if abs(step) * scale < CONVERGED:
+            break
+    tone[0], tone[1] = 1.0, omega
+    for i in range(chosen.size):
+        tone[2 + chosen[i]] = solution[i]
+    tone[2 + col.PHASE_RATE] = 0.0
+    return tone
+
+
+@compiled
+def _drop(chosen: NDArray[np.int64], column: int) -> NDArray[np.int64]:
+    kept = np.empty(chosen.size - 1, dtype=np.int64)
+    n = 0
+    for value in chosen:
+        if value != column:
+            kept[n] = value
+            n += 1
+    return kept
+
+
+@compiled
+def _taken(tau: Array, signal: Array, centre: float, keep: Flags) -> tuple[Array, Array]:
+    t, y = tau[keep], signal[keep]
+    for i in range(t.size):
+        t[i] -= centre
+    return t, y

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The newest samples, in order of their index: gaps are NaN, and fast streams are averaged down to what a fit needs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class SampleBuffer:
+    """The last `length` seconds of some channels, sample i at index i / rate; every `divisor` samples are averaged."""
+
+    def __init__(self, channels: int, rate: float, length: float, analysis_rate: float) -> None:
+        """Start empty; `rate` and `analysis_rate` in [Hz], `length` in [s]."""
+        self.rate = rate
+        self.divisor = max(1, math.floor(rate / analysis_rate))
+        self.step = self.divisor / rate
+        self._capacity = math.ceil(length / self.step) + 1
+        self._data = np.empty((channels, 4 * self._capacity))
+        self._end = 0  # samples held, including ones older than the capacity
+        self._partial = np.empty((channels, 0))
+        self._next: int | None = None  # index of the raw sample expected
+
+    @property
+    def size(self) -> int:
+        """Averaged samples that can be read."""
+        return min(self._end, self._capacity)
+
+    def push(self, first_index: int, samples: Array) -> None:
+        """Append raw `samples` (channels, n) whose first has `first_index`; what is missing before it becomes NaN.
+
+        A stream that starts anew, or a gap longer than the buffer, empties it.
+        """
+        expected = self._next
+        if expected is None or first_index < expected or first_index - expected > self._capacity * self.divisor:
+            self._end, self._partial = 0, self._gap(first_index % self.divisor)
+        elif first_index > expected:
+            self._append(self._gap(first_index - expected))
+        self._append(samples)
+        self._next = first_index + samples.shape[1]
+
+    def newest(self, count: int) -> Array:
+        """Return the newest `count` averaged samples (channels, count), fewer where there are fewer."""
+        return self._data[:, self._end - min(count, self.size) : self._end]
+
+    def times(self, count: int) -> Array:
+        """Return when they were taken (count,), 0 at the newest raw sample [s]."""
+        count = min(count, self.size)
+        newest = -(self._partial.shape[1] + 0.5 * (self.divisor - 1)) / self.rate
+        taken: Array = newest + (np.arange(count) - (count - 1)) * self.step
+        return taken
+
+    def attenuation(self, frequency: float) -> float:
+        """Return what averaging leaves of the amplitude of a tone at `frequency` [Hz]."""
+        if self.divisor == 1:
+            return 1.0
+        x = math.pi * frequency / self.rate
+        return math.sin(self.divisor * x) / (self.divisor * math.sin(x))
+
+    def _gap(self, count: int) -> Array:
+        return np.full((self._data.shape[0], count), np.nan)
+
+    def _append(self, raw: Array) -> None:
+        if self.divisor > 1:
+            raw = np.concatenate((self._partial, raw), axis=1)
+            whole = raw.shape[1] // self.divisor * self.divisor
+            self._partial = raw[:, whole:]
+            raw = raw[:, :whole].reshape(raw.shape[0], -1, self.divisor).mean(axis=2)
+        raw = raw[:, -self._capacity :]
+        count = raw.shape[1]
+        if self._end + count > self._data.shape[1]:
+            held = self._data[:, self._end - self.size : self._end].copy()
+            self._end = held.shape[1]
+            self._data[:, : self._end] = held
+        self._data[:, self._end : self._end + count] = raw
+        self._end += count
+
+
+def without_clipping(signal: Array, saturation: tuple[float, float] | None) -> Array:
+    """Return `signal` (n,) with NaN where the sensor was at its limit.
+
+    `saturation` [m] holds the known limits; a flat top, three or more equal extreme samples in a row, is taken for one
+    that nobody told us about.
+    """
+    clean = signal
+    if saturation is not None:
+        outside = (signal <= saturation[0]) | (signal >= saturation[1])
+        if outside.any():
+            clean = np.where(outside, np.nan, signal)
+    for extreme in (np.fmax.reduce(clean, initial=-np.inf), np.fmin.reduce(clean, initial=np.inf)):
+        flat = clean == extreme
+        if flat.sum() >= 3 and (flat[:-2] & flat[1:-1] & flat[2:]).any():
+            clean = np.where(flat, np.nan, clean)
+    return clean
+
+
+def half_peak_to_peak(signal: Array, step: float, frequency: float) -> float:
+    """Return half the range of `signal` (n,), `step` [s] apart, NaN where nothing is left of it.
+
+    Noise widens a range of hundreds of samples by several standard deviations, so the signal is averaged over a
+    fortieth of a period first, and what that takes off a tone at `frequency` [Hz] is put back.
+    """
+    length = 1 + 2 * int(0.0125 / (frequency * step)) if frequency > 0.0 else 1
+    if signal.size < length:
+        return math.nan
+    if length > 1:
+        total = np.cumsum(np.concatenate(((0.0,), signal))) if not np.isnan(signal).any() else None
+        if total is not None:
+            smooth = (total[length:] - total[:-length]) / length
+        else:
+            smooth = np.lib.stride_tricks.sliding_window_view(signal, length).mean(axis=1)
+        x = math.pi * frequency * step
+        gain = math.sin(length * x) / (length * math.sin(x))
+    else:
+        smooth, gain = signal, 1.0
+    smooth = smooth[~np.isnan(smooth)]
+    return float(smooth.max() - smooth.min()) / (2.0 * gain) if smooth.size else math.nan

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole graph in one process on one executor, as the lockstep bench runs it: fast, and the same every time."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from atpid_control.bench.errors import BenchError, PlantFailedError
+
+Progress = Callable[[float], None]
+
+#: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
+HANDSHAKE_PATIENCE, LOOP_PATIENCE = 30.0, 60.0
+
+#: Every entity costs time in every round of the executor, and nobody asks for parameters in the short life of a run.
+LEAN: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
+
+
+def node_class(package: str, name: str) -> type[Node]:
+    """Return the class behind the executable `name` of `package`: `<package>.nodes.<name>`, class in CamelCase.
+
+    Found by name, as `ros2 run` finds it, so that no package has to import another for being run together.
+    """
+    module = importlib.import_module(f"{package}.nodes.{name}")
+    found: type[Node] = getattr(module, "".join(word.capitalize() for word in name.split("_")))
+    return found
+
+
+def _without_events(node: Node) -> Callable[[], None]:
+    """Take the node's QoS event handlers off the executor, which spends half its time on them; return what puts them back.
+
+    They would only log incompatible queues, which the handshake shows as well. Destroying a node needs them in place.
+    """
+    held = list(node.waitables)
+    for waitable in held:
+        node.remove_waitable(waitable)
+
+    def put_back() -> None:
+        for waitable in held:
+            node.add_waitable(waitable)
+
+    return put_back
+
+
+class Composition:
+    """Nodes on one single-threaded executor, in a context of their own that leaves the process's signals alone."""
+
+    def __init__(self, parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]]) -> None:
+        """Start (package, name) parts with their parameters; what a node refuses is raised as it is."""
+        self._stack = ExitStack()
+        self.nodes: dict[str, Node] = {}
+        with ExitStack() as undo:
+            # one context for all: nodes look up the default one where they are not told
+            rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
+            undo.callback(rclpy.try_shutdown)
+            self.executor = SingleThreadedExecutor()
+            undo.callback(self.executor.shutdown)
+            for package, name in parts:
+                overrides = [Parameter(key, value=value) for key, value in parameters[name].items()]
+                node = node_class(package, name)(parameter_overrides=overrides, **LEAN)
+                undo.callback(node.destroy_node)
+                undo.callback(_without_events(node))
+                close = getattr(node, "close", None)
+                if close is not None:
+                    undo.callback(close)
+                self.nodes[name] = node
+                self.executor.add_node(node)
+            self._stack = undo.pop_all()
+
+    def __enter__(self) -> Composition:
+        """Nothing more to do."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close and destroy the nodes in reverse order: the recorder, last in, closes its bag first, Ctrl-C or not."""
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            self._stack.close()
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+
+def run_lockstep(
+    parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]], progress: Progress
+) -> None:
+    """Run the graph until the plant is done; `progress` is told the simulated time [s].
+
+    Raises PlantFailedError where the plant fails, BenchError where handshake or loop stops, with what is missing.
+    """
+    with Composition(parts, parameters) as graph:
+        plant: Any = graph.nodes["plant_node"]
+        computed, since = -1, time.monotonic()
+        while not plant.done.done():
+            graph.executor.spin_once(timeout_sec=0.1)
+            if plant.stream.computed_ticks != computed:
+                computed, since = plant.stream.computed_ticks, time.monotonic()
+                progress(computed / plant.stream.rate)
+            elif time.monotonic() - since > (LOOP_PATIENCE if computed > 0 else HANDSHAKE_PATIENCE):
+                raise BenchError(_stopped(plant, computed))
+        if plant.failure:
+            raise PlantFailedError(plant.failure)
+
+
+def _stopped(plant: Any, computed: int) -> str:
+    if computed == 0:
+        return f"the graph did not get ready within {HANDSHAKE_PATIENCE:g} s: still waiting for {plant.waiting_for()}"
+    at = computed / plant.stream.rate
+    return (
+        f"the loop stopped at {at:g} s: no ceiling/state answered the last block within {LOOP_PATIENCE:g} s (see log/)"
+    )

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Answers each excitation estimate with one ceiling command, and selects heights on request."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
+from atpid_interfaces.srv import SelectHeight
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.exceptions import ParameterUninitializedException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+
+from atpid_control.controller import Command, Controller, ProfileController, SelectingController
+from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
+from atpid_control.selection import SelectionError, make_selector
+from atpid_sim.nodes.life import run
+from atpid_sim.nodes.messages import HELLO, STATES, nanoseconds_of
+from atpid_sim.nodes.twice import StartedTwiceError, check_alone
+from atpid_sim.scene import ControlledCeiling, Scene, load_scene
+
+BAD_INPUT = 2
+#: A command answers each block; a gap this long means that the controller or the sensors are gone [s].
+COMMAND_DEADLINE = 0.5
+
+TYPES = Parameter.Type
+PARAMETERS: tuple[tuple[str, Any, str], ...] = (
+    ("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
+    ("map", "", "height map for the look-up; empty: the one the scene names"),
+    ("method", "", "lookup, pca, direct, search or fixed; empty: the scene's controller"),
+    ("lockstep", False, "true: commands wait in a queue; false: only the newest counts"),
+    ("dead_band", TYPES.DOUBLE, "relative change of amplitude that moves nothing [-]"),
+    ("sigmas", TYPES.DOUBLE, "a change must also exceed this many standard deviations [-]"),
+    ("steady_count", TYPES.INTEGER, "consecutive agreeing steady estimates that are acted on"),
+    ("rising_count", TYPES.INTEGER, "consecutive rising estimates that are a ramp to follow"),
+    ("falling_count", TYPES.INTEGER, "consecutive lower estimates before the ceiling goes down"),
+    ("frequency_tolerance", TYPES.DOUBLE, "relative distance from resonance at which heights still hold [-]"),
+    ("margin", TYPES.DOUBLE, "standard deviations of the amplitude the height must be safe for [-]"),
+)
+
+
+class SelectorNode(Node):
+    """Parameters, topics, one service, and one call into the controller for each estimate."""
+
+    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+        """Read scene and map; raise a ValueError of our own where they do not fit. `done`: exit status."""
+        super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
+        for name, default, text in PARAMETERS:
+            self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
+        scene = load_scene(self._value("scene"))
+        self._block = scene.recording.block
+        self._margin = float(self._value("margin"))
+        self._selector = make_selector(self._method(scene), scene, self._map_file(scene))
+        self._controller = self._make_controller(scene)
+        self.done: Future = Future()
+        self._latest: Estimate | None = None
+        self._start_ns: int | None = None
+        self._height = math.nan
+        self._make_topics()
+        self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _value(self, name: str) -> Any:
+        try:
+            return self.get_parameter(name).value
+        except ParameterUninitializedException:
+            raise HoldError(f"parameter {name} is not set: start with --ros-args --params-file selector.yaml") from None
+
+    def _method(self, scene: Scene) -> str:
+        given = str(self._value("method"))
+        return given or (scene.ceiling.controller if isinstance(scene.ceiling, ControlledCeiling) else "fixed")
+
+    def _map_file(self, scene: Scene) -> Path | None:
+        given = str(self._value("map"))
+        return Path(given) if given else getattr(scene.ceiling, "map", None)
+
+    def _make_controller(self, scene: Scene) -> Controller:
+        if not isinstance(scene.ceiling, ControlledCeiling):
+            return ProfileController(scene.ceiling.heights)
+        settings = Settings(
+            dead_band=float(self._value("dead_band")),
+            sigmas=float(self._value("sigmas")),
+            steady_count=int(self._value("steady_count")),
+            rising_count=int(self._value("rising_count")),
+            falling_count=int(self._value("falling_count")),
+            frequency=scene.frequency_hz,
+            frequency_tolerance=float(self._value("frequency_tolerance")),
+        )
+        return SelectingController(Hold(settings), self._selector, scene.ceiling.range, self._margin)
+
+    def _make_topics(self) -> None:
+        lockstep = bool(self._value("lockstep"))
+        command = QoSProfile(depth=10 if lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
+        if not lockstep:
+            command.deadline = Duration(seconds=COMMAND_DEADLINE)
+        self._commands = self.create_publisher(CeilingCommand, "ceiling/command", command)
+        self._events = self.create_publisher(Event, "events", STATES)
+        self.create_subscription(Excitation, "excitation", self._on_excitation, STATES)
+        self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
+        self.create_service(SelectHeight, "~/select", self._on_select)
+
+    def _on_state(self, state: CeilingState) -> None:
+        self._height = state.height
+
+    def _on_excitation(self, message: Excitation) -> None:
+        if message.header.frame_id == HELLO:
+            self._publish(message, Command(reason=HELLO))
+            return
+        now = nanoseconds_of(message.header.stamp)
+        if self._start_ns is None:
+            # the first stamp is that of the first block's last sample
+            self._start_ns = now - round(self._block * 1e9)
+        estimate = Estimate(message.quality, message.amplitude, message.amplitude_std, message.frequency)
+        if estimate.quality == Quality.STEADY:
+            self._latest = estimate
+        answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)
+        self._publish(message, answer.command)
+        if answer.refusal:
+            self._tell(message, answer.refusal, answer.value)
+
+    def _publish(self, answered: Excitation, command: Command) -> None:
+        message = CeilingCommand(**vars(command))
+        message.header = answered.header
+        self._commands.publish(message)
+
+    def _tell(self, answered: Excitation, text: str, value: float) -> None:
+        self.get_logger().warning(text)
+        event = Event(severity=Event.WARNING, kind="refused", value=value, text=text)
+        event.header.stamp, event.header.frame_id = answered.header.stamp, self.get_name()
+        self._events.publish(event)
+
+    def _on_select(self, request: SelectHeight.Request, response: SelectHeight.Response) -> SelectHeight.Response:
+        """Answer for the amplitude asked about or, where it is 0 or NaN, for the latest steady estimate."""
+        amplitude, std, frequency = request.amplitude, request.amplitude_std, request.frequency or math.nan
+        response.method, response.height = self._selector.method, math.nan
+        response.beam_amplitude = response.efficiency = response.price = math.nan
+        if not amplitude > 0.0:
+            if self._latest is None:
+                response.message = (
+                    f"amplitude: given {amplitude:g} and no steady estimate yet; give an amplitude above 0 m"
+                )
+                return response
+            amplitude, std, frequency = self._latest.amplitude, self._latest.amplitude_std, self._latest.frequency
+        try:
+            chosen = self._selector.select(amplitude, std, frequency, margin=request.margin, height=self._height)
+        except SelectionError as error:
+            response.message = str(error)
+            return response
+        response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m"
+        response.height, response.beam_amplitude, response.efficiency = (
+            chosen.height,
+            chosen.beam_amplitude,
+            chosen.efficiency,
+        )
+        response.price, response.evaluations, response.wall_time = chosen.price, chosen.evaluations, chosen.wall_s
+        return response
+
+    def _stay_alone(self) -> None:
+        try:
+            check_alone(self)
+        except StartedTwiceError as error:
+            self.get_logger().error(str(error))
+            self._alone_timer.cancel()
+            if self._latest is None and not self.done.done():
+                # nothing commanded yet: the newcomer goes, the one that works stays
+                self.done.set_result(BAD_INPUT)
+
+    def close(self) -> None:
+        """Stop the timer; the motor notices the silence by itself."""
+        self._alone_timer.cancel()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the selector as a process of its own; return the exit status."""
+    return run(SelectorNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

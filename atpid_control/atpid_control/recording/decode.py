@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decodes messages with the schemas inside the bag: neither ROS nor the workspace is needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mcap.records import Schema
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from atpid_control.recording.errors import BagError
+
+
+class Decoder:
+    """Message types by schema id."""
+
+    def __init__(self) -> None:
+        """Know no type yet."""
+        self._store = get_typestore(Stores.EMPTY)
+        self._names: dict[int, str] = {}
+
+    def add(self, schema: Schema) -> None:
+        """Learn the types of one schema; raise BagError where it is not a ROS 2 message definition."""
+        if schema.id in self._names:
+            return
+        if schema.encoding != "ros2msg":
+            raise BagError(
+                f"schema {schema.name}: encoding {schema.encoding!r}; allowed: ros2msg, as recorder_node writes it"
+            )
+        types = get_types_from_msg(schema.data.decode(), schema.name)
+        self._store.register({name: found for name, found in types.items() if name not in self._store.fielddefs})
+        self._names[schema.id] = schema.name
+
+    def name(self, schema_id: int) -> str:
+        """Return the message type of a schema."""
+        return self._names[schema_id]
+
+    def decode(self, schema_id: int, data: bytes) -> Any:
+        """Return the message: fields by name, number sequences as arrays; raise BagError where the bytes do not fit."""
+        name = self._names[schema_id]
+        try:
+            return self._store.deserialize_cdr(data, name)
+        except Exception as error:  # the generated code raises whatever the torn bytes lead it into
+            raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None

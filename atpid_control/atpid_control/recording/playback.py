@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag gives to play: topics, checked against the messages installed, and which blocks the loop answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from atpid_control.bagread import Bag, open_bag
+from atpid_control.recording.cdr import block_shape, header
+from atpid_control.recording.definitions import message_type
+from atpid_control.recording.errors import BagError
+from atpid_control.recording.topics import BLOCK
+
+#: The channel the identifier listens to: each block that has it is answered once.
+_ANSWERED = "support_displacement"
+
+
+@dataclass(frozen=True)
+class Item:
+    """One message to play."""
+
+    topic: str
+    time_ns: int  # log time [ns]
+    data: bytes
+    answer_ns: int | None  # stamp of the answer that follows: the block's last sample [ns]; None: nobody answers
+
+
+@dataclass(frozen=True)
+class Playback:
+    """The messages to play in the order of their log times."""
+
+    bag: Bag
+    items: tuple[Item, ...]
+    channels: dict[str, tuple[list[str], list[str]]]  # channels and units of each block topic
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Message type of each topic played."""
+        return {item.topic: self.bag.types[item.topic] for item in self.items}
+
+    @property
+    def start_ns(self) -> int:
+        """Log time of the first message [ns]."""
+        return self.items[0].time_ns
+
+    @property
+    def seconds(self) -> float:
+        """From the first message to the last [s]."""
+        return (self.items[-1].time_ns - self.start_ns) * 1e-9
+
+    @property
+    def last_stamp_ns(self) -> int:
+        """Stamp of the last sample that is answered [ns]."""
+        return max(item.answer_ns for item in self.items if item.answer_ns is not None)
+
+
+def load_playback(path: Path, patterns: list[str]) -> Playback:
+    """Read a bag and choose topics by `patterns` ("sensors/*", in any namespace).
+
+    Raises BagError: no bag, nothing to play, no block the identifier would answer, or messages recorded with another
+    definition than the one installed.
+    """
+    bag = open_bag(path)
+    chosen = [topic for topic in bag.types if any(_matches(topic, pattern) for pattern in patterns)]
+    if not chosen:
+        has = ", ".join(sorted(bag.types)) or "no messages"
+        raise BagError(f"{path}: no topic fits {', '.join(patterns) or 'an empty list'}; the bag has {has}")
+    for topic in chosen:
+        _check_definition(bag, topic)
+    channels = _channels(bag, [topic for topic in chosen if bag.types[topic] == BLOCK])
+    answered = {topic for topic, (names, _) in channels.items() if _ANSWERED in names}
+    items = [
+        Item(raw.topic, raw.log_ns, raw.data, _last_sample(raw.data) if raw.topic in answered else None)
+        for raw in bag.raw
+        if raw.topic in chosen
+    ]
+    if not any(item.answer_ns is not None for item in items):
+        raise BagError(
+            f"{path}: no sensors topic with the channel {_ANSWERED}, so there is nothing to identify in this bag"
+        )
+    return Playback(bag, tuple(items), channels)
+
+
+def _matches(topic: str, pattern: str) -> bool:
+    return fnmatchcase(topic, f"*/{pattern.lstrip('/')}")
+
+
+def _check_definition(bag: Bag, topic: str) -> None:
+    installed = message_type(bag.types[topic])
+    if bag.hashes[topic] and bag.hashes[topic] != installed.hash:
+        commit = bag.run.get("commit", "unknown")
+        raise BagError(
+            f"{bag.path}: {topic} was recorded with another definition of {installed.name} than the one installed; "
+            f"replay it with the version that recorded it ({commit})"
+        )
+
+
+def _channels(bag: Bag, topics: list[str]) -> dict[str, tuple[list[str], list[str]]]:
+    found: dict[str, tuple[list[str], list[str]]] = {}
+    for topic in topics:
+        _, first = next(bag.messages(topic), (0, None))
+        if first is not None:
+            found[topic] = (list(first.channels), list(first.units))
+    return found
+
+
+def _last_sample(data: bytes) -> int | None:
+    shape, stamp = block_shape(data), header(data).stamp_ns
+    return stamp + round((shape.scans - 1) / shape.rate * 1e9) if shape.scans else None

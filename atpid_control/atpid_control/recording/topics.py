@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics a recorder subscribes to: a fixed list, never "everything there is"."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from atpid_control.recording.definitions import message_type
+from atpid_control.recording.errors import BagError
+
+HELLO = "hello"
+BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
+EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
+
+#: Everything the graph says, in the order in which messages of one stamp are written.
+DEFAULT = (
+    f"sensors/laser {BLOCK}",
+    f"sensors/accelerometer {BLOCK}",
+    f"plant/truth {TRUTH}",
+    "excitation atpid_interfaces/msg/Excitation",
+    "ceiling/command atpid_interfaces/msg/CeilingCommand",
+    "ceiling/state atpid_interfaces/msg/CeilingState",
+    f"events {EVENT}",
+    f"diagnostics {DIAGNOSTICS}",
+)
+_OPTIONS = ("best_effort", "transient_local")
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic to record."""
+
+    name: str
+    type: str
+    best_effort: bool = False
+    transient_local: bool = False
+
+    @property
+    def has_header(self) -> bool:
+        """Whether its messages begin with a std_msgs/Header."""
+        return message_type(self.type).has_header
+
+    @property
+    def in_loop(self) -> bool:
+        """Whether it carries every stamp of a run, unlike events and diagnostics."""
+        return self.type.startswith("atpid_interfaces/") and self.type != EVENT
+
+
+def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:
+    """Return the topics of "name type [best_effort] [transient_local]" entries; raise BagError for one that is not.
+
+    In lockstep diagnostics are left out: they are paced and stamped by the wall clock, not by the run.
+    """
+    topics: dict[str, Topic] = {}
+    for entry in entries:
+        name, kind, *options = entry.split() if len(entry.split()) > 1 else (entry, "")
+        unknown = [option for option in options if option not in _OPTIONS]
+        if not kind or unknown or name in topics:
+            problem = "given twice" if name in topics else f"given {entry!r}"
+            raise BagError(
+                f"parameter topics: {problem}; allowed: 'name pkg/msg/Type', then {' or '.join(_OPTIONS)} where needed"
+            )
+        message_type(kind)
+        if not (lockstep and kind == DIAGNOSTICS):
+            topics[name] = Topic(name, kind, "best_effort" in options, "transient_local" in options)
+    return list(topics.values())

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's charts as plain plotly figures. Colours are names ("@own") that the page fills in for light and dark."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from atpid_control.report.picture import estimate_errors, grain_lines, moved, rounded_up
+from atpid_control.report.run import Array
+from atpid_control.report.view import View
+
+Figure = dict[str, Any]
+
+#: Points a curve is drawn with at most: each bucket keeps its highest and lowest.
+_POINTS = 6000
+_FONT = "Inter, system-ui, -apple-system, Segoe UI, Roboto, Helvetica, Arial, sans-serif"
+_GAP = 0.075
+
+
+def thinned(time: Array, value: Array, points: int = _POINTS) -> tuple[list[float], list[float | None]]:
+    """Return a curve with at most `points` points that keeps every extreme; NaN as None."""
+    if len(time) > points:
+        width = -(-len(time) // (points // 2))
+        starts = np.arange(0, len(time), width)
+        blocks = [value[start : start + width] for start in starts]
+        low = starts + [_place(np.argmin, block) for block in blocks]
+        high = starts + [_place(np.argmax, block) for block in blocks]
+        chosen = np.unique(np.concatenate([low, high, [len(time) - 1]]))
+        time, value = time[chosen], value[chosen]
+    return [round(float(t), 5) for t in time], [round(float(v), 7) if np.isfinite(v) else None for v in value]
+
+
+def _place(which: Any, block: Array) -> int:
+    filled = np.where(np.isfinite(block), block, 0.0)
+    return int(which(filled))
+
+
+def overview(view: View) -> Figure:
+    """Return the panels over the run's time, one time axis for all."""
+    panels = [(_beam, 3.4), (_excitation, 1.4), (_error, 1.0), (_ceiling, 1.6)]
+    if not view.stages:
+        panels = [panels[0], panels[3]]
+    total = sum(share for _, share in panels)
+    room = 1.0 - _GAP * (len(panels) - 1)
+    figure: Figure = {"data": [], "layout": _layout(680 if view.stages else 480)}
+    top = 1.0
+    for number, (draw, share) in enumerate(panels, start=1):
+        bottom = max(0.0, top - room * share / total)
+        axis = "" if number == 1 else str(number)
+        figure["layout"][f"yaxis{axis}"] = {**_axis(), "domain": [bottom, top]}
+        draw(figure, view, f"y{axis}", top)
+        top = bottom - _GAP
+    last = "y" + (str(len(panels)) if len(panels) > 1 else "")
+    span = [0.0, view.run.duration]
+    figure["layout"]["xaxis"] = {
+        **_axis(),
+        "anchor": last,
+        "range": span,
+        "title": {"text": "time, s"},
+        "minallowed": 0.0,
+    }
+    figure["layout"]["shapes"] = [
+        {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0, "y1": 1, "layer": "below",
+         "line": {"width": 0}, "fillcolor": "@window"}
+        for begin, end in view.windows
+    ]  # fmt: skip
+    return figure
+
+
+def grain(view: View) -> Figure | None:
+    """Return the grain between floor and ceiling over the last periods; None where nobody knows where it was."""
+    if view.grain_window is None:
+        return None
+    begin, end = view.grain_window
+    time = view.run.motion.time
+    inside = (time >= begin) & (time <= end)
+    figure: Figure = {"data": [], "layout": _layout(330)}
+    figure["layout"]["xaxis"] = {**_axis(), "range": [begin, end], "title": {"text": "time, s"}}
+    figure["layout"]["yaxis"] = _axis()
+    names = (("floor", "@given_text", 1.6), ("ceiling", "@given_text", 1.6), ("grain", "@own", 2.4))
+    for (name, colour, width), line in zip(names, grain_lines(view), strict=True):
+        _line(figure, "y", time[inside], line[inside], name, colour, width, "%{y:.4f} m")
+        _label(figure, "y", float(line[inside][-1]), name, colour, 12.0 if name == "grain" else 0.0)
+    _title(figure, 1.0, "The grain between floor and ceiling", "m")
+    return figure
+
+
+def _layout(height: int) -> Figure:
+    return {
+        "height": height, "margin": {"l": 56, "r": 92, "t": 34, "b": 44}, "showlegend": False, "annotations": [],
+        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)", "hovermode": "x unified",
+        "font": {"family": _FONT, "size": 12.5, "color": "@muted"}, "dragmode": "zoom",
+        "hoverlabel": {"bgcolor": "@paper", "bordercolor": "@grid", "font": {"color": "@ink"}},
+    }  # fmt: skip
+
+
+def _axis() -> Figure:
+    return {"gridcolor": "@grid", "zerolinecolor": "@grid", "zerolinewidth": 1, "linecolor": "@grid", "ticks": ""}
+
+
+def _line(
+    figure: Figure, axis: str, time: Array, value: Array, name: str, colour: str, width: float, hover: str,
+    **more: Any,
+) -> None:  # fmt: skip
+    x, y = thinned(time, value)
+    style = {"color": colour, "width": width, **more}
+    figure["data"].append(
+        {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "yaxis": axis, "line": style,
+         "hovertemplate": hover, "connectgaps": False}
+    )  # fmt: skip
+
+
+def _note(figure: Figure, **given: Any) -> None:
+    figure["layout"]["annotations"].append({"showarrow": False, **given})
+
+
+def _title(figure: Figure, top: float, text: str, unit: str) -> None:
+    place = {"xref": "paper", "yref": "paper", "x": 0, "y": top, "yanchor": "bottom", "yshift": 5}
+    _note(figure, **place, xanchor="left", text=f"<b>{text}</b>", font={"color": "@ink", "size": 13.5})
+    _note(figure, **place, xanchor="right", xshift=-6, text=unit)
+
+
+def _label(figure: Figure, axis: str, height: float, text: str, colour: str, shift: float = 0.0) -> None:
+    _note(
+        figure, xref="paper", yref=axis, x=1, y=height, xanchor="left", xshift=8, yshift=shift, text=f"<b>{text}</b>",
+        font={"color": colour},
+    )  # fmt: skip
+
+
+def _beam(figure: Figure, view: View, axis: str, top: float) -> None:
+    time, alone = view.run.motion.time, view.always_closed or view.closed is None
+    _title(figure, top, "Beam displacement from rest", "m")
+    if view.closed is not None and not alone:
+        _line(figure, axis, time, view.closed, "closed", "@given", 1.0, "%{y:.4f} m")
+    _line(figure, axis, time, view.beam, view.own_name, "@own", 1.1, "%{y:.4f} m")
+    reach = float(np.nanmax(np.abs(view.beam if alone else np.stack([view.beam, view.closed]))))
+    figure["layout"]["yaxis"]["range"] = [-1.08 * reach, (1.34 if view.stages else 1.08) * reach]
+    late = time > 0.9 * time[-1]
+    own = float(np.nanmax(view.beam[late]))
+    if view.closed is not None and not alone:
+        _label(figure, axis, max(float(np.nanmax(view.closed[late])), own + 0.16 * reach), "closed", "@given_text")
+    _label(figure, axis, 0.0 if alone else 0.5 * own, view.own_name, "@own")
+    for stage, (begin, end) in zip(view.stages, view.windows, strict=True):
+        if not alone and np.isfinite(stage.efficiency):
+            _note(figure, xref="x", yref=axis, x=0.5 * (begin + end), y=1.3 * reach, yanchor="top",
+                  text=f"<b>−{100.0 * stage.efficiency:.0f} %</b>", font={"color": "@own", "size": 19})  # fmt: skip
+
+
+def _excitation(figure: Figure, view: View, axis: str, top: float) -> None:
+    _title(figure, top, "Support amplitude", "mm")
+    estimates = view.run.estimates
+    if view.true_amplitude is not None:
+        _line(figure, axis, view.run.motion.time, 1e3 * view.true_amplitude, "true", "@given", 4.5, "%{y:.3f} mm")
+        _label(figure, axis, 1e3 * float(view.true_amplitude[-1]), "true", "@given_text", 8.0)
+    if estimates.steady.any():
+        _line(figure, axis, estimates.time, 1e3 * estimates.amplitude, "identified", "@own", 1.8, "%{y:.3f} mm")
+        _label(figure, axis, 1e3 * float(estimates.amplitude[estimates.steady][-1]), "identified", "@own", -8.0)
+    figure["layout"][f"yaxis{axis[1:]}"]["rangemode"] = "tozero"
+
+
+def _error(figure: Figure, view: View, axis: str, top: float) -> None:
+    _title(figure, top, "Error of the identified amplitude, ±2σ, where the estimate is called steady", "%")
+    found = estimate_errors(view)
+    if found is None:
+        return
+    time, error, width = found
+    limit = rounded_up(float(np.nanmax(np.abs(error) + width)))
+    figure["layout"][f"yaxis{axis[1:]}"] |= {"range": [-limit, limit], "tickvals": [-limit, 0.0, limit]}
+    figure["data"].append(
+        {"type": "scatter", "mode": "markers", "x": [round(float(t), 5) for t in time], "yaxis": axis, "name": "error",
+         "y": [round(float(e), 5) for e in error], "marker": {"color": "@own", "size": 3.5},
+         "error_y": {"type": "data", "array": [round(float(w), 5) for w in width], "color": "@soft", "thickness": 2.0,
+                     "width": 0}, "hovertemplate": "%{y:.3f} %"}
+    )  # fmt: skip
+
+
+def _ceiling(figure: Figure, view: View, axis: str, top: float) -> None:
+    _title(figure, top, "Ceiling height", "m")
+    ceiling = view.run.ceiling
+    told = np.isfinite(ceiling.commanded)
+    if told.any() and view.own_name == "adaptive":
+        _line(figure, axis, ceiling.commanded_time[told], ceiling.commanded[told], "commanded", "@given", 4.5,
+              "%{y:.4f} m", shape="hv")  # fmt: skip
+        _label(figure, axis, float(ceiling.commanded[told][-1]), "commanded", "@given_text", 8.0)
+    time, height = moved(view)
+    name = "moved" if view.moving else "fixed"
+    _line(figure, axis, time, height, name, "@own", 1.8, "%{y:.4f} m")
+    _label(figure, axis, float(height[-1]), name, "@own", -8.0 if view.own_name == "adaptive" else 0.0)
+    for number, (begin, end) in enumerate(view.windows if view.printed else []):
+        printed = view.printed[number] if view.printed else None
+        if printed:
+            figure["data"].append(
+                {"type": "scatter", "mode": "markers+text", "x": [0.5 * (begin + end)], "y": [printed.height],
+                 "text": [f"thesis {printed.height_sign}{printed.height:.2g}"], "textposition": "bottom center",
+                 "textfont": {"color": "@accent"}, "yaxis": axis, "name": "thesis", "hoverinfo": "skip",
+                 "marker": {"symbol": "diamond", "size": 9, "color": "@accent", "line": {"color": "@paper", "width": 1}}}
+            )  # fmt: skip
+    figure["layout"][f"yaxis{axis[1:]}"]["rangemode"] = "tozero"

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the report of a bag: one page and its pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from atpid_control.report.comparison import Closed
+from atpid_control.report.page import page
+from atpid_control.report.picture import save_pictures
+from atpid_control.report.stages import Stage
+from atpid_control.report.view import headline, view_of
+
+PAGE = "report.html"
+
+
+class ReportError(ValueError):
+    """A report that cannot be written."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was made."""
+
+    page: Path
+    pictures: list[Path]
+    stages: list[Stage]
+    headline: str
+
+
+def report(bag: Path, out: Path, closed: Closed | None = None) -> Report:
+    """Write `out`/report.html and the pictures of a recorded run; return what was made.
+
+    `closed` gives the closed damper's beam for a scene at given times; default: it is simulated.
+    Raises BagError where the bag cannot be read, ReportError where `out` cannot be written.
+    """
+    view = view_of(bag, closed)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        pictures = save_pictures(view, out)
+        (out / PAGE).write_text(page(view), encoding="utf-8")
+    except OSError as error:
+        raise ReportError(f"{out}: cannot write the report ({error.strerror}); choose another folder") from None
+    return Report(out / PAGE, pictures, view.stages, headline(view))

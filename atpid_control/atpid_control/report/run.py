@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recorded run as arrays: what was measured, estimated, commanded and done, on the run's own time axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.bagread import Bag, open_bag
+from atpid_control.recording.errors import BagError
+from atpid_sim.excitation import amplitude_at
+from atpid_sim.scene import Scene, SceneError, scene_from_mapping
+from atpid_sim.scene.yaml12 import read_yaml
+
+Array = NDArray[np.float64]
+STEADY = 1  # Excitation.STEADY
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Displacements sampled together."""
+
+    time: Array  # (n,) since the first sample [s]
+    support: Array  # (n,) [m]; NaN where not measured
+    beam: Array  # (n,) [m]
+    grain: Array  # (n,) [m]; NaN where nobody knows
+    ceiling: Array  # (n,) height [m]; NaN where nobody knows
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """The identified excitation, one value a block."""
+
+    time: Array  # (k,) [s]
+    steady: NDArray[np.bool_]  # (k,)
+    amplitude: Array  # (k,) [m]
+    amplitude_std: Array  # (k,) [m]
+    frequency: Array  # (k,) [Hz]
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """Where the ceiling was sent and where it was."""
+
+    commanded_time: Array  # (k,) [s]
+    commanded: Array  # (k,) height [m]; NaN: stay
+    time: Array  # (j,) [s]
+    height: Array  # (j,) [m]
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Energy since the start, at the end of the run [J]."""
+
+    input: float
+    ceiling_work: float
+    beam_loss: float
+    contact_loss: float
+    stored: float
+    impacts: int
+
+    @property
+    def residual(self) -> float:
+        """What does not add up, relative to all energy that came in or was there to be spent [-]."""
+        brought = abs(self.input) + abs(self.ceiling_work) + max(0.0, -self.stored)
+        left = self.input + self.ceiling_work - self.beam_loss - self.contact_loss - self.stored
+        return abs(left) / brought if brought else 0.0
+
+
+@dataclass(frozen=True)
+class Happening:
+    """One event."""
+
+    time: float  # [s]
+    severity: int  # 0 info, 1 warning, 2 alarm
+    kind: str
+    who: str
+    text: str
+    count: int = 1  # how many times in a row
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything a report needs of a bag."""
+
+    bag: Bag
+    scene: Scene | None
+    scene_problem: str  # why there is no scene, empty where there is one
+    motion: Motion
+    simulated: bool  # the motion is the plant's own truth, not a sensor's reading
+    estimates: Estimates
+    ceiling: Ceiling
+    ledger: Ledger | None
+    events: list[Happening] = field(default_factory=list)
+    blocks: int = 0  # sensor blocks
+    lost: int = 0  # scans missing between them
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]."""
+        return float(self.motion.time[-1])
+
+    def true_amplitude(self) -> Array | None:
+        """Return the excitation's true amplitude (n,) [m] at the motion's times, None where nobody knows it."""
+        if self.scene is None or self.scene.excitation.kind in ("free", "series"):
+            return None
+        return np.array([amplitude_at(self.scene, float(t)) for t in self.motion.time])
+
+
+def read_run(source: Path | Bag) -> Run:
+    """Return the run in a bag; raise BagError where it has no block of displacements."""
+    bag = source if isinstance(source, Bag) else open_bag(source)
+    laser = _laser(bag)
+    start = laser.start_ns
+    truth = [
+        message for topic in bag.topics_of("PlantTruth") for _, message in bag.messages(topic) if len(message.beam)
+    ]
+    scene, problem = _scene(bag)
+    return Run(
+        bag=bag,
+        scene=scene,
+        scene_problem=problem,
+        motion=_true_motion(truth) if truth else laser.motion,
+        simulated=bool(truth),
+        estimates=_estimates(bag, start),
+        ceiling=_ceiling(bag, start),
+        ledger=_ledger(truth[-1]) if truth else None,
+        events=_events(bag, start),
+        blocks=laser.blocks,
+        lost=laser.lost,
+    )
+
+
+@dataclass(frozen=True)
+class _Laser:
+    motion: Motion
+    start_ns: int
+    blocks: int
+    lost: int
+
+
+def _laser(bag: Bag) -> _Laser:
+    for topic in bag.topics_of("SampleBlock"):
+        blocks = [message for _, message in bag.messages(topic) if len(message.data)]
+        if blocks and "beam_displacement" in blocks[0].channels:
+            return _joined(blocks)
+    raise BagError(f"{bag.path}: no samples of beam_displacement in this bag, so there is nothing to report on")
+
+
+def _joined(blocks: list[Any]) -> _Laser:
+    first = blocks[0]
+    index = np.concatenate([b.first_index + np.arange(len(b.data) // len(b.channels)) for b in blocks])
+    data = np.concatenate([np.asarray(b.data, dtype=float).reshape(-1, len(b.channels)) for b in blocks])
+    names = list(first.channels)
+    nothing = np.full(len(index), np.nan)
+    support = data[:, names.index("support_displacement")] if "support_displacement" in names else nothing
+    time = (index - first.first_index) / first.rate
+    motion = Motion(time, support, data[:, names.index("beam_displacement")], nothing, nothing)
+    lost = int(index[-1] - index[0] + 1 - len(index))
+    start = _nanoseconds(first)
+    return _Laser(motion, start, len(blocks), lost)
+
+
+def _true_motion(truth: list[Any]) -> Motion:
+    first = truth[0]
+    index = np.concatenate([t.first_index + np.arange(len(t.beam)) for t in truth])
+    series = [
+        np.concatenate([np.asarray(getattr(t, name)) for t in truth])
+        for name in ("support", "beam", "grain", "ceiling")
+    ]
+    return Motion((index - first.first_index) / first.rate, *series)
+
+
+def _ledger(truth: Any) -> Ledger:
+    return Ledger(
+        truth.input_energy,
+        truth.ceiling_work,
+        truth.beam_loss,
+        truth.contact_loss,
+        truth.stored_energy,
+        int(truth.impacts),
+    )
+
+
+def _estimates(bag: Bag, start: int) -> Estimates:
+    found = [message for topic in bag.topics_of("Excitation") for _, message in bag.messages(topic)]
+    values = np.array(
+        [(_seconds(m, start), m.quality, m.amplitude, m.amplitude_std, m.frequency) for m in found], dtype=float
+    ).reshape(-1, 5)
+    return Estimates(values[:, 0], values[:, 1] == STEADY, values[:, 2], values[:, 3], values[:, 4])
+
+
+def _ceiling(bag: Bag, start: int) -> Ceiling:
+    told, been = (
+        np.array(
+            [(_seconds(m, start), m.height) for topic in bag.topics_of(kind) for _, m in bag.messages(topic)],
+            dtype=float,
+        ).reshape(-1, 2)
+        for kind in ("CeilingCommand", "CeilingState")
+    )
+    return Ceiling(told[:, 0], told[:, 1], been[:, 0], been[:, 1])
+
+
+def _events(bag: Bag, start: int) -> list[Happening]:
+    """Return the events, those that repeat themselves as one."""
+    events: list[Happening] = []
+    for topic in bag.topics_of("Event"):
+        for _, m in bag.messages(topic):
+            new = Happening(_seconds(m, start), int(m.severity), m.kind, m.header.frame_id, m.text)
+            if events and (events[-1].kind, events[-1].text) == (new.kind, new.text):
+                last = events.pop()
+                new = Happening(last.time, last.severity, last.kind, last.who, last.text, last.count + 1)
+            events.append(new)
+    return events
+
+
+def _scene(bag: Bag) -> tuple[Scene | None, str]:
+    text = bag.scene_text
+    if text is None:
+        return None, "no scene was recorded"
+    try:
+        return scene_from_mapping(read_yaml(text, "recorded scene"), source="recorded scene", folder=bag.path), ""
+    except SceneError as error:
+        return None, str(error)
+
+
+def _nanoseconds(message: Any) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _seconds(message: Any, start: int) -> float:
+    return (_nanoseconds(message) - start) * 1e-9

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stages of a run, intervals of constant excitation, and what was measured at the end of each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from atpid_control.bagread import Bag
+from atpid_control.report.comparison import Closed, closed_motion
+from atpid_control.report.run import Array, Run, read_run
+from atpid_sim.excitation import amplitude_points
+
+#: Length of the window at the end of a stage in which everything is measured [s].
+WINDOW = 2.0
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage: the keys of the bench's summary. NaN: not known."""
+
+    t0: float  # [s]
+    t1: float  # [s]
+    excitation_amplitude: float  # true [m]
+    identified_amplitude: float  # mean of the steady estimates in the window [m]
+    identified_frequency: float  # likewise [Hz]
+    height: float  # of the ceiling, median in the window [m]
+    amplitude: float  # half peak-to-peak of the beam in the window [m]
+    undamped_amplitude: float  # the same with the damper closed [m]
+    efficiency: float  # 1 - amplitude / undamped_amplitude [-]
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Return plain numbers for JSON; NaN as None."""
+        return {key: value if math.isfinite(value) else None for key, value in asdict(self).items()}
+
+    @property
+    def left(self) -> float:
+        """Share of the closed damper's amplitude that is left [-]."""
+        return self.amplitude / self.undamped_amplitude
+
+
+def stages(source: Path | Bag | Run, closed: Closed | None = None) -> list[Stage]:
+    """Return the stages of a recorded run; none where nothing excites it steadily. Raises BagError."""
+    run = source if isinstance(source, Run) else read_run(source)
+    return measure(run, closed_motion(run, closed))
+
+
+def measure(run: Run, closed: Array | None) -> list[Stage]:
+    """Return the stages, given the closed damper's beam (n,) [m] at the run's times."""
+    return [_measure(run, closed, *interval) for interval in intervals(run)]
+
+
+def intervals(run: Run) -> list[tuple[float, float]]:
+    """Return (begin, end) [s] of the intervals of constant amplitude above zero that the run reached the end of."""
+    if run.scene is None or run.scene.excitation.kind != "harmonic":
+        return []
+    points = amplitude_points(run.scene)
+    end = min(run.scene.duration, run.duration + 1e-2)
+    bounds = [*points, (end, points[-1][1])]
+    if points[0][0] > 0.0:
+        bounds.insert(0, (0.0, points[0][1]))
+    found: list[tuple[float, float]] = []
+    for (t0, a0), (t1, a1) in pairwise(bounds):
+        if a0 != a1 or a0 <= 0.0 or t0 >= min(t1, end):
+            continue
+        if found and found[-1][1] == t0:
+            found[-1] = (found[-1][0], min(t1, end))
+        else:
+            found.append((t0, min(t1, end)))
+    return found
+
+
+def window_of(run: Run, t0: float, t1: float) -> tuple[float, float]:
+    """Return the window [s] a stage is measured in: its last 2 s; the scene's own where there is one stage only."""
+    scene = run.scene
+    if scene is not None and len(intervals(run)) == 1 and "steady_window" in scene.model_fields_set:
+        first, last = scene.steady_window
+        if t0 <= first < last <= t1 + 1e-9:
+            return first, last
+    return max(t0, t1 - min(WINDOW, 0.5 * (t1 - t0))), t1
+
+
+def _measure(run: Run, closed: Array | None, t0: float, t1: float) -> Stage:
+    begin, end = window_of(run, t0, t1)
+    inside = _within(run.motion.time, begin, end)
+    amplitude = half_range(run.motion.beam[inside])
+    undamped = half_range(closed[inside]) if closed is not None else math.nan
+    estimated = _within(run.estimates.time, begin, end) & run.estimates.steady
+    given = run.true_amplitude()
+    return Stage(
+        t0=t0,
+        t1=t1,
+        excitation_amplitude=float(given[inside][-1]) if given is not None else math.nan,
+        identified_amplitude=_mean(run.estimates.amplitude[estimated]),
+        identified_frequency=_mean(run.estimates.frequency[estimated]),
+        height=_height(run, begin, end),
+        amplitude=amplitude,
+        undamped_amplitude=undamped,
+        efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
+    )
+
+
+def _height(run: Run, begin: float, end: float) -> float:
+    if run.simulated:
+        return float(np.median(run.motion.ceiling[_within(run.motion.time, begin, end)]))
+    seen = run.ceiling.height[_within(run.ceiling.time, begin, end)]
+    return float(np.nanmedian(seen)) if np.isfinite(seen).any() else math.nan
+
+
+def _within(times: Array, begin: float, end: float) -> Array:
+    inside: Array = (times >= begin - 1e-9) & (times <= end + 1e-9)
+    return inside
+
+
+def half_range(values: Array) -> float:
+    """Return half the peak-to-peak of `values` (n,), NaN left out; NaN where there is none."""
+    seen = values[np.isfinite(values)]
+    return float(0.5 * np.ptp(seen)) if len(seen) else math.nan
+
+
+def _mean(values: Array) -> float:
+    seen = values[np.isfinite(values)]
+    return float(seen.mean()) if len(seen) else math.nan

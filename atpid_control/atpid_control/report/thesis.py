@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the thesis prints for its adaptive bench (section 4.3, Figs 4.4 to 4.7), to be shown beside a run's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from atpid_control.report.run import Run
+from atpid_control.report.stages import Stage
+
+
+@dataclass(frozen=True)
+class Printed:
+    """One stage as printed."""
+
+    excitation: float  # [m]; the first is printed as 0.15, a slip (DESIGN: the 0.3 m of Fig. 4.5 belong to 0.015)
+    height: float  # [m]
+    amplitude: float  # of the beam, adaptive [m]
+    closed: float  # of the beam, closed damper [m]
+    height_sign: str = ""  # "above", where the thesis says so
+
+
+SECTION_4_3 = (
+    Printed(0.015, 0.30, 0.07, 0.30),
+    Printed(0.040, 0.70, 0.17, 0.85, "> "),
+    Printed(0.030, 0.57, 0.13, 0.65),
+)
+MASS_FRACTION, STIFFNESS = 0.1, 427.6
+
+
+def beside(run: Run, stages: list[Stage]) -> list[Printed] | None:
+    """Return the thesis's stages where `run` is its adaptive bench, else None."""
+    scene = run.scene
+    if scene is None or scene.ceiling.kind != "controlled" or len(stages) != len(SECTION_4_3):
+        return None
+    same_system = np.isclose([scene.grain.mass_fraction, scene.beam.stiffness], [MASS_FRACTION, STIFFNESS]).all()
+    given = [stage.excitation_amplitude for stage in stages]
+    same_stages = np.allclose(given, [printed.excitation for printed in SECTION_4_3], rtol=1e-6)
+    return list(SECTION_4_3) if same_system and same_stages else None

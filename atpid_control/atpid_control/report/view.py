@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What pictures and page show, computed once: the run, the closed damper beside it, stages, the sum in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from atpid_control.bagread import Bag
+from atpid_control.report.comparison import Closed, closed_height, closed_motion
+from atpid_control.report.decay import largest_decrement
+from atpid_control.report.run import Array, Run, read_run
+from atpid_control.report.stages import Stage, measure, window_of
+from atpid_control.report.thesis import Printed, beside
+
+#: How many periods of the grain's motion are shown.
+_PERIODS = 4.0
+
+
+@dataclass(frozen=True)
+class View:
+    """Everything there is to show."""
+
+    run: Run
+    beam: Array  # (n,) displacement from rest [m]
+    closed: Array | None  # (n,) the same with the damper closed [m]
+    true_amplitude: Array | None  # (n,) [m]
+    stages: list[Stage]
+    windows: list[tuple[float, float]]  # where each stage is measured [s]
+    printed: list[Printed] | None  # the thesis's stages, where this is its bench
+    decrements: tuple[float, float] | None  # free decay: largest ratio of successive peaks, damper and closed
+
+    @property
+    def moving(self) -> bool:
+        """Whether the ceiling moves in this run."""
+        heights = self.run.ceiling.height
+        seen = heights[np.isfinite(heights)]
+        return bool(len(seen)) and float(np.ptp(seen)) > 1e-6
+
+    @property
+    def always_closed(self) -> bool:
+        """Whether the damper is closed all the time, so that there is nothing to compare."""
+        scene, heights = self.run.scene, self.run.ceiling.height
+        seen = heights[np.isfinite(heights)]
+        return scene is not None and len(seen) > 0 and bool(np.all(seen <= closed_height(scene) + 1e-9))
+
+    @property
+    def own_name(self) -> str:
+        """What to call the run beside the closed damper."""
+        if self.always_closed:
+            return "closed damper"
+        scene = self.run.scene
+        return "adaptive" if scene is not None and scene.ceiling.kind == "controlled" else "damper"
+
+    @property
+    def grain_window(self) -> tuple[float, float] | None:
+        """Which periods of the grain's motion to show [s]; None where nobody knows it."""
+        if not self.run.simulated or self.run.scene is None:
+            return None
+        length = _PERIODS / self.run.scene.frequency_hz
+        if self.decrements is not None:
+            return 0.0, min(length, self.run.duration)
+        end = self.windows[-1][1] if self.windows else self.run.duration
+        return max(0.0, end - length), end
+
+
+def view_of(source: Path | Bag | Run, closed: Closed | None = None) -> View:
+    """Return what a report of a recorded run shows. Raises BagError."""
+    run = source if isinstance(source, Run) else read_run(source)
+    baseline = closed_motion(run, closed)
+    stages = measure(run, baseline)
+    rest = run.scene.static_deflection if run.scene is not None else -float(np.nanmean(run.motion.beam))
+    beam = run.motion.beam + rest
+    still = baseline + rest if baseline is not None else None
+    free = run.scene is not None and run.scene.excitation.kind == "free" and still is not None
+    return View(
+        run=run,
+        beam=beam,
+        closed=still,
+        true_amplitude=run.true_amplitude(),
+        stages=stages,
+        windows=[window_of(run, stage.t0, stage.t1) for stage in stages],
+        printed=beside(run, stages),
+        decrements=(largest_decrement(beam), largest_decrement(still)) if free and still is not None else None,
+    )
+
+
+def headline(view: View) -> str:
+    """Return the run's result in one sentence."""
+    if view.always_closed:
+        return "The closed damper: the beam as it is without an impact damper."
+    if view.decrements is not None:
+        own, closed = view.decrements
+        return f"Released, each swing falls by up to {own:.2f} times; with the damper closed by {closed:.2f}."
+    shares = [stage.efficiency for stage in view.stages if math.isfinite(stage.efficiency)]
+    if not shares:
+        return "The recorded run."
+    low, high = 100.0 * min(shares), 100.0 * max(shares)
+    much = f"{low:.0f} %" if round(low) == round(high) else f"{low:.0f} to {high:.0f} %"
+    who = "A ceiling that follows the excitation takes" if view.own_name == "adaptive" else "One grain takes"
+    return f"{who} {much} off the resonance."

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Look-up of the best height in a map computed before (thesis section 4.2, first kind of control)."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_sim.maps import HeightMap, MapError
+from atpid_sim.scene import Scene
+
+
+class LookupSelector:
+    """Reads heights off a map; for a margin it takes the lowest height over the amplitude's error bar."""
+
+    method = "lookup"
+
+    def __init__(self, scene: Scene, height_map: HeightMap) -> None:
+        """Raise MapError where the map was made for another system."""
+        height_map.check(scene)
+        self._map = height_map
+        self._mass_fraction = scene.grain.mass_fraction
+
+    def select(
+        self,
+        amplitude: float,
+        amplitude_std: float = 0.0,
+        frequency: float = math.nan,
+        *,
+        margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:
+        """Return the height of the map; see `HeightSelector.select`."""
+        del frequency, height  # a map holds for one frequency and any ceiling before; the hold guards the frequency
+        begun = time.perf_counter()
+        try:
+            best = self._map.lookup(amplitude, self._mass_fraction)
+            # the best height grows with the amplitude: that of the error bar's lower end is safe for all of it
+            safe = self._map.lookup(amplitude - margin * amplitude_std, self._mass_fraction) if margin > 0.0 else best
+        except MapError as error:
+            raise SelectionError(str(error)) from None
+        # the map knows the best height only, not what another height does at this amplitude
+        price = math.nan if margin > 0.0 else 0.0
+        wall = time.perf_counter() - begun
+        return Selection(safe.height, safe.amplitude, safe.efficiency, self.method, wall_s=wall, price=price)

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The role of a height selector: from an excitation to the best ceiling height."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+
+class SelectionError(ValueError):
+    """No height can be selected for this excitation; the ceiling should stay where it is."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A height, and what it is worth."""
+
+    height: float  # [m]
+    beam_amplitude: float  # half peak-to-peak expected there [m], NaN: unknown
+    efficiency: float  # 1 - amplitude / amplitude of the closed damper [-], NaN: unknown
+    method: str
+    evaluations: int = 0  # simulations it took
+    wall_s: float = 0.0  # [s]
+    price: float = 0.0  # efficiency given up for the margin [-], NaN: unknown
+
+
+class HeightSelector(Protocol):
+    """One method of selection."""
+
+    @property
+    def method(self) -> str:
+        """Name in the registry: lookup, pca, direct, search or fixed."""
+        ...
+
+    def select(
+        self,
+        amplitude: float,
+        amplitude_std: float = 0.0,
+        frequency: float = math.nan,
+        *,
+        margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:
+        """Return the best height for an excitation.
+
+        amplitude, amplitude_std: of the support [m]; frequency [Hz], NaN: resonance of the closed damper;
+        margin: standard deviations of the amplitude the height must be safe for [-]; height: where the ceiling is [m],
+        NaN: unknown. Raises SelectionError, in one line, where no height can be given.
+        """
+        ...

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Methods by name. A new method is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from atpid_control.selection.protocol import HeightSelector, SelectionError
+from atpid_sim.scene import Scene
+
+Factory = Callable[[Scene, Path | None], HeightSelector]
+
+
+def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
+    from atpid_control.selection.lookup import LookupSelector
+    from atpid_sim.maps import HeightMap
+
+    if height_map is None:
+        raise SelectionError(
+            "method lookup: no map given; make one with `python -m atpid_sim map SCENE.yaml ...` and name it"
+        )
+    return LookupSelector(scene, HeightMap.load(height_map))
+
+
+def _fixed(scene: Scene, height_map: Path | None) -> HeightSelector:
+    from atpid_control.selection.fixed import FixedSelector
+
+    del height_map
+    return FixedSelector(scene.ceiling.heights[-1][1])
+
+
+METHODS: dict[str, Factory] = {"lookup": _lookup, "fixed": _fixed}
+
+
+def make_selector(method: str, scene: Scene, height_map: Path | None = None) -> HeightSelector:
+    """Return the selector called `method` for `scene`; raise SelectionError or MapError where it cannot be."""
+    if method not in METHODS:
+        raise SelectionError(f"method: given {method!r}; allowed: {', '.join(METHODS)}")
+    return METHODS[method](scene, height_map)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags made without ROS for the tests of recording, reading and reporting: serialised by the bag's own schemas."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from atpid_control.recording import Qos, new_run
+from atpid_control.recording.definitions import message_type
+from atpid_control.recording.session import Session
+from atpid_control.recording.topics import DEFAULT, parse
+from atpid_sim.instrument import laser_of
+from atpid_sim.plant import Plant
+from atpid_sim.scene import Scene, load_scene
+
+PACKAGE = "atpid_interfaces/msg"
+STEADY, MOVING, HOLDING = 1, 4, 3
+_STORE = get_typestore(Stores.EMPTY)
+
+SHORT = """
+beam:       {mass: 0.3258, stiffness: 427.6, damping: 0.56}
+grain:      {mass_fraction: 0.1, radius: 0.0085}
+contact:    {law: tsuji, young_modulus: 2.1e8, poisson_ratio: 0.2, damping_ratio: 1.0}
+excitation:
+  amplitude: [[0.0, 0.0], [0.5, 0.01], [4.0, 0.01], [4.5, 0.02], [8.0, 0.02]]
+  frequency: resonance
+ceiling:    {closed: 0.017, range: [0.017, 1.0], speed: 0.3, controller: lookup}
+gravity:    9.81
+duration:   8.0
+steady_window: [7.0, 8.0]
+tolerance:  1.0e-4
+sensors:    {laser: {noise: 20.0e-6}}
+seed:       1
+"""
+
+
+def make(message: str, /, stamp_ns: int = 0, frame_id: str = "", **fields: Any) -> bytes:
+    """Return a serialised message of atpid_interfaces/msg/`message`; fields not given are zero or empty."""
+    name = f"{PACKAGE}/{message}"
+    if name not in _STORE.types:
+        found = get_types_from_msg(message_type(name).definition, name)
+        _STORE.register({key: value for key, value in found.items() if key not in _STORE.fielddefs})
+    stamp = _new("builtin_interfaces/msg/Time", sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000)
+    header = _new("std_msgs/msg/Header", frame_id=frame_id, stamp=stamp)
+    return bytes(_STORE.serialize_cdr(_new(name, header=header, **fields), name))
+
+
+def _new(name: str, **fields: Any) -> Any:
+    values: dict[str, Any] = {}
+    for key, (node, description) in _STORE.fielddefs[name][1]:
+        values[key] = fields.pop(key) if key in fields else _zero(node.name, description)
+    assert not fields, f"{name} has no {fields}"
+    return _STORE.types[name](**values)
+
+
+def _zero(node: str, description: Any) -> Any:
+    if node == "NAME":
+        return _new(description)
+    if node == "SEQUENCE":
+        return [] if description[0][1][0] == "string" else np.zeros(0)
+    return {"string": "", "bool": False}.get(description[0], 0)
+
+
+def block(index: int, data: Any, rate: float = 1000.0, start_ns: int = 0, **fields: Any) -> bytes:
+    """Return a laser's block with `data` (n, 2) that begins at scan `index`."""
+    stamp = start_ns + round(index / rate * 1e9)
+    given = {
+        "channels": ["support_displacement", "beam_displacement"],
+        "units": ["m", "m"],
+        "skew": np.zeros(2),
+    } | fields
+    return make("SampleBlock", stamp, "plant:laser", first_index=index, rate=rate, data=np.ravel(data), **given)
+
+
+def bench(scene: Scene, heights: list[tuple[float, float, float]], start_ns: int = 0) -> Iterator[tuple[str, bytes]]:
+    """Yield (topic, message) of a run in which a perfect controller sends the ceiling to (time, height, amplitude)."""
+    plant, laser = Plant(scene), laser_of(scene)
+    rate, count = scene.sensors.laser.rate, round(scene.recording.block * scene.sensors.laser.rate)
+    speed = getattr(scene.ceiling, "speed", 0.3)
+    target, sequence, amplitude = plant.height, 0, float("nan")
+    times = [time for time, _, _ in heights]
+    for number in range(round(scene.duration * rate) // count):
+        first = number * count
+        truth = plant.advance(count, rate, target, speed)
+        data = laser.read(number, np.stack([truth.support, truth.beam], axis=1))
+        last = start_ns + round((first + count - 1) / rate * 1e9)
+        yield "/sensors/laser", block(first, data, rate, start_ns)
+        yield "/plant/truth", _truth(truth, first, rate, start_ns)
+        yield "/excitation", _estimate(truth, last, number)
+        while sequence < len(times) and truth.time[-1] >= times[sequence]:
+            target, amplitude = heights[sequence][1:]
+            sequence += 1
+        yield "/ceiling/command", make("CeilingCommand", last, "plant:laser", sequence=sequence, height=target,
+                                       excitation_amplitude=amplitude, method="lookup", reason="selected")  # fmt: skip
+        moving = plant.height != target
+        yield "/ceiling/state", make("CeilingState", last, "motor_node", mode=MOVING if moving else HOLDING, homed=True,
+                                     height=plant.height, target=target, speed=speed, sequence=sequence)  # fmt: skip
+    yield "/events", make("Event", last, "plant_node", kind="finished", value=scene.duration,
+                          text=f"{scene.duration:g} s simulated in 1 s ({scene.duration:g} x real time)")  # fmt: skip
+
+
+def _truth(truth: Any, first: int, rate: float, start_ns: int) -> bytes:
+    names = ("excitation_amplitude", "excitation_frequency", "impacts", "input_energy", "beam_loss", "contact_loss",
+             "ceiling_work", "stored_energy", "support", "beam", "grain", "ceiling")  # fmt: skip
+    fields = {name: getattr(truth, name) for name in names}
+    return make("PlantTruth", start_ns + round(first / rate * 1e9), "plant", first_index=first, rate=rate, **fields)
+
+
+def _estimate(truth: Any, last: int, number: int) -> bytes:
+    amplitude = truth.excitation_amplitude * (1.0 + 0.002 * np.sin(number))
+    beam = 0.5 * float(np.ptp(truth.beam))
+    return make("Excitation", last, "plant:laser", quality=STEADY if number > 3 else 0, amplitude=amplitude,
+                amplitude_std=2e-5, frequency=truth.excitation_frequency, frequency_std=1e-3, window=0.19,
+                used=190, beam_amplitude=beam)  # fmt: skip
+
+
+def record(folder: Path, scene_file: Path, heights: list[tuple[float, float, float]], lockstep: bool = True) -> Path:
+    """Record `bench` of the scene into `folder`; return it."""
+    topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
+    run = new_run(scene_file, run_id="specimen", commit="0123456789ab")
+    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda topic: (Qos(),))
+    for number, (topic, message) in enumerate(bench(load_scene(scene_file), heights)):
+        session.receive(topic, message, 1_000_000_000 + number * 1_000)
+    assert session.complete
+    session.close()
+    return folder

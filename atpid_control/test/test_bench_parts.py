@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench's pure parts: domain, output folder, parameters, processes."""
+
+import json
+import signal
+import socket
+import sys
+
+import pytest
+
+from atpid_control.bench import graph, outdir
+from atpid_control.bench.domain import is_quiet, own_domain
+from atpid_control.bench.errors import BenchError, NodeDiedError
+from atpid_control.bench.processes import Processes
+from atpid_sim.scene import scene_from_mapping
+
+SCENE = {
+    "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
+    "grain": {"mass_fraction": 0.1, "radius": 0.0085},
+    "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
+    "excitation": {"amplitude": 0.01, "frequency": "resonance"},
+    "ceiling": {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"},
+    "gravity": 9.81,
+    "duration": 1.0,
+    "tolerance": 1e-6,
+}
+
+
+def test_two_benches_get_different_domains_and_the_environment_is_put_back():
+    environment = {"ROS_DOMAIN_ID": "7"}
+    with own_domain(environment=environment) as first, own_domain(environment=dict(environment)) as second:
+        assert first != second
+        assert environment["ROS_DOMAIN_ID"] == str(first)
+        assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert environment == {"ROS_DOMAIN_ID": "7"}
+
+
+def test_a_domain_with_a_participant_is_not_quiet():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(("", 7400 + 250 * 97 + 10))
+        assert not is_quiet(97)
+
+
+def test_a_domain_out_of_range_or_taken_is_refused():
+    with pytest.raises(BenchError, match="given 400; allowed: 0 to 232"), own_domain(400, {}):
+        pass
+    with own_domain(99, {}), pytest.raises(BenchError, match="given 99"), own_domain(99, {}):
+        pass
+
+
+def test_an_earlier_run_is_moved_aside_and_nothing_is_lost(tmp_path):
+    assert outdir.prepare(tmp_path) is None
+    for number in (1, 2):
+        outdir.mark(tmp_path, tmp_path / "scene.yaml")
+        (tmp_path / "bag").mkdir()
+        (tmp_path / "bag" / "data.mcap").write_text(str(number))
+        moved = outdir.prepare(tmp_path)
+        assert moved == tmp_path / f"run-000{number}"
+        assert not (tmp_path / "bag").exists()
+    kept = [(tmp_path / f"run-000{number}" / "bag" / "data.mcap").read_text() for number in (1, 2)]
+    assert kept == ["1", "2"]
+    assert json.loads((tmp_path / "run-0002" / outdir.MARKER).read_text())["layout"] == 1
+
+
+def test_a_folder_with_other_peoples_files_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(BenchError, match=r"not the bench's \(thesis.tex\)"):
+        outdir.prepare(tmp_path)
+    with pytest.raises(BenchError, match=r"File exists|Not a directory"):
+        outdir.prepare(tmp_path / "thesis.tex")
+    assert (tmp_path / "thesis.tex").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("ceiling", "expected"),
+    [
+        ({}, (0.017, 1.0, 0.3, 0.017)),
+        ({"height": 0.2}, (0.017, 0.2, 0.3, 0.2)),
+        ({"closed": 0.017, "open": 0.2, "start": 0.2, "end": 0.7}, (0.017, 0.2, 0.366, 0.017)),
+    ],
+)
+def test_the_simulated_ceiling_gets_limits_and_speed_from_the_scene(ceiling, expected):
+    scene = scene_from_mapping(SCENE | ({"ceiling": ceiling} if ceiling else {}))
+    found = graph.ceiling_parameters(scene)
+    assert tuple(found.values()) == pytest.approx(expected)
+    assert tuple(found) == ("lowest", "highest", "speed", "initial_height")
+
+
+def test_a_closed_damper_gets_a_range_with_some_width():
+    found = graph.ceiling_parameters(scene_from_mapping(SCENE | {"ceiling": {"height": 0.017}}))
+    assert found["highest"] > found["lowest"]
+
+
+def test_parameters_of_a_node_are_found_under_each_way_to_name_it():
+    document = {"/**/a_node": {"ros__parameters": {"x": 1}}, "/**": {"ros__parameters": {"y": 2}}, "b_node": {}}
+    assert graph.parameters_in(document, "a_node") == {"x": 1, "y": 2}
+
+
+def script(text):
+    return [sys.executable, "-c", f"import signal\n{text}"]
+
+
+def test_a_node_that_dies_is_named_with_its_last_words_and_the_others_are_stopped(tmp_path):
+    commands = [
+        ("plant_node", script("signal.pause()")),
+        ("motor_node", script("print('hello'); raise SystemExit('error: no such port')")),
+    ]
+    said = r"motor_node ended with status 1: .*error: no such port"
+    with pytest.raises(NodeDiedError, match=said), Processes(commands, tmp_path) as nodes:
+        nodes["motor_node"].wait()
+        nodes.check(except_for="plant_node")
+    assert nodes["plant_node"].status is not None
+
+
+def test_nodes_are_asked_to_leave_before_they_are_killed(tmp_path):
+    text = "try:\n    print('up', flush=True); signal.pause()\nexcept KeyboardInterrupt:\n    print('closed')"
+    with Processes([("recorder_node", script(text))], tmp_path) as nodes:
+        while "up" not in nodes["recorder_node"].log.read_text():
+            assert nodes["recorder_node"].status is None
+    assert nodes["recorder_node"].last_words() == "up / closed"
+    assert nodes["recorder_node"].status == 0
+
+
+def test_an_executable_that_is_missing_says_what_to_do(tmp_path):
+    with pytest.raises(BenchError, match="make setup"), Processes([("x_node", [str(tmp_path / "x")])], tmp_path):
+        pass
+
+
+def test_stopping_is_not_cut_short_by_a_second_interrupt(tmp_path):
+    answer = "lambda *_: (os.kill(os.getppid(), signal.SIGINT), exit(0))"
+    text = f"import os\nsignal.signal(signal.SIGINT, {answer})\nprint('up', flush=True)\nsignal.pause()"
+    before = signal.getsignal(signal.SIGINT)
+    with Processes([("a", script(text)), ("b", script(text))], tmp_path) as nodes:
+        for name in "ab":
+            while "up" not in nodes[name].log.read_text():
+                assert nodes[name].status is None
+    assert [nodes[name].status for name in "ab"] == [0, 0]
+    assert signal.getsignal(signal.SIGINT) is before

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The dead band and hold: what moves the ceiling and, above all, what does not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from atpid_control.controller import ProfileController, SelectingController
+from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
+from atpid_control.selection.protocol import Selection, SelectionError
+
+SETTINGS = {
+    "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
+    "frequency": 5.49, "frequency_tolerance": 0.05,
+}  # fmt: skip
+
+
+def hold(**changes):
+    return Hold(Settings(**(SETTINGS | changes)))
+
+
+def steady(amplitude, std=1e-6, frequency=5.49):
+    return Estimate(Quality.STEADY, amplitude, std, frequency)
+
+
+def transient(amplitude):
+    return Estimate(Quality.TRANSIENT, amplitude, 1e-4, 5.49)
+
+
+def feed(machine, estimates):
+    """Return the amplitudes acted on."""
+    acted = []
+    for estimate in estimates:
+        verdict = machine.judge(estimate)
+        if verdict.select:
+            machine.acted(verdict.amplitude)
+            acted.append(verdict.amplitude)
+    return acted
+
+
+def test_acts_once_on_a_steady_excitation_and_not_before_it_is_sure():
+    machine = hold()
+    assert feed(machine, [steady(0.015)] * 3) == []
+    assert feed(machine, [steady(0.015)] * 100) == [0.015]
+    assert machine.judge(steady(0.015)).reason == "inside dead band"
+
+
+def test_noise_moves_nothing_in_ten_minutes():
+    generator = np.random.default_rng(1)
+    amplitudes = 0.015 * (1.0 + 0.002 * generator.standard_normal(12_000))
+    machine = hold()
+    assert len(feed(machine, [steady(a, 0.002 * 0.015) for a in amplitudes])) == 1
+
+
+def test_a_change_must_stand_out_of_the_error_bar():
+    machine = hold()
+    feed(machine, [steady(0.015)] * 4)
+    assert feed(machine, [steady(0.0155, std=2e-4)] * 50) == []
+    assert feed(machine, [steady(0.0155, std=1e-5)] * 50) == [0.0155]
+
+
+def test_a_single_rising_transient_is_not_chased_but_a_ramp_is_followed():
+    machine = hold()
+    feed(machine, [steady(0.015)] * 4)
+    assert feed(machine, [transient(0.03), transient(0.02), transient(0.028), transient(0.021)] * 5) == []
+    assert feed(machine, [transient(0.016 + 0.001 * k) for k in range(8)])
+
+
+def test_a_falling_excitation_is_followed_at_once():
+    machine = hold()
+    feed(machine, [steady(0.04)] * 4)
+    assert feed(machine, [transient(0.038), transient(0.036)]) == [0.036]
+
+
+@pytest.mark.parametrize(
+    ("estimate", "reason"),
+    [
+        (Estimate(Quality.NONE, math.nan, math.nan, math.nan), "no estimate"),
+        (Estimate(Quality.POOR, 0.015, 1e-3, 5.49), "poor estimate"),
+        (Estimate(Quality.STEADY, math.nan, 1e-6, 5.49), "estimate is not a number"),
+        (Estimate(Quality.STEADY, 0.015, math.inf, 5.49), "estimate is not a number"),
+        (Estimate(Quality.STEADY, -0.015, 1e-6, 5.49), "amplitude is not positive"),
+        (Estimate(Quality.STEADY, 0.03, 1e-6, 6.0), "frequency off resonance"),
+    ],
+)
+def test_an_estimate_that_cannot_be_trusted_moves_nothing(estimate, reason):
+    machine = hold()
+    feed(machine, [steady(0.015)] * 4)
+    verdict = machine.judge(estimate)
+    assert (verdict.select, verdict.reason) == (False, reason)
+    assert machine.acted_amplitude == 0.015
+
+
+def test_trouble_interrupts_what_was_nearly_sure():
+    machine = hold()
+    feed(machine, [steady(0.015)] * 3)
+    machine.judge(Estimate(Quality.POOR, 0.015, 1e-3, 5.49))
+    assert feed(machine, [steady(0.015)] * 3) == []
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"dead_band": -0.1}, {"dead_band": math.nan}, {"steady_count": 0}, {"rising_count": 1}, {"frequency": math.nan}],
+)
+def test_contradictory_settings_are_refused_in_one_line(changes):
+    with pytest.raises(HoldError, match=r"given .*; allowed: "):
+        hold(**changes)
+
+
+class Linear:
+    """Height 19 times the amplitude, up to 0.05 m."""
+
+    method = "lookup"
+
+    def __init__(self):
+        self.asked = 0
+
+    def select(self, amplitude, amplitude_std=0.0, frequency=math.nan, *, margin=0.0, height=math.nan):
+        self.asked += 1
+        if amplitude > 0.05:
+            raise SelectionError(f"amplitude: given {amplitude:g} m; allowed: up to 0.05 m")
+        return Selection(19.0 * amplitude, 5.0 * amplitude, 0.8, "lookup")
+
+
+def controller(limits=(0.017, 1.0)):
+    selector = Linear()
+    return SelectingController(hold(), selector, limits, 0.0), selector
+
+
+def answers(machine, estimates):
+    return [machine.answer(0.05 * k, estimate, 0.3) for k, estimate in enumerate(estimates)]
+
+
+def test_each_estimate_is_answered_and_the_height_repeated():
+    machine, selector = controller()
+    commands = [answer.command for answer in answers(machine, [steady(0.015)] * 10)]
+    assert len(commands) == 10
+    assert all(math.isnan(command.height) for command in commands[:3])
+    assert {command.height for command in commands[3:]} == {19.0 * 0.015}
+    assert [command.sequence for command in commands] == [0] * 3 + [1] * 7
+    assert selector.asked == 1
+
+
+def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once():
+    machine, selector = controller()
+    answers(machine, [steady(0.015)] * 4)
+    given = answers(machine, [steady(0.08)] * 20)
+    assert [answer.refusal for answer in given if answer.refusal] == [
+        "the ceiling stays: amplitude: given 0.08 m; allowed: up to 0.05 m"
+    ]
+    assert {answer.command.height for answer in given} == {19.0 * 0.015}
+    assert selector.asked == 2
+
+
+def test_a_refusal_is_said_again_after_a_good_estimate():
+    machine, _ = controller()
+    poor = Estimate(Quality.POOR, 0.015, 1e-3, 5.49)
+    said = [bool(answer.refusal) for answer in answers(machine, [poor, poor, steady(0.015), poor, poor])]
+    assert said == [True, False, False, True, False]
+
+
+def test_heights_stay_in_the_ceilings_range():
+    machine, _ = controller(limits=(0.017, 0.2))
+    command = answers(machine, [steady(0.015)] * 4)[-1].command
+    assert command.height == 0.2
+    assert "range" in command.reason
+    assert math.isnan(command.predicted_amplitude)
+
+
+def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone():
+    machine = ProfileController(((6.0, 0.017), (7.0, 0.2)))
+    heights = [machine.answer(t, steady(0.01), math.nan).command.height for t in (0.0, 6.5, 9.0)]
+    assert heights == pytest.approx([0.017, 0.1085, 0.2])

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The identifier node over real DDS: the handshake, one estimate for each block with its last stamp, and refusals."""
+
+from __future__ import annotations
+
+import array
+import os
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+import yaml
+from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_control.identification import IdentificationError
+from atpid_control.nodes.identifier_node import IdentifierNode, last_stamp
+from atpid_sim.nodes.messages import BLOCKS, HELLO, STATES, nanoseconds_of, time_of
+from atpid_sim.scene import SceneError
+from atpid_sim.stream import stamp_ns
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / "atpid_control" / "config" / "identifier.yaml"
+RATE, START = 1000.0, 1_700_000_000_123_456_789
+
+
+def configured() -> dict[str, Any]:
+    document = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    found: dict[str, Any] = document["/**/identifier_node"]["ros__parameters"]
+    return found
+
+
+class Stand:
+    """The node and a peer that plays the sensors, on one executor."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.peer = Node("peer", context=self.context)
+        self.executor.add_node(self.peer)
+        self.estimates: list[Excitation] = []
+        self.events: list[Event] = []
+        self.hellos: list[Excitation] = []
+        self.peer.create_subscription(Excitation, "excitation", self._hear, 100)
+        self.peer.create_subscription(Event, "events", self.events.append, 100)
+        self.blocks = self.peer.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
+        self.ceiling = self.peer.create_publisher(CeilingState, "ceiling/state", STATES)
+
+    def identifier(self, **parameters: Any) -> IdentifierNode:
+        values = [Parameter(name, value=value) for name, value in (configured() | parameters).items()]
+        node = IdentifierNode(parameter_overrides=values, context=self.context)
+        self.executor.add_node(node)
+        return node
+
+    def until(self, condition: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
+        end = time.monotonic() + 30.0
+        while not condition():
+            assert time.monotonic() < end, "the event waited for did not come"
+            act()
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def shake_hands(self) -> Excitation:
+        hello = SampleBlock()
+        hello.header.frame_id = HELLO
+        self.until(lambda: self.hellos, lambda: self.blocks.publish(hello))
+        self.until(lambda: self.peer.count_publishers("events"))
+        return self.hellos[0]
+
+    def _hear(self, message: Excitation) -> None:
+        (self.hellos if message.header.frame_id == HELLO else self.estimates).append(message)
+
+    def ask(self, block: SampleBlock) -> Excitation:
+        before = len(self.estimates)
+        self.blocks.publish(block)
+        self.until(lambda: len(self.estimates) > before)
+        assert len(self.estimates) == before + 1
+        return self.estimates[-1]
+
+    def close(self) -> None:
+        for node in list(self.executor.get_nodes()):
+            if isinstance(node, IdentifierNode):
+                node.close()
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+def sample_block(first: int, channels: dict[str, Any], rate: float = RATE, skew: float = 0.0) -> SampleBlock:
+    block = SampleBlock(first_index=first, rate=rate, channels=list(channels), units=["m"] * len(channels))
+    block.header.stamp, block.header.frame_id = time_of(stamp_ns(START, first, rate)), "plant"
+    block.skew = array.array("d", [skew] * len(channels))
+    data = np.stack([np.asarray(values) for values in channels.values()], axis=1)
+    block.data = array.array("d", data.astype(np.float64).ravel())
+    return block
+
+
+def sine(first: int, scans: int, amplitude: float, rate: float = RATE) -> Any:
+    return amplitude * np.sin(2 * np.pi * 5.49 * (first + np.arange(scans)) / rate)
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    stand = Stand()
+    yield stand
+    stand.close()
+
+
+def test_hello_is_answered_in_kind(stand: Stand) -> None:
+    stand.identifier()
+    answer = stand.shake_hands()
+    assert answer.header.frame_id == HELLO
+    assert nanoseconds_of(answer.header.stamp) == 0
+    assert answer.quality == Excitation.NONE
+
+
+def test_each_block_has_one_estimate_with_the_stamp_of_its_last_sample(stand: Stand) -> None:
+    stand.identifier()
+    stand.shake_hands()
+    rate = 999.7
+    for first in range(0, 1000, 50):
+        channels = {
+            "support_displacement": sine(first, 50, 0.015, rate),
+            "beam_displacement": sine(first, 50, 0.2, rate),
+        }
+        answer = stand.ask(sample_block(first, channels, rate))
+        assert nanoseconds_of(answer.header.stamp) == stamp_ns(START, first + 49, rate)
+        assert answer.last_index == first + 49
+    assert answer.quality == Excitation.STEADY and answer.origin == Excitation.SUPPORT
+    assert answer.amplitude == pytest.approx(0.015, rel=1e-6)
+    assert answer.frequency == pytest.approx(5.49, rel=1e-6)
+    assert answer.beam_amplitude == pytest.approx(0.2, rel=0.005)
+
+
+def test_a_change_is_an_event_once_it_is_steady_again(stand: Stand) -> None:
+    stand.identifier()
+    stand.shake_hands()
+    for first in range(0, 2000, 50):
+        amplitude = 0.015 if first < 1000 else 0.03
+        stand.ask(sample_block(first, {"support_displacement": sine(first, 50, amplitude)}))
+    stand.until(lambda: len(stand.events) == 2)
+    assert [event.kind for event in stand.events] == ["excitation_changed"] * 2
+    assert stand.events[1].value == pytest.approx(0.03, rel=0.01)
+
+
+def test_a_block_without_the_channel_is_answered_and_said_once(stand: Stand) -> None:
+    node = stand.identifier()
+    stand.shake_hands()
+    for first in (0, 50):
+        answer = stand.ask(sample_block(first, {"temperature": np.zeros(50)}))
+        assert answer.quality == Excitation.NONE
+        assert nanoseconds_of(answer.header.stamp) == stamp_ns(START, first + 49, RATE)
+    assert "support_displacement" in node.complaint and "temperature" in node.complaint
+
+
+def test_from_the_beam_alone_through_the_closed_damper(stand: Stand) -> None:
+    stand.identifier(origin="beam", scene=str(ROOT / "scenes" / "closed_damper.yaml"))
+    stand.shake_hands()
+    state = CeilingState(height=0.017)
+    first = 0
+
+    def more() -> None:
+        nonlocal first
+        stand.ceiling.publish(state)
+        stand.ask(sample_block(first, {"beam_displacement": sine(first, 50, 0.2)}))
+        first += 50
+
+    stand.until(lambda: stand.estimates and stand.estimates[-1].quality == Excitation.STEADY, more)
+    answer = stand.estimates[-1]
+    assert answer.origin == Excitation.BEAM
+    assert 0.005 < answer.amplitude < 0.02
+    assert answer.amplitude_std > 0.01 * answer.amplitude
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error", "text"),
+    [
+        ({"window_periods": 0.5}, IdentificationError, "window_periods: given 0.5"),
+        ({"origin": "guess"}, IdentificationError, "origin: given 'guess'; allowed: support, beam"),
+        ({"origin": "beam"}, IdentificationError, "scene: given none"),
+        ({"origin": "beam", "scene": "missing.yaml"}, SceneError, "missing.yaml"),
+    ],
+)
+def test_bad_parameters_are_refused_in_one_line(
+    stand: Stand, parameters: dict[str, Any], error: type[ValueError], text: str
+) -> None:
+    with pytest.raises(error) as refused:
+        stand.identifier(**parameters)
+    assert text in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_last_stamp_is_rounded_as_the_source_rounds_it() -> None:
+    for rate in (1000.0, 3000.0, 999.7, 44_100.0):
+        for first in (0, 50, 12_345_678):
+            block = sample_block(first, {"support_displacement": np.zeros(37)}, rate)
+            assert last_stamp(block) == stamp_ns(START, first + 36, rate)
+
+
+def test_as_a_process_without_parameters_it_says_what_to_do() -> None:
+    executable = ROOT / "ros2_ws" / "install" / "atpid_control" / "lib" / "atpid_control" / "identifier_node"
+    ended = subprocess.run([executable], capture_output=True, text=True, timeout=60, env=os.environ, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.strip().startswith("error: ") and "identifier.yaml" in ended.stderr
+    assert "Traceback" not in ended.stderr

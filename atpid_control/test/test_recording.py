@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag must hold for `ros2 bag` to open it, and what is left of one after a crash."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from recorded import SHORT, block, make, record
+
+from atpid_control.recording import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
+from atpid_control.recording import __main__ as command
+from atpid_control.recording.cdr import block_shape, event_kind, header, truth_shape
+from atpid_control.recording.completeness import Continuity
+from atpid_control.recording.definitions import message_type
+from atpid_control.recording.order import StampOrder
+from atpid_control.recording.qos import as_yaml, from_yaml
+from atpid_control.recording.topics import DEFAULT, parse
+from atpid_control.recording.writer import Sink
+
+BLOCK = "atpid_interfaces/msg/SampleBlock"
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded")
+    scene = folder / "short.yaml"
+    scene.write_text(SHORT.replace("duration:   8.0", "duration:   2.0").replace("[7.0, 8.0]", "[1.0, 2.0]"))
+    return record(folder / "run", scene, [(0.8, 0.2, 0.01)])
+
+
+def small_bag(folder: Path, blocks: int = 40) -> BagWriter:
+    writer = BagWriter(folder, new_run(run_id="small", commit="none"))
+    writer.add_topic("/sensors/laser", BLOCK)
+    for number in range(blocks):
+        data = np.random.default_rng(number).normal(size=(50, 2))
+        writer.write("/sensors/laser", block(50 * number, data), 50_000_000 * number, 50_000_000 * number)
+    return writer
+
+
+def test_metadata_yaml_holds_all_that_rosbag2_asks_for(bag: Path) -> None:
+    information = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert list(information) == [
+        "version", "storage_identifier", "duration", "starting_time", "message_count", "topics_with_message_count",
+        "compression_format", "compression_mode", "relative_file_paths", "files", "custom_data", "ros_distro",
+    ]  # fmt: skip
+    assert information["version"] == 9 and information["storage_identifier"] == "mcap"
+    assert information["compression_format"] == information["compression_mode"] == ""
+    assert information["relative_file_paths"] == ["run_0.mcap"] and (bag / "run_0.mcap").is_file()
+    assert information["custom_data"]["run_id"] == "specimen"
+    (file,) = information["files"]
+    assert file == {
+        "path": "run_0.mcap",
+        "starting_time": information["starting_time"],
+        "duration": information["duration"],
+        "message_count": information["message_count"],
+    }
+    assert information["message_count"] == sum(t["message_count"] for t in information["topics_with_message_count"])
+    for entry in information["topics_with_message_count"]:
+        topic = entry["topic_metadata"]
+        assert set(topic) == {"name", "type", "serialization_format", "offered_qos_profiles", "type_description_hash"}
+        assert topic["serialization_format"] == "cdr" and topic["type_description_hash"].startswith("RIHS01_")
+        (profile,) = topic["offered_qos_profiles"]
+        assert profile["deadline"] == profile["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
+        assert profile["reliability"] == "reliable" and profile["history"] == "keep_last"
+
+
+def test_the_file_is_what_rosbag2_calls_mcap(bag: Path) -> None:
+    with (bag / "run_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        for channel in summary.channels.values():
+            schema = summary.schemas[channel.schema_id]
+            assert channel.message_encoding == "cdr" and schema.encoding == "ros2msg"
+            assert isinstance(channel.metadata["offered_qos_profiles"], str)
+            assert channel.metadata["topic_type_hash"] == message_type(schema.name).hash
+        assert all(chunk.compression == "zstd" for chunk in summary.chunk_indexes)
+        # a chunk ends with the message that passes 16 KiB
+        assert max(chunk.uncompressed_size for chunk in summary.chunk_indexes) < 16_384 + 4_096
+        assert summary.statistics.message_count == verify(bag).messages
+        (scene,) = [item for item in reader.iter_attachments() if item.name == "scene.yaml"]
+        assert "mass_fraction" in scene.data.decode()
+        assert {item.name: item.metadata for item in reader.iter_metadata()}["atpid_result"]["finished"] == "yes"
+
+
+def test_in_lockstep_log_times_are_stamps_in_order(bag: Path) -> None:
+    with (bag / "run_0.mcap").open("rb") as stream:
+        messages = list(make_reader(stream).iter_messages(log_time_order=False))
+    assert all(message.log_time == message.publish_time == header(message.data).stamp_ns for _, _, message in messages)
+    assert all(a.log_time <= b.log_time for (_, _, a), (_, _, b) in pairwise(messages))
+    for topic in {channel.topic for _, channel, _ in messages}:
+        sequences = [message.sequence for _, channel, message in messages if channel.topic == topic]
+        assert sequences == list(range(len(sequences)))
+
+
+def test_definition_names_every_type_inside() -> None:
+    text = message_type(BLOCK).definition
+    assert text.count("=" * 80) == 2
+    assert "MSG: std_msgs/Header" in text and "MSG: builtin_interfaces/Time" in text
+    assert message_type("atpid_interfaces/msg/Event").has_header  # its constants come before its header
+    assert not message_type("rosgraph_msgs/msg/Clock").has_header
+
+
+@pytest.mark.parametrize("name", ["SampleBlock", "atpid_interfaces/msg/Nothing", "no_such_package/msg/Thing"])
+def test_unknown_types_are_refused_in_one_line(name: str) -> None:
+    with pytest.raises(TypeUnknownError) as caught:
+        message_type(name)
+    assert name.split("/")[-1] in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_fields_are_read_in_place_whatever_the_alignment() -> None:
+    for frame_id in ("", "a", "ab", "abc", "abcd", "plant:laser"):
+        data = make("SampleBlock", 12_345_678_901, frame_id, first_index=7, rate=1000.0, dropped=3,
+                    channels=["a", "bcd"], units=["m", "m/s^2"], skew=np.zeros(2), data=np.arange(6.0))  # fmt: skip
+        assert header(data) == (12_345_678_901, frame_id)
+        assert block_shape(data) == (7, 1000.0, 3, 3)
+        assert event_kind(make("Event", 1, frame_id, kind="finished", text="x")) == "finished"
+        assert truth_shape(make("PlantTruth", 1, frame_id, first_index=9, rate=10.0, support=np.zeros(4))) == (
+            9,
+            10.0,
+            0,
+            4,
+        )
+    assert block_shape(make("SampleBlock", frame_id="hello", channels=["a"])).scans == 0
+
+
+def test_order_is_by_stamp_topic_sender_and_arrival() -> None:
+    order = StampOrder(["a", "b", "e"], {"a", "b"}, hold_back_ns=0)
+    order.add("b", 10, "", b"b10")
+    order.add("e", 10, "z", b"from z")
+    order.add("e", 10, "y", b"from y, first")
+    order.add("a", 10, "", b"a10")
+    order.add("e", 10, "y", b"from y, then")
+    assert not list(order.ready())
+    order.add("a", 20, "", b"a20")
+    order.add("b", 20, "", b"b20")
+    assert [held.data for held in order.ready()] == [b"a10", b"b10", b"from y, first", b"from y, then", b"from z"]
+    assert [held.data for held in order.rest()] == [b"a20", b"b20"] and len(order) == 0
+
+
+def test_gaps_are_counted_by_index() -> None:
+    flow = Continuity()
+    assert [flow.add(block_shape(block(index, np.zeros((50, 2))))) for index in (0, 50, 150, 200)] == [0, 0, 50, 0]
+    assert (flow.scans, flow.lost, flow.gaps) == (200, 50, 1)
+
+
+def test_quality_of_service_survives_its_own_words() -> None:
+    profiles = (Qos(), Qos(depth=1, durability="transient_local", deadline_ns=500_000_000))
+    assert from_yaml(as_yaml(profiles)) == profiles
+
+
+def test_diagnostics_stay_out_of_a_lockstep_bag() -> None:
+    assert len(parse(DEFAULT, lockstep=False)) == len(parse(DEFAULT, lockstep=True)) + 1
+
+
+@pytest.mark.parametrize("entry", ["sensors/laser", f"a {BLOCK} sometimes", "a no_such/msg/Type"])
+def test_topics_are_checked(entry: str) -> None:
+    with pytest.raises(BagError):
+        parse([entry], lockstep=False)
+
+
+def test_an_existing_folder_is_never_written_over(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    with pytest.raises(BagError, match="exists already"):
+        BagWriter(tmp_path / "run", new_run())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="not a folder one may write to"):
+        BagWriter(tmp_path / "file" / "run", new_run())
+
+
+def test_configuration_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="cannot be read"):
+        new_run(tmp_path / "missing.yaml")
+
+
+def test_a_full_disk_is_one_line_and_the_rest_can_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = small_bag(tmp_path / "run")
+    space = 5_000
+    whole = Sink.write
+
+    def limited(sink: Sink, data: bytes) -> int:
+        nonlocal space
+        whole(sink, data[:space])
+        space -= len(data)
+        if space < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return len(data)
+
+    monkeypatch.setattr(Sink, "write", limited)
+    with pytest.raises(BagError, match="the disk is full: free some space") as caught:
+        for number in range(40, 100):
+            writer.write("/sensors/laser", block(50 * number, np.zeros((50, 2))), number, number)
+    assert "\n" not in str(caught.value)
+    monkeypatch.undo()
+    writer.close()
+    with pytest.raises(BagError, match="breaks off"):
+        verify(tmp_path / "run")
+    assert repair(tmp_path / "run").messages >= 30
+
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from test_recording import small_bag
+writer = small_bag(Path(sys.argv[1]), blocks=400)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_kill_loses_at_most_one_chunk(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    killed = subprocess.run([sys.executable, "-c", _KILLED, str(folder), str(Path(__file__).parent)], check=False)
+    assert killed.returncode == -9 and not (folder / "metadata.yaml").exists()
+    with pytest.raises(BagError, match="breaks off"):
+        verify(folder)
+    found = repair(folder)
+    # a block of 50 x 2 doubles is about 1 kB, so that a chunk of 16 KiB holds 17 of them
+    assert 400 - 17 <= found.messages <= 400
+    assert repair(folder) == found
+    assert (folder / "run_0.mcap.damaged").is_file()
+
+
+def test_a_repaired_bag_keeps_description_and_channels(tmp_path: Path) -> None:
+    writer = small_bag(tmp_path / "run")
+    writer.sync()
+    assert repair(tmp_path / "run").messages == 40
+    information = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["custom_data"]["run_id"] == "small" and "repaired" in information["custom_data"]
+    (topic,) = information["topics_with_message_count"]
+    assert topic["topic_metadata"]["offered_qos_profiles"] == [Qos().mapping()]
+    writer.close()
+
+
+def test_a_changed_byte_is_noticed(tmp_path: Path) -> None:
+    small_bag(tmp_path / "run").close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    file.write_bytes(data)
+    with pytest.raises(BagError):
+        verify(tmp_path / "run")
+
+
+def test_metadata_that_tells_another_story_is_noticed_and_repaired(tmp_path: Path) -> None:
+    small_bag(tmp_path / "run").close()
+    path = tmp_path / "run" / "metadata.yaml"
+    path.write_text(path.read_text().replace("message_count: 40", "message_count: 39"))
+    with pytest.raises(BagError, match="says 39 messages on /sensors/laser, the file holds 40"):
+        verify(tmp_path / "run")
+    assert repair(tmp_path / "run").messages == 40
+
+
+@pytest.mark.parametrize("action", ["verify", "repair"])
+def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "empty").mkdir()
+    text = tmp_path / "text.mcap"
+    text.write_text("not a bag\n")
+    for given in (tmp_path / "missing", tmp_path / "empty", text):
+        assert command.main([action, str(given)]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("error: ") and said.count("\n") == 1 and str(given) in said
+
+
+def test_verify_prints_what_it_read(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["verify", str(bag)]) == 0
+    assert "every one read and decoded" in capsys.readouterr().out

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder among real publishers: handshake, order, ends of every kind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from atpid_interfaces.msg import (
+    CeilingCommand,
+    CeilingState,
+    Event,
+    Excitation,
+    PlantTruth,
+    RecorderStatus,
+    SampleBlock,
+)
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_control.bagread import open_bag
+from atpid_control.nodes.recorder_node import RecorderNode
+from atpid_control.recording import BagError, repair, verify
+from atpid_sim.nodes.messages import BLOCKS, STATUS, time_of
+
+TOPICS: dict[str, type[Any]] = {
+    "sensors/laser": SampleBlock,
+    "plant/truth": PlantTruth,
+    "excitation": Excitation,
+    "ceiling/command": CeilingCommand,
+    "ceiling/state": CeilingState,
+    "events": Event,
+}
+BLOCK_NS, SCANS = 50_000_000, 50
+
+
+class Source(Node):
+    """Publishes a run's messages and hears the recorder's status."""
+
+    def __init__(self) -> None:
+        super().__init__("source")
+        self.out = {topic: self.create_publisher(kind, topic, BLOCKS) for topic, kind in TOPICS.items()}
+        self.status: RecorderStatus | None = None
+        self.kinds: list[str] = []
+        self.create_subscription(RecorderStatus, "recorder/status", self._on_status, STATUS)
+        self.create_subscription(Event, "events", lambda event: self.kinds.append(event.kind), BLOCKS)
+
+    def _on_status(self, status: RecorderStatus) -> None:
+        self.status = status
+
+    def say(self, topic: str, stamp_ns: int, frame_id: str = "", **fields: Any) -> None:
+        message = TOPICS[topic](**fields)
+        message.header.stamp, message.header.frame_id = time_of(stamp_ns), frame_id
+        self.out[topic].publish(message)
+
+    def hello(self) -> None:
+        for topic in TOPICS:
+            self.say(topic, 0, "hello")
+
+    def ready(self) -> bool:
+        """Whether the recorder has received every topic; says hello again where it has not."""
+        counts = dict(zip(self.status.topics, self.status.received, strict=True)) if self.status else {}
+        if all(counts.get(f"/{topic}", 0) for topic in TOPICS):
+            return True
+        self.hello()
+        return False
+
+    def block(self, number: int) -> None:
+        last = number * BLOCK_NS + 49_000_000
+        shape = {"first_index": number * SCANS, "rate": 1000.0}
+        # in the wrong order on purpose
+        self.say("ceiling/state", last)
+        self.say("plant/truth", number * BLOCK_NS, **shape, support=[0.0] * SCANS)
+        self.say("excitation", last)
+        channels = {"channels": ["a"], "units": ["m"], "skew": [0.0]}
+        self.say("sensors/laser", number * BLOCK_NS, **shape, **channels, data=[float(number)] * SCANS)
+        self.say("ceiling/command", last)
+
+    def finish(self, blocks: int) -> None:
+        self.say("events", blocks * BLOCK_NS - 1_000_000, kind="finished")
+
+    def closed(self) -> bool:
+        return self.status is not None and not self.status.recording and sum(self.status.written) > 0
+
+
+@pytest.fixture
+def ros() -> Iterator[SingleThreadedExecutor]:
+    rclpy.init()
+    executor = SingleThreadedExecutor()
+    yield executor
+    for node in executor.get_nodes():
+        getattr(node, "close", lambda: None)()
+        node.destroy_node()
+    executor.shutdown()
+    rclpy.try_shutdown()
+
+
+def spin_until(executor: SingleThreadedExecutor, met: Callable[[], bool], patience: float = 30.0) -> None:
+    deadline = time.monotonic() + patience
+    while not met():
+        assert time.monotonic() < deadline, "what the test waits for did not happen"
+        executor.spin_once(timeout_sec=0.05)
+
+
+def make(executor: SingleThreadedExecutor, bag: Path, **parameters: Any) -> tuple[RecorderNode, Source]:
+    overrides = [Parameter(name, value=value) for name, value in {"bag": str(bag), **parameters}.items()]
+    recorder, source = RecorderNode(parameter_overrides=overrides), Source()
+    executor.add_node(recorder)
+    executor.add_node(source)
+    return recorder, source
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_a_run_is_recorded_from_hello_to_finished(ros: SingleThreadedExecutor, tmp_path: Path, lockstep: bool) -> None:
+    recorder, source = make(ros, tmp_path / "run", lockstep=lockstep)
+    spin_until(ros, source.ready)
+    for number in range(30):
+        source.block(number)
+        ros.spin_once(timeout_sec=0.0)
+    source.finish(30)
+    spin_until(ros, source.closed)
+    found = verify(tmp_path / "run")
+    assert found.by_topic == {**dict.fromkeys((f"/{topic}" for topic in TOPICS), 30), "/events": 1}
+    bag = open_bag(tmp_path / "run")
+    assert all(message.header.frame_id != "hello" for _, message in bag.messages("/sensors/laser"))
+    if lockstep:
+        assert (found.start_ns, found.end_ns) == (0, 29 * BLOCK_NS + 49_000_000)
+        order = [topic for topic, _ in bag.all_messages()][:5]
+        assert order == ["/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state"]
+    else:
+        assert abs(found.end_ns - time.time_ns()) < 60e9
+    assert bag.result["finished"] == "yes" and bag.result["lost_scans /sensors/laser"] == "0"
+    assert not recorder.error
+
+
+def test_missing_scans_are_announced_and_recorded(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    _, source = make(ros, tmp_path / "run")
+    spin_until(ros, source.ready)
+    for number in (0, 1, 3):
+        source.block(number)
+    spin_until(ros, lambda: "dropped" in source.kinds)
+    source.finish(4)
+    spin_until(ros, source.closed)
+    bag = open_bag(tmp_path / "run")
+    assert bag.result["lost_scans /sensors/laser"] == "50"
+    assert [event.value for _, event in bag.messages("/events") if event.kind == "dropped"] == [50.0]
+
+
+def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    recorder, source = make(ros, tmp_path / "run")
+    spin_until(ros, source.ready)
+    source.block(0)
+    source.say("sensors/laser", BLOCK_NS, first_index=SCANS, rate=1000.0, channels=["a"], data=[0.0] * SCANS)
+    source.finish(2)
+    spin_until(ros, source.closed)
+    assert recorder.session is not None
+    assert recorder.session.missing_topics() == ["/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state"]
+
+
+def test_an_existing_bag_is_refused_before_anything_is_made(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    with pytest.raises(BagError, match="exists already"):
+        make(ros, tmp_path / "run")
+    with pytest.raises(BagError, match="compression"):
+        make(ros, tmp_path / "other", compression="gzip")
+    assert not (tmp_path / "other").exists()
+
+
+class Process:
+    """recorder_node as `ros2 run` starts it."""
+
+    def __init__(self, folder: Path, *parameters: str) -> None:
+        executable = Path(get_package_prefix("atpid_control")) / "lib/atpid_control/recorder_node"
+        given = [part for name in (f"bag:={folder}", *parameters) for part in ("-p", name)]
+        self.process = subprocess.Popen(
+            [executable, "--ros-args", *given], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+
+    def end(self, number: int | None = None) -> tuple[int, str]:
+        if number is not None:
+            self.process.send_signal(number)
+        said, _ = self.process.communicate(timeout=30.0)
+        return self.process.returncode, said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_every_end_leaves_a_bag(ros: SingleThreadedExecutor, tmp_path: Path, number: int) -> None:
+    recorder, source = Process(tmp_path / "run", "sync_period:=0.05"), Source()
+    ros.add_node(source)
+    try:
+        spin_until(ros, source.ready)
+        for block in range(20):
+            source.block(block)
+        spin_until(ros, lambda: source.status is not None and min(source.status.written[:1]) >= 20)
+        status, said = recorder.end(number)
+    finally:
+        recorder.process.kill()
+        recorder.process.wait()
+    if number == signal.SIGKILL:
+        assert status == -signal.SIGKILL
+        assert repair(tmp_path / "run").messages > 0
+    else:
+        assert status == 0, said
+        assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 20
+
+
+def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    status, said = Process(tmp_path / "run").end()
+    assert status == 2 and said.count("\n") == 1 and "exists already" in said
+
+
+def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    first, source = Process(tmp_path / "first"), Source()
+    ros.add_node(source)
+    try:
+        spin_until(ros, source.ready)
+        status, said = Process(tmp_path / "second").end()
+        assert status == 2 and "already running" in said
+        assert not (tmp_path / "second").exists()
+        assert first.end(signal.SIGINT)[0] == 0
+    finally:
+        first.process.kill()
+        first.process.wait()
+    assert verify(tmp_path / "first").messages == 0
+    assert os.listdir(tmp_path) == ["first"]

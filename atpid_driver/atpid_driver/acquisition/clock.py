@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The device's clock, told by its sample index, against the host's."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+MINIMA = 120  # seconds of history
+
+
+class HardwareClock:
+    """Time of a scan: start + index / rate, never a sum of periods.
+
+    `start_ns` is the host's wall clock when index 0 was taken; `rate` [Hz] the device's actual rate.
+    """
+
+    def __init__(self, start_ns: int, rate: float) -> None:
+        self.start_ns = start_ns
+        self.rate = rate
+
+    def stamp_ns(self, index: int) -> int:
+        """Return the time of scan `index` [ns since the epoch]."""
+        return self.start_ns + round(index / self.rate * 1e9)
+
+
+class DriftMeter:
+    """Drift of the device's clock against the host's steady clock, from when blocks arrive.
+
+    A block can arrive late but never early, so the least lateness in each second is kept and a line put through
+    those: transport delays do not bend it.
+    """
+
+    def __init__(self) -> None:
+        self._minima: deque[tuple[float, float]] = deque(maxlen=MINIMA)
+        self._second: int | None = None
+        self._best: tuple[float, float] | None = None
+        self._origin: float | None = None
+        self._first: float | None = None
+
+    def add(self, device_s: float, host_s: float) -> None:
+        """Take one block: time of its end by the device's clock and its arrival by the host's steady clock [s]."""
+        if self._origin is None:
+            self._origin = host_s - device_s
+        late = host_s - device_s - self._origin
+        second = int(device_s)
+        if second != self._second and self._best is not None:
+            self._minima.append(self._best)
+            self._first = self._best[1] if self._first is None else self._first
+            self._best = None
+        self._second = second
+        if self._best is None or late < self._best[1]:
+            self._best = (device_s, late)
+
+    @property
+    def offset_s(self) -> float:
+        """How far the host's clock has run ahead of the device's since the first second [s]; NaN: not known yet."""
+        return self._minima[-1][1] - self._first if self._minima and self._first is not None else math.nan
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much slower the device's clock runs than the host's [ppm]; NaN in the first five seconds."""
+        if len(self._minima) < 5:
+            return math.nan
+        time_s, late_s = np.array(self._minima).T
+        return float(np.polyfit(time_s - time_s[0], late_s, 1)[0] * 1e6)

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A LabJack T7 streaming analogue inputs, through LabJack's own `labjack-ljm` package.
+
+Registers, error codes and limits: LabJack's T-series datasheet 3.2 "Stream Mode" and its appendix A-1, and LJM's
+error code list. After an overrun LJM fills the scans it lost with -9999 V, which no input can measure.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import importlib
+import io
+from typing import Any
+
+import numpy as np
+
+from atpid_driver.acquisition.errors import (
+    AcquisitionError,
+    DeviceMissingError,
+    LibraryMissingError,
+    NotStreamingError,
+    SetupRefusedError,
+    StreamLostError,
+    WrongDeviceError,
+)
+from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition.settings import LabJackSettings
+
+DUMMY_VOLTS = -9999.0
+BUFFER_BYTES = 32768
+STOPPED_ALREADY = frozenset({1225, 1303, 2620})  # not initialised, not running, not enabled: it is stopped
+GONE = frozenset({1223, 1224, 1239})
+
+MISSING_LIBRARY = (
+    "LabJack's library libLabJackM.so is not installed: install LJM from labjack.com (Software, LJM installer for "
+    "Linux), or set `library` to its path"
+)
+HINTS: dict[int, tuple[type[AcquisitionError], str]] = {
+    1227: (DeviceMissingError, "no T7 answers: check cable, power and `serial`"),
+    1230: (DeviceMissingError, "another program holds the T7: close it"),
+    1239: (StreamLostError, "the T7 was unplugged or lost power"),
+    1301: (StreamLostError, "the computer fell behind and LJM's buffer is full"),
+    1303: (StreamLostError, "the stream is not running any more"),
+    1306: (StreamLostError, "the T7's packets stopped in the middle of a scan"),
+    1309: (StreamLostError, "the T7 sends no scans"),
+    2605: (StreamLostError, "a stream is already active on this T7: another program may use it"),
+    2606: (SetupRefusedError, "the T7 refuses the stream set-up: check rate, channels and resolution_index"),
+    2942: (SetupRefusedError, "a scan takes longer than the scan period: lower rate, channels or resolution_index"),
+    1250: (SetupRefusedError, "a terminal is not an analogue input of the T7: use AIN0 to AIN13"),
+    1294: (SetupRefusedError, "a terminal or register name is unknown to LJM: use AIN0 to AIN13"),
+}
+
+
+def load_ljm(path: str = "") -> Any:
+    """Return the module `labjack.ljm.ljm` with its library loaded; LibraryMissingError otherwise.
+
+    The package looks once, while it is imported, and only prints a line where it finds nothing, so a library that was
+    installed since is put in place here. `path` is loaded first; the package then finds it by its soname.
+    """
+    try:
+        if path:
+            ctypes.CDLL(path)
+        with contextlib.redirect_stdout(io.StringIO()):
+            module: Any = importlib.import_module("labjack.ljm.ljm")
+        if module._staticLib is None:
+            module._staticLib = ctypes.CDLL("libLabJackM.so")
+    except OSError as error:
+        detail = f" (tried {path!r}: {error})" if path else ""
+        raise LibraryMissingError(MISSING_LIBRARY + detail) from None
+    except ImportError:
+        raise LibraryMissingError("the package labjack-ljm is not installed: pip install labjack-ljm") from None
+    return module
+
+
+def skew_s(rate: float, channels: int) -> tuple[float, ...]:
+    """Return each channel's delay after the scan [s]: 15 us from one to the next, 8 us above 60 kS/s in all."""
+    step = 8e-6 if rate * channels > 60e3 else 15e-6
+    return tuple(step * position for position in range(channels))
+
+
+class LabJackAcquisition:
+    """One T7. See Acquisition for what each call promises."""
+
+    def __init__(self, settings: LabJackSettings) -> None:
+        self._settings = settings
+        self._ljm: Any = None
+        self._handle: int | None = None
+        self._rate: float | None = None
+        self._next = 0
+        self._dropped = 0
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(channel.name for channel in self._settings.channels)
+
+    def open(self) -> Identity:
+        """Connect over `connection` and check the serial number."""
+        settings = self._settings
+        self._ljm = load_ljm(settings.library)
+        self._handle = self._find()
+        serial = self._call("getHandleInfo", self._handle)[2]
+        if settings.serial not in (0, serial):
+            self.close()
+            raise WrongDeviceError(f"the T7 has serial number {serial}, expected {settings.serial}: set `serial`")
+        return Identity("labjack", serial)
+
+    def start(self) -> float:
+        """Write the set-up registers and start streaming; LJM says the rate its clock really gives."""
+        settings = self._settings
+        self._configure()
+        addresses = self._call("namesToAddresses", len(settings.channels), self._terminals())[0]
+        arguments = (self._handle, settings.scans_per_block, len(addresses), addresses, settings.rate)
+        rate = self._call("eStreamStart", *arguments)
+        self._rate, self._next, self._dropped = float(rate), 0, 0
+        return self._rate
+
+    def skew(self) -> tuple[float, ...]:
+        """The T7 has one converter: the channels follow one another."""
+        return skew_s(self._rate or self._settings.rate, len(self._settings.channels))
+
+    def read(self) -> Block:
+        """Wait in LJM for the next block; -9999 V becomes NaN and is counted."""
+        if self._rate is None:
+            raise NotStreamingError("no block can be read: start the stream first")
+        try:
+            data, device_backlog, host_backlog = self._call("eStreamRead", self._handle)
+        except AcquisitionError:
+            self._rate = None  # a read error has stopped the stream
+            raise
+        volts = np.array(data, dtype=np.float64).reshape(-1, len(self._settings.channels))
+        lost = volts == DUMMY_VOLTS
+        if lost.any():
+            volts[lost] = np.nan
+            self._dropped += int(lost.any(axis=1).sum())
+        first, self._next = self._next, self._next + len(volts)
+        return Block(first, volts, self._dropped, max(0, device_backlog) + max(0, host_backlog))
+
+    def stop(self) -> None:
+        """Stop the stream; a stream that stopped by itself, or a device that is gone, is stopped too."""
+        self._rate = None
+        self._forgive(STOPPED_ALREADY | GONE, "eStreamStop")
+
+    def close(self) -> None:
+        """Close the handle."""
+        self._rate = None
+        self._forgive(GONE | STOPPED_ALREADY, "close")
+        self._handle = None
+
+    def _terminals(self) -> list[str]:
+        return [channel.terminal for channel in self._settings.channels]
+
+    def _find(self) -> int:
+        """Open the T7 asked for; failing that any T7, so that a wrong one can be told from none."""
+        settings = self._settings
+        if settings.serial:
+            with contextlib.suppress(DeviceMissingError):
+                return int(self._call("openS", "T7", settings.connection, settings.serial))
+        return int(self._call("openS", "T7", settings.connection, "ANY"))
+
+    def _configure(self) -> None:
+        settings = self._settings
+        registers: dict[str, float] = {
+            "AIN_ALL_RANGE": settings.voltage_range,
+            "AIN_ALL_NEGATIVE_CH": 199.0,  # against ground
+            "STREAM_SETTLING_US": settings.settling_us,
+            "STREAM_RESOLUTION_INDEX": float(settings.resolution_index),
+            "STREAM_BUFFER_SIZE_BYTES": float(BUFFER_BYTES),
+            "STREAM_TRIGGER_INDEX": 0.0,
+            "STREAM_CLOCK_SOURCE": 0.0,
+        }
+        # A program that was killed leaves its stream running, and the stream registers cannot be written then.
+        self._forgive(STOPPED_ALREADY, "eStreamStop")
+        self._call("eWriteNames", self._handle, len(registers), list(registers), list(registers.values()))
+
+    def _forgive(self, codes: frozenset[int], name: str) -> None:
+        if self._handle is None:
+            return
+        try:
+            self._call(name, self._handle)
+        except AcquisitionError as error:
+            if error.code not in codes:
+                raise
+
+    def _call(self, name: str, *arguments: object) -> Any:
+        """Call LJM and turn its errors into ours: one line, the code, what to do."""
+        try:
+            return getattr(self._ljm, name)(*arguments)
+        except self._ljm.LJMError as error:
+            kind, hint = HINTS.get(error.errorCode, (StreamLostError, "see LabJack's list of LJM error codes"))
+            raise kind(f"{hint} (LJM {error.errorCode} {error.errorString})", error.errorCode) from None

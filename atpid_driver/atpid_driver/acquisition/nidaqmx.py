@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An NI-9230 (or another simultaneous module) through NI's own `nidaqmx` package, here or over gRPC.
+
+IEPE inputs are set up as accelerometers of 1 V/g, so that the reading in g is the voltage: the sensor's own
+sensitivity belongs to its calibration file, in one place (docs/decisions/0042).
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from atpid_driver.acquisition.errors import (
+    AcquisitionError,
+    DeviceMissingError,
+    LibraryMissingError,
+    NotStreamingError,
+    SetupRefusedError,
+    StreamLostError,
+    WrongDeviceError,
+)
+from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition.settings import Channel, NiSettings
+
+BUFFER_SECONDS = 10.0
+PATIENCE_S = 2.0
+ONE_VOLT_PER_G = 1000.0  # [mV/g]
+
+MISSING_RUNTIME = (
+    "NI-DAQmx is not installed: install the NI-DAQmx driver from ni.com (`python -m nidaqmx installdriver`), set "
+    "`library` to the path of libnidaqmx.so, or set `grpc` to the PC that has the hardware"
+)
+HINTS: dict[int, tuple[type[AcquisitionError], str]] = {
+    -200279: (StreamLostError, "the computer fell behind and samples were overwritten"),
+    -200284: (StreamLostError, "the module sends no samples"),
+    -200088: (StreamLostError, "the task does not exist any more"),
+    -201003: (DeviceMissingError, "the module cannot be reached: check cable and power"),
+    -200324: (DeviceMissingError, "the module is absent: check cable, power and its name in NI MAX"),
+    -200220: (DeviceMissingError, "no module has the name given as `device`: look it up in NI MAX"),
+    -200170: (SetupRefusedError, "a terminal does not exist on the module: an NI-9230 has ai0, ai1, ai2"),
+    -200077: (SetupRefusedError, "the module cannot run at this rate: an NI-9230 takes 12.8 kS/s divided by n"),
+}
+
+
+def load_nidaqmx(path: str = "") -> Any:
+    """Return the package `nidaqmx`; with `path`, it loads NI's library from there instead of searching."""
+    try:
+        package = importlib.import_module("nidaqmx")
+    except ImportError:
+        raise LibraryMissingError("the package nidaqmx is not installed: pip install nidaqmx[grpc]") from None
+    if path:
+        loader: Any = importlib.import_module("nidaqmx._lib")
+        loader.find_library = lambda _name: path
+    return package
+
+
+class NiAcquisition:
+    """One continuous task on one module. See Acquisition for what each call promises."""
+
+    def __init__(self, settings: NiSettings) -> None:
+        self._settings = settings
+        self._nidaqmx: Any = None
+        self._link: Any = None
+        self._task: Any = None
+        self._reader: Any = None
+        self._running = False
+        self._next = 0
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(channel.name for channel in self._settings.channels)
+
+    def open(self) -> Identity:
+        """Ask the module for its type and serial number and compare."""
+        settings = self._settings
+        self._nidaqmx = load_nidaqmx(settings.library)
+        model, serial = self._guard(self._identify)
+        if settings.serial not in (0, serial):
+            self.close()
+            raise WrongDeviceError(
+                f"{settings.device} is a {model} with serial number {serial}, expected {settings.serial}: set `serial`"
+            )
+        return Identity(model.replace(" ", "-").lower(), serial)
+
+    def start(self) -> float:
+        """Make the task, start it and read back the rate the module coerced ours to."""
+        self.stop()
+        return float(self._guard(self._start))
+
+    def skew(self) -> tuple[float, ...]:
+        """One converter a channel: all at once."""
+        return (0.0,) * len(self._settings.channels)
+
+    def read(self) -> Block:
+        """Wait in DAQmx for the next block, paced by the module's clock."""
+        if not self._running:
+            raise NotStreamingError("no block can be read: start the stream first")
+        try:
+            columns, backlog = self._guard(self._read)
+        except AcquisitionError:
+            self._running = False
+            raise
+        volts = np.ascontiguousarray(columns.T)
+        first, self._next = self._next, self._next + len(volts)
+        return Block(first, volts, 0, backlog)
+
+    def stop(self) -> None:
+        """Stop and clear the task, whatever state the module is in."""
+        task, self._task, self._running = self._task, None, False
+        if task is None:
+            return
+        try:
+            self._guard(task.close)
+        except AcquisitionError:
+            task._handle = None  # so that its finaliser does not warn of a task the module has already lost
+
+    def close(self) -> None:
+        """Clear the task and hang up."""
+        self.stop()
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def _options(self) -> Any:
+        """Return fresh gRPC options for one task, or None for the local library."""
+        if not self._settings.grpc:
+            return None
+        if self._link is None:
+            grpc: Any = importlib.import_module("grpc")
+            self._link = grpc.insecure_channel(self._settings.grpc)
+        return self._nidaqmx.GrpcSessionOptions(self._link, "")
+
+    def _identify(self) -> tuple[str, int]:
+        system: Any = importlib.import_module("nidaqmx.system")
+        device = system.Device(self._settings.device, grpc_options=self._options())
+        return device.product_type, int(device.serial_num)
+
+    def _start(self) -> float:
+        settings, constants = self._settings, self._nidaqmx.constants
+        readers: Any = importlib.import_module("nidaqmx.stream_readers")
+        self._task = self._nidaqmx.Task(grpc_options=self._options())
+        for channel in settings.channels:
+            self._add(channel)
+        self._task.timing.cfg_samp_clk_timing(
+            settings.rate,
+            sample_mode=constants.AcquisitionType.CONTINUOUS,
+            samps_per_chan=max(int(BUFFER_SECONDS * settings.rate), 4 * settings.scans_per_block),
+        )
+        self._task.start()
+        self._reader = readers.AnalogMultiChannelReader(self._task.in_stream)
+        self._reader.verify_array_shape = False
+        self._running, self._next = True, 0
+        return float(self._task.timing.samp_clk_rate)
+
+    def _add(self, channel: Channel) -> None:
+        settings, constants = self._settings, self._nidaqmx.constants
+        terminal = f"{settings.device}/{channel.terminal}"
+        limits = {"min_val": -settings.voltage_range, "max_val": settings.voltage_range}
+        if channel.kind == "voltage":
+            self._task.ai_channels.add_ai_voltage_chan(terminal, **limits)
+            return
+        self._task.ai_channels.add_ai_accel_chan(
+            terminal,
+            units=constants.AccelUnits.G,
+            sensitivity=ONE_VOLT_PER_G,
+            sensitivity_units=constants.AccelSensitivityUnits.MILLIVOLTS_PER_G,
+            current_excit_source=constants.ExcitationSource.INTERNAL,
+            current_excit_val=settings.excitation_current,
+            **limits,
+        )
+
+    def _read(self) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.float64]], int]:
+        scans = self._settings.scans_per_block
+        columns = np.empty((len(self._settings.channels), scans))
+        self._reader.read_many_sample(columns, scans, PATIENCE_S + 2.0 * scans / self._settings.rate)
+        return columns, int(self._task.in_stream.avail_samp_per_chan)
+
+    def _guard(self, call: Any) -> Any:
+        """Call into nidaqmx and turn its errors into ours: one line, the code, what to do."""
+        errors = self._nidaqmx.errors
+        try:
+            return call()
+        except errors.DaqNotFoundError:
+            raise LibraryMissingError(MISSING_RUNTIME) from None
+        except errors.RpcError as error:
+            where = self._settings.grpc
+            raise DeviceMissingError(
+                f"the gRPC device server at {where} does not answer ({error.description}): start it or correct `grpc`"
+            ) from None
+        except errors.DaqError as error:
+            code = int(error.error_code)
+            said = str(error).splitlines()[0]
+            kind, hint = HINTS.get(code, (StreamLostError, said))
+            raise kind(f"{hint} (NI-DAQmx {code})", code) from None

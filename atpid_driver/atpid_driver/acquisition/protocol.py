@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one role every acquisition device plays, whatever its vendor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Volts = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who answered: model and serial number as the device itself says them."""
+
+    model: str
+    serial: int
+
+    def __str__(self) -> str:
+        return f"{self.model}:{self.serial}"
+
+
+@dataclass(frozen=True)
+class Block:
+    """Scans read at once.
+
+    `volts` is (n_scans, n_channels) [V], NaN where the device lost the scan; `first_index` counts scans from the
+    start of the stream; `dropped` are the scans lost since then; `backlog` the scans that wait in the device and
+    in its driver after this read.
+    """
+
+    first_index: int
+    volts: Volts
+    dropped: int
+    backlog: int
+
+    @property
+    def next_index(self) -> int:
+        """Index of the scan after the last one of this block."""
+        return self.first_index + len(self.volts)
+
+
+class Acquisition(Protocol):
+    """A device that streams blocks of voltages. All calls come from one thread; any may raise AcquisitionError."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels, in the order of the columns."""
+        ...
+
+    def open(self) -> Identity:
+        """Connect, check that it is the device asked for, and say which it is."""
+        ...
+
+    def start(self) -> float:
+        """Start the stream, the next scan having index 0; return the actual scan rate [Hz]."""
+        ...
+
+    def skew(self) -> tuple[float, ...]:
+        """Delay of each channel's sampling instant after the scan's own, at the actual rate [s]."""
+        ...
+
+    def read(self) -> Block:
+        """Wait for the next block and return it; StreamLostError if none can come."""
+        ...
+
+    def stop(self) -> None:
+        """Stop the stream; no error if none is running or the device is gone."""
+        ...
+
+    def close(self) -> None:
+        """Let the device go; no error if it is not open or already gone."""
+        ...

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A device's blocking calls in a thread of their own, its blocks in a bounded queue, and its return after a fault.
+
+Time and index go on through an interruption: a stream that comes back is given the index its first scan has on the
+clock of the first start, so that the gap shows in the indices and is counted as dropped.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
+from atpid_driver.acquisition.errors import AcquisitionError, StreamLostError, WrongDeviceError
+from atpid_driver.acquisition.protocol import Acquisition, Block, Identity
+
+log = logging.getLogger("atpid_driver.acquisition")
+RATE_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Backoff:
+    """Waiting times between attempts: `first` seconds, then twice as long each time, at most `longest`."""
+
+    first: float = 0.5
+    longest: float = 10.0
+
+    def delay(self, attempt: int) -> float:
+        """Return how long to wait after failed attempt number 0, 1, 2, ... [s]."""
+        return min(self.longest, self.first * 2.0 ** min(attempt, 30))
+
+
+@dataclass(frozen=True)
+class Status:
+    """A snapshot of how the stream does, for diagnostics."""
+
+    streaming: bool = False
+    rate: float = float("nan")
+    """Actual scan rate [Hz]."""
+    next_index: int = 0
+    dropped: int = 0
+    backlog: int = 0
+    queued: int = 0
+    """Blocks read and not yet taken."""
+    interruptions: int = 0
+    last_error: str = ""
+    offset_s: float = float("nan")
+    drift_ppm: float = float("nan")
+
+
+class Reader:
+    """Reads an opened device until told to stop; `ready` is called from the thread whenever there is something new.
+
+    `report` gets each distinct line worth logging: (is_fault, text).
+    """
+
+    def __init__(
+        self,
+        device: Acquisition,
+        identity: Identity,
+        ready: Callable[[], None],
+        report: Callable[[bool, str], None],
+        depth: int = 64,
+        backoff: Backoff | None = None,
+    ) -> None:
+        self._device, self._identity = device, identity
+        self._ready, self._report = ready, report
+        self._depth, self._backoff = depth, backoff or Backoff()
+        self._queue: deque[Block] = deque()
+        self._changed = threading.Condition()
+        self._stop = threading.Event()
+        self._status = Status()
+        self._base_index = self._base_dropped = 0
+        self._drift = DriftMeter()
+        self._started = (0, 0.0)  # wall clock [ns] and steady clock [s] when the stream was last started
+        self._origin_s = 0.0  # steady clock at index 0 of the first stream [s]
+        self.clock: HardwareClock | None = None
+        """None until the first block."""
+        self._thread = threading.Thread(target=self._run, name=f"acquisition {identity}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to stream."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop the stream and wait for the thread; the device stays open."""
+        self._stop.set()
+        with self._changed:
+            self._changed.notify_all()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def take(self) -> list[Block]:
+        """Return the blocks read since the last call, oldest first."""
+        with self._changed:
+            blocks = list(self._queue)
+            self._queue.clear()
+            self._changed.notify_all()
+        return blocks
+
+    @property
+    def status(self) -> Status:
+        """How the stream does now."""
+        with self._changed:
+            return replace(
+                self._status,
+                queued=len(self._queue),
+                offset_s=self._drift.offset_s,
+                drift_ppm=self._drift.drift_ppm,
+            )
+
+    def _run(self) -> None:
+        try:
+            self._live()
+        except Exception as error:  # a thread's last words would otherwise be lost
+            log.exception("acquisition thread")
+            self._fault(f"internal error, streaming ended: {error!r}")
+        finally:
+            self._update(streaming=False)
+            self._quietly(self._device.stop)
+
+    def _live(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._begin()
+                while not self._stop.is_set():
+                    self._pass_on(self._device.read())
+            except AcquisitionError as error:
+                self._fault(f"{self._identity}: {error}")
+                if not error.retry:
+                    return
+                self._recover()
+
+    def _begin(self) -> None:
+        """Start the stream; where its index 0 lies on the clock shows with its first block."""
+        rate = self._device.start()
+        self._started = (time.time_ns(), time.monotonic())
+        if self.clock is not None and abs(rate / self.clock.rate - 1.0) > RATE_TOLERANCE:
+            raise StreamLostError(f"the stream came back at {rate:g} Hz, it ran at {self.clock.rate:g} Hz")
+        self._drift = DriftMeter()
+        self._update(rate=rate)
+
+    def _place(self, block: Block, arrival: float) -> None:
+        """Put index 0 of a stream that has just begun on the clock of the first one.
+
+        Index 0 was taken before the start returned, and a block's length before the block arrived: both bound the
+        moment from above, so the earlier is the nearer.
+        """
+        wall_ns, steady_s = self._started
+        rate, had = self._status.rate, self._status.next_index
+        origin_s = min(steady_s, arrival - block.next_index / rate)
+        if self.clock is None:
+            self.clock = HardwareClock(wall_ns + round((origin_s - steady_s) * 1e9), rate)
+            self._origin_s = origin_s
+        self._base_index = max(had, round((origin_s - self._origin_s) * rate)) if had else 0
+        self._base_dropped = self._status.dropped + self._base_index - had
+        again = self._status.interruptions > 0
+        self._update(streaming=True, last_error="")
+        if again:
+            self._report(False, f"{self._identity}: streaming again, {self._base_index - had} scans lost")
+
+    def _pass_on(self, block: Block) -> None:
+        arrival = time.monotonic()
+        if not self._status.streaming:
+            self._place(block, arrival)
+        with self._changed:
+            self._drift.add(block.next_index / self._status.rate, arrival)
+            block = replace(
+                block,
+                first_index=block.first_index + self._base_index,
+                dropped=block.dropped + self._base_dropped,
+            )
+            # A full queue makes the device's own, larger buffer wait; only when that overflows are scans lost.
+            self._changed.wait_for(lambda: len(self._queue) < self._depth or self._stop.is_set())
+            self._queue.append(block)
+            self._status = replace(
+                self._status, next_index=block.next_index, dropped=block.dropped, backlog=block.backlog
+            )
+        self._ready()
+
+    def _recover(self) -> None:
+        """Open the device again, waiting longer after each attempt; says each different reason once."""
+        attempt = 0
+        while not self._stop.wait(self._backoff.delay(attempt)):
+            attempt += 1
+            self._quietly(self._device.stop)
+            self._quietly(self._device.close)
+            try:
+                identity = self._device.open()
+                if identity != self._identity:
+                    raise WrongDeviceError(f"{identity} answers, expected {self._identity}: connect the same device")
+                return
+            except AcquisitionError as error:
+                self._say_once(f"{self._identity}: {error}; trying again")
+
+    def _fault(self, text: str) -> None:
+        self._update(streaming=False, interruptions=self._status.interruptions + 1)
+        self._say_once(text)
+
+    def _say_once(self, text: str) -> None:
+        if text != self._status.last_error:
+            self._update(last_error=text)
+            self._report(True, text)
+
+    def _update(self, **changes: object) -> None:
+        with self._changed:
+            self._status = replace(self._status, **changes)  # type: ignore[arg-type]
+        self._ready()
+
+    @staticmethod
+    def _quietly(call: Callable[[], None]) -> None:
+        try:
+            call()
+        except AcquisitionError as error:
+            log.debug("while letting go: %s", error)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A device made of sines, for trying the graph without one; it can act the faults a real one has."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from atpid_driver.acquisition.errors import DeviceMissingError, NotStreamingError, StreamLostError, WrongDeviceError
+from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition.settings import SimulatedSettings
+
+SERIAL = 1
+
+
+@dataclass
+class Faults:
+    """What the simulated device suffers. Set the fields from any thread."""
+
+    plugged: bool = True
+    serial: int = SERIAL
+    drop: int = 0
+    """Scans to lose from the next block on."""
+
+
+class SimulatedAcquisition:
+    """Sines on every channel, an eighth of a turn apart, paced by the steady clock."""
+
+    def __init__(self, settings: SimulatedSettings, faults: Faults | None = None) -> None:
+        self._settings = settings
+        self.faults = faults if faults is not None else Faults()
+        self._started: float | None = None
+        self._next = 0
+        self._dropped = 0
+        self._pause = threading.Event()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(channel.name for channel in self._settings.channels)
+
+    def open(self) -> Identity:
+        """Answer if plugged in."""
+        if not self.faults.plugged:
+            raise DeviceMissingError("simulated device not found: plug it in")
+        wanted = self._settings.serial
+        if wanted not in (0, self.faults.serial):
+            raise WrongDeviceError(
+                f"simulated device has serial number {self.faults.serial}, expected {wanted}: set `serial`"
+            )
+        return Identity("simulated", self.faults.serial)
+
+    def start(self) -> float:
+        """Start at index 0; any rate is exact."""
+        if not self.faults.plugged:
+            raise StreamLostError("simulated device was unplugged")
+        self._started, self._next, self._dropped = time.monotonic(), 0, 0
+        return self._settings.rate
+
+    def skew(self) -> tuple[float, ...]:
+        """All channels at once."""
+        return (0.0,) * len(self._settings.channels)
+
+    def read(self) -> Block:
+        """Wait until the block's last scan is due."""
+        if self._started is None:
+            raise NotStreamingError("no block can be read: start the stream first")
+        settings, first = self._settings, self._next
+        last = first + settings.scans_per_block
+        self._pause.wait(max(0.0, self._started + last / settings.rate - time.monotonic()))
+        if not self.faults.plugged:
+            self._started = None
+            raise StreamLostError("simulated device was unplugged")
+        self._next = last
+        volts = self._waveform(first, last)
+        self._lose(volts)
+        due = int((time.monotonic() - self._started) * settings.rate)
+        return Block(first, volts, self._dropped, max(0, due - last))
+
+    def stop(self) -> None:
+        """Stop."""
+        self._started = None
+
+    def close(self) -> None:
+        """Nothing to let go."""
+        self._started = None
+
+    def _waveform(self, first: int, last: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        settings = self._settings
+        time_s = np.arange(first, last)[:, None] / settings.rate
+        phase = np.arange(len(settings.channels)) * np.pi / 4.0
+        return settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)
+
+    def _lose(self, volts: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> None:
+        lost = min(self.faults.drop, len(volts))
+        volts[:lost] = np.nan
+        self.faults.drop -= lost
+        self._dropped += lost

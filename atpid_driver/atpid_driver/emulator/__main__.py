@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_driver.emulator run|fuzz`: the emulated motor stand by hand, and the long fuzz run."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import tempfile
+from pathlib import Path
+
+from atpid_driver.emulator import Emulator
+from atpid_driver.emulator.fuzz import fuzz
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    """Serve the board at a port in real time until interrupted; commands on standard input break and mend the stand."""
+    for name in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(name, lambda number, frame: sys.exit(0))
+    with Emulator(
+        arguments.link, eeprom=arguments.eeprom, height=arguments.height, bootloader=1.0, reset_on_open=True
+    ) as emulator:
+        emulator.pace(1.0)
+        print(f"emulated board at {arguments.link}; type a command (set jam 1, unplug, state, ...)", flush=True)
+        for line in sys.stdin:
+            print(emulator.command(line.strip()), flush=True)
+        signal.pause()
+    return 0
+
+
+def _fuzz(arguments: argparse.Namespace) -> int:
+    """Send harmful frames; 0 if the motor did not move, 3 if it did."""
+    with tempfile.TemporaryDirectory() as folder, Emulator(Path(folder) / "board", height=0.98) as emulator:
+        shown = [0]
+
+        def progress(done: int) -> None:
+            if done - shown[0] >= 20_000:
+                shown[0] = done
+                print(f"{done} of {arguments.frames} frames", file=sys.stderr, flush=True)
+
+        result = fuzz(emulator, arguments.frames, arguments.seed, progress)
+    print(result)
+    return 3 if result.moved_um or result.switched or result.resets else 0
+
+
+def main() -> int:
+    """Return 0 done, 2 bad input, 3 the motor moved."""
+    parser = argparse.ArgumentParser(prog="python -m atpid_driver.emulator", description=__doc__)
+    commands = parser.add_subparsers(required=True)
+    run = commands.add_parser("run", help="serve the emulated board in real time")
+    run.add_argument("--link", type=Path, required=True, help="where its serial port shall appear")
+    run.add_argument("--eeprom", type=Path, help="file that keeps the board's EEPROM")
+    run.add_argument("--height", type=float, default=0.3, help="where the ceiling is at first [m]")
+    run.set_defaults(act=_run)
+    long = commands.add_parser("fuzz", help="corrupted, truncated and duplicated frames")
+    long.add_argument("--frames", type=int, default=1_000_000)
+    long.add_argument("--seed", type=int, default=1)
+    long.set_defaults(act=_fuzz)
+    arguments = parser.parse_args()
+    try:
+        return int(arguments.act(arguments))
+    except ValueError as error:
+        print(f"emulator: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

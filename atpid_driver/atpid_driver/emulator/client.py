@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A host that talks to the emulated board in the board's own time: every step is repeatable to the cycle."""
+
+from __future__ import annotations
+
+from atpid_driver.emulator.emulator import Emulator
+from atpid_driver.motor.errors import ProtocolError
+from atpid_driver.motor.protocol import Frame, Reply, StateReply, decode, encode, reply_of
+
+BEAT_TIME = 0.1
+BOOT_TIME = 0.05
+
+
+class SteppedHost:
+    """Asks the board and lets simulated time go on only as far as told; there is no port and no thread."""
+
+    def __init__(self, emulator: Emulator) -> None:
+        """Take the board for itself and let it start."""
+        self.emulator = emulator
+        self.sequence = 0
+        emulator.unplug()
+        emulator.run(BOOT_TIME)
+        emulator.received()
+
+    def frame(self, word: str, *arguments: int | str) -> bytes:
+        """Return the next request's bytes."""
+        self.sequence = (self.sequence + 1) % 65536
+        return encode(self.sequence, word, *arguments)
+
+    def ask(self, word: str, *arguments: int | str, seconds: float = 0.01) -> Reply:
+        """Send a command, go on by `seconds`, return the answer. Raises `ProtocolError` if it is not the only one."""
+        (answer,) = self.answers(self.frame(word, *arguments), seconds)
+        if answer.sequence != self.sequence:
+            raise ProtocolError(f"answer {answer.sequence} to request {self.sequence}")
+        return reply_of(answer)
+
+    def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
+        """Send bytes, go on by `seconds`, return every frame that came back."""
+        return [decode(line) for line in self.emulator.exchange(data, seconds).splitlines(keepends=True)]
+
+    def state(self) -> StateReply:
+        """Return the state without a heartbeat."""
+        reply = self.ask("STATE")
+        if not isinstance(reply, StateReply):
+            raise ProtocolError(f"STATE was refused: {reply}")
+        return reply
+
+    def beat(self, seconds: float) -> StateReply:
+        """Go on for `seconds` with a heartbeat every tenth; return the last state."""
+        reply: Reply | None = None
+        for _ in range(max(1, round(seconds / BEAT_TIME))):
+            reply = self.ask("BEAT", seconds=BEAT_TIME)
+        if not isinstance(reply, StateReply):
+            raise ProtocolError(f"BEAT was refused: {reply}")
+        return reply
+
+    def make_ready(self) -> StateReply:
+        """Identify, arm and home. Raises `ProtocolError` if the board ends up anywhere but at rest and homed."""
+        for word in ("ID", "ARM", "HOME"):
+            self.ask(word)
+        for _ in range(100):
+            state = self.beat(BEAT_TIME)
+            if state.homed:
+                return state
+        raise ProtocolError(f"homing did not end: {state}")

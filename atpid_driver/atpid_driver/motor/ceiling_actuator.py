@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The role every ceiling plays, whatever moves it. Heights are floor to ceiling [m], times integer nanoseconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from math import nan
+from typing import Protocol, runtime_checkable
+
+from atpid_driver.motor.errors import HeightRefusedError, LimitsError
+from atpid_driver.motor.faults import NO_FAULT, Fault
+
+
+class Mode(IntEnum):
+    """What the motor does; the numbers are those of atpid_interfaces/CeilingState."""
+
+    UNCONFIGURED = 0
+    DISARMED = 1
+    HOMING = 2
+    HOLDING = 3
+    MOVING = 4
+    FAULT = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Lowest and highest height [m] and the constant travelling speed [m/s]."""
+
+    lowest: float
+    highest: float
+    speed: float
+
+    def __post_init__(self) -> None:
+        """Refuse limits no ceiling can have."""
+        if not 0.0 < self.lowest < self.highest < float("inf"):
+            raise LimitsError(
+                f"ceiling limits lowest {self.lowest:g} m, highest {self.highest:g} m: need 0 < lowest < highest; "
+                "the lowest is the grain's diameter"
+            )
+        if not 0.0 < self.speed < float("inf"):
+            raise LimitsError(
+                f"ceiling speed {self.speed:g} m/s: must be above 0; give the speed measured at the stand"
+            )
+
+    def check(self, height: float) -> float:
+        """Return `height` [m] if it is allowed, else raise `HeightRefusedError`."""
+        if not self.lowest <= height <= self.highest:
+            raise HeightRefusedError(height, self.lowest, self.highest)
+        return height
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who answers: kind of ceiling, firmware version, number of boots (0 where it has none)."""
+
+    name: str
+    version: str
+    boots: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """The state of the ceiling at one instant; NaN: unknown or nowhere."""
+
+    mode: Mode
+    homed: bool = False
+    faults: Fault = NO_FAULT
+    height: float = nan
+    target: float = nan
+    velocity: float = 0.0
+    speed: float = 0.0
+    sequence: int = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether a height can be commanded."""
+        return self.homed and self.mode in (Mode.HOLDING, Mode.MOVING)
+
+
+@runtime_checkable
+class CeilingActuator(Protocol):
+    """A ceiling that travels to a height at constant speed.
+
+    Life: `connect` (who is there; motor off) → `activate` (arm and home) → `move`, `read` → `deactivate` (motor off)
+    → `close`.
+    `now` is the time the call stands for [ns]: the simulated ceiling moves by it alone, a real one has its own clock.
+    """
+
+    @property
+    def limits(self) -> Limits:
+        """Limits in force."""
+
+    def connect(self, now: int) -> Identity:
+        """Open and identify; the motor is off afterwards. Raises `LinkError` or `IdentityError`."""
+
+    def activate(self, now: int) -> None:
+        """Arm and start homing. Raises `NotReadyError` if it cannot be armed."""
+
+    def deactivate(self, now: int) -> None:
+        """Stop at once and disarm: motor off."""
+
+    def move(self, height: float, sequence: int, now: int) -> None:
+        """Travel to `height` [m]; NaN: stop and stay.
+
+        Raises `HeightRefusedError` or `NotReadyError`; the ceiling then keeps to what it was told before.
+        """
+
+    def read(self, now: int) -> Reading:
+        """Return the state at `now`. Reading is also the heartbeat: whoever moves a ceiling must keep reading it."""
+
+    def news(self) -> list[str]:
+        """Return what happened of itself since the last call, a line each: link lost, found again, a late refusal."""
+
+    def health(self) -> dict[str, str]:
+        """Return what diagnostics show of the connection: `hardware_id`, counters, `last error`."""
+
+    def close(self) -> None:
+        """Let go of it, motor off."""

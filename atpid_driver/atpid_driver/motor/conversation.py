@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A conversation with the firmware over a port: ask, wait for the answer of the same sequence, ask again if lost."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from atpid_driver.motor.ceiling_actuator import Limits
+from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, ProtocolError
+from atpid_driver.motor.protocol import (
+    NAME,
+    PROTOCOL,
+    SEQUENCES,
+    IdentityReply,
+    Refusal,
+    Reply,
+    decode,
+    encode,
+    reply_of,
+)
+
+ANSWER_TIME: Final = 0.15
+IDENTIFY_TIME: Final = 0.25
+ATTEMPTS: Final = 2
+VERSION: Final = "1."
+SPEED_TOLERANCE: Final = 0.05
+
+
+class Port(Protocol):
+    """The few things a conversation needs of a serial port."""
+
+    def write(self, data: bytes) -> None:
+        """Send all bytes. Raises `LinkError`."""
+
+    def read_line(self, timeout: float) -> bytes:
+        """Return bytes up to and with a line end; what came within `timeout` [s] otherwise. Raises `LinkError`."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class SessionLostError(LinkError):
+    """The board was restarted under the conversation: it must be identified again."""
+
+
+class Conversation:
+    """One session with the firmware; not safe for threads, one owner only."""
+
+    def __init__(self, port: Port) -> None:
+        """Begin at sequence 0; the first request is number 1."""
+        self._port = port
+        self._sequence = 0
+        self.garbled = 0
+        self.repeated = 0
+
+    def ask(self, word: str, *arguments: int) -> Reply:
+        """Return the answer to a command, asked twice if need be: the firmware does a repeated frame only once.
+
+        Raises `LinkError` if there is none, `SessionLostError` if the board was restarted.
+        """
+        request = self._next(word, *arguments)
+        for attempt in range(ATTEMPTS):
+            self.repeated += attempt > 0
+            self._port.write(request)
+            reply = self._answer(ANSWER_TIME)
+            if isinstance(reply, Refusal) and reply.reason == "SESSION":
+                raise SessionLostError("the board was restarted: its height is lost until it has homed again")
+            if reply is not None:
+                return reply
+        raise LinkError(f"no answer to {word} within {ATTEMPTS * ANSWER_TIME:g} s")
+
+    def identify(self, timeout: float, given_up: Callable[[], bool] = lambda: False) -> IdentityReply:
+        """Ask who is there until it answers: opening the port restarts a board, whose bootloader then swallows bytes.
+
+        Raises `LinkError` after `timeout` [s] or when it is `given_up`.
+        """
+        end = time.monotonic() + timeout
+        while time.monotonic() < end and not given_up():
+            self._port.write(self._next("ID"))
+            reply = self._answer(IDENTIFY_TIME)
+            if isinstance(reply, IdentityReply):
+                return reply
+        raise LinkError(
+            f"nothing answers as {NAME} within {timeout:g} s: is the firmware flashed, the baud rate right?"
+        )
+
+    def _next(self, word: str, *arguments: int) -> bytes:
+        self._sequence = (self._sequence + 1) % SEQUENCES
+        return encode(self._sequence, word, *arguments)
+
+    def _answer(self, timeout: float) -> Reply | None:
+        end = time.monotonic() + timeout
+        while (left := end - time.monotonic()) > 0:
+            line = self._port.read_line(left)
+            try:
+                frame = decode(line)
+                if frame.sequence == self._sequence:
+                    return reply_of(frame)
+            except ProtocolError:
+                self.garbled += bool(line)
+        return None
+
+
+def check_identity(reply: IdentityReply, limits: Limits) -> None:
+    """Raise `IdentityError` for a firmware not spoken to here, `LimitsError` if `limits` are not inside its own."""
+    if reply.name != NAME:
+        raise IdentityError(f"{reply.name!r} answers, not {NAME}: wrong port, or flash atpid_driver/firmware")
+    if reply.protocol != PROTOCOL or not reply.version.startswith(VERSION):
+        raise IdentityError(
+            f"firmware {reply.version} with protocol {reply.protocol}: this driver needs {VERSION}x with protocol "
+            f"{PROTOCOL}; flash atpid_driver/firmware (make flash)"
+        )
+    if limits.lowest < reply.lowest - 1e-9 or limits.highest > reply.highest + 1e-9:
+        raise LimitsError(
+            f"limits {limits.lowest:g} to {limits.highest:g} m asked for, the firmware allows {reply.lowest:g} to "
+            f"{reply.highest:g} m: narrow the parameters, or change firmware/config.h and flash"
+        )
+    if abs(limits.speed - reply.speed) > SPEED_TOLERANCE * reply.speed:
+        raise LimitsError(f"speed {limits.speed:g} m/s given, the firmware's is {reply.speed:g} m/s: set speed to it")

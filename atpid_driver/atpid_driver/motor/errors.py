@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Named errors of the motor: each message is one line with what was given, what is allowed and what to do."""
+
+
+class MotorError(ValueError):
+    """Anything the motor refuses or cannot do."""
+
+
+class SettingsError(MotorError):
+    """A parameter of the motor node is missing or impossible."""
+
+
+class LimitsError(SettingsError):
+    """The limits asked for are not possible, or not inside those built into the firmware."""
+
+
+class HeightRefusedError(MotorError):
+    """A height outside the limits; the ceiling stays on its present target."""
+
+    def __init__(self, height: float, lowest: float, highest: float) -> None:
+        """Say which `height` was given and which range is allowed, all in metres."""
+        self.height = height
+        super().__init__(
+            f"ceiling height {height:g} m refused: allowed {lowest:g} to {highest:g} m; the ceiling stays, "
+            "command a height inside the limits"
+        )
+
+
+class CommandStaleError(MotorError):
+    """A command that waited longer than the time-out between receipt and execution."""
+
+
+class NotReadyError(MotorError):
+    """A command while the motor is not armed, not homed or in a fault."""
+
+
+class LinkError(MotorError):
+    """The port is missing, taken, silent or was pulled out."""
+
+
+class IdentityError(LinkError):
+    """What answers at the port is not the firmware this driver speaks to."""
+
+
+class ProtocolError(MotorError):
+    """A frame that breaks the protocol: wrong check sum, form or field."""

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The firmware's fault table: bit, name, and the words a user reads. docs/motor_protocol.md has the same table."""
+
+from __future__ import annotations
+
+from enum import IntFlag
+from typing import Final
+
+
+class Fault(IntFlag):
+    """Latched faults of the firmware; each switches the motor off until it is armed again."""
+
+    HEARTBEAT = 1 << 0
+    STALL = 1 << 1
+    SENSOR_LOW = 1 << 2
+    SENSOR_HIGH = 1 << 3
+    SENSOR_JUMP = 1 << 4
+    SENSOR_SILENT = 1 << 5
+    WRONG_WAY = 1 << 6
+    UNCOMMANDED = 1 << 7
+    LOWER_LIMIT = 1 << 8
+    UPPER_LIMIT = 1 << 9
+    BOTH_LIMITS = 1 << 10
+    EMERGENCY_STOP = 1 << 11
+    HOMING = 1 << 12
+    OVERTIME = 1 << 13
+    SOFT_LIMIT = 1 << 14
+    WATCHDOG = 1 << 15
+
+
+NO_FAULT: Final = Fault(0)
+
+WORDS: Final[dict[Fault, str]] = {
+    Fault.HEARTBEAT: "no heartbeat from the host for 500 ms",
+    Fault.STALL: "motor on but the ceiling does not move (jammed, or no motor power)",
+    Fault.SENSOR_LOW: "position sensor open or shorted to ground",
+    Fault.SENSOR_HIGH: "position sensor shorted to supply",
+    Fault.SENSOR_JUMP: "position sensor jumped further than the ceiling can move",
+    Fault.SENSOR_SILENT: "position sensor is not being converted",
+    Fault.WRONG_WAY: "ceiling moves against its command (motor leads swapped?)",
+    Fault.UNCOMMANDED: "ceiling moves with the motor off",
+    Fault.LOWER_LIMIT: "lower limit switch open where it must be closed (end reached, stuck, or broken wire)",
+    Fault.UPPER_LIMIT: "upper limit switch open where it must be closed (end reached, stuck, or broken wire)",
+    Fault.BOTH_LIMITS: "both limit switches open (connector or cable)",
+    Fault.EMERGENCY_STOP: "emergency stop pressed",
+    Fault.HOMING: "homing did not find the upper limit switch where it must be",
+    Fault.OVERTIME: "a move took longer than its distance allows",
+    Fault.SOFT_LIMIT: "ceiling outside its soft limits",
+    Fault.WATCHDOG: "the firmware was restarted by its watchdog",
+}
+
+# Faults that name nothing wrong at the stand: the link to the host was lost. A fresh command may arm again after these.
+LINK_FAULTS: Final = Fault.HEARTBEAT
+
+
+def in_words(faults: Fault) -> str:
+    """Return the faults in words, separated by "; "; empty for none."""
+    return "; ".join(WORDS[bit] for bit in Fault if bit in faults)

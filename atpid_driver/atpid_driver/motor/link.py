@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The I/O thread to the board: opens, identifies, polls, carries out jobs, reconnects with backoff.
+
+It moves nothing of itself: every command but the poll was handed in.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from atpid_driver.motor.ceiling_actuator import Mode, Reading
+from atpid_driver.motor.conversation import Conversation, Port, SessionLostError, check_identity
+from atpid_driver.motor.errors import CommandStaleError, LinkError, MotorError, NotReadyError
+from atpid_driver.motor.faults import in_words
+from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
+from atpid_driver.motor.serial_port import SerialPort
+from atpid_driver.motor.settings import MotorSettings
+
+NO_LINK: Final = Reading(Mode.UNCONFIGURED)
+FED_TIME: Final = 0.25
+QUEUE: Final = 8
+FIRST_WAIT, LONGEST_WAIT = 0.1, 5.0
+
+
+@dataclass(slots=True)
+class Job:
+    """Commands to be carried out one after the other, when they were handed in, and their outcome."""
+
+    commands: tuple[tuple[str, tuple[int, ...]], ...]
+    sequence: int | None = None
+    awaited: bool = False
+    received: float = field(default_factory=time.monotonic)
+    done: Future[None] = field(default_factory=Future)
+
+
+class Link:
+    """Owns the port. `reading` is the last state, `goal` the last height asked for [µm], `beating` whether to beat."""
+
+    def __init__(self, settings: MotorSettings, open_port: Callable[[str, int], Port] = SerialPort) -> None:
+        """Remember `settings`; the thread starts with `start`."""
+        self._settings = settings
+        self._open_port = open_port
+        self._jobs: queue.Queue[Job] = queue.Queue(QUEUE)
+        self._news: deque[str] = deque(maxlen=32)
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._first: Future[IdentityReply] = Future()
+        self._identity: IdentityReply | None = None
+        self._fed = -FED_TIME
+        self._sequence = 0
+        self._last_error = ""
+        self._counts = {"connections": 0, "garbled answers": 0, "repeated requests": 0, "frames refused by board": 0}
+        self.reading = NO_LINK
+        self.goal: int | None = None
+        self.beating = False
+
+    def start(self) -> IdentityReply:
+        """Start the thread and return the identity. Raises what the first attempt raised; the thread has then ended."""
+        self._stop.clear()
+        self._first = Future()
+        self._thread = threading.Thread(target=self._run, name="ceiling motor link", daemon=True)
+        self._thread.start()
+        try:
+            return self._first.result()
+        except MotorError:
+            self.stop()
+            self._news.clear()  # the caller is told by the error itself
+            raise
+
+    def stop(self) -> None:
+        """End the thread; it disarms first if it can."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._thread = None
+        self.reading = NO_LINK
+
+    def feed(self) -> None:
+        """Prove that the caller is alive."""
+        self._fed = time.monotonic()
+
+    def submit(self, job: Job) -> None:
+        """Hand in a job. Raises `LinkError` without a link or with too many waiting."""
+        if self.reading.mode is Mode.UNCONFIGURED:
+            raise LinkError("no connection to the board; it is looked for")
+        try:
+            self._jobs.put_nowait(job)
+        except queue.Full:
+            raise LinkError(f"{QUEUE} commands are waiting for the board: it answers too slowly") from None
+
+    def news(self) -> list[str]:
+        """Return and forget what there is to tell."""
+        told = []
+        while self._news:
+            told.append(self._news.popleft())
+        return told
+
+    def health(self) -> dict[str, str]:
+        """Return identity and counters for diagnostics."""
+        who = self._identity
+        name = f"{self._settings.port}: {who.name} {who.version}, boot {who.boots} ({who.reset_cause})" if who else ""
+        return {"hardware_id": name, "last error": self._last_error} | {k: str(v) for k, v in self._counts.items()}
+
+    # -- the thread ------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        wait = FIRST_WAIT
+        while not self._stop.is_set():
+            before = self._counts["connections"]
+            try:
+                self._connect_and_serve()
+            except MotorError as error:
+                self._lost(error)
+                if not self._first.done():
+                    self._first.set_exception(error)
+            except Exception as error:  # the thread must not die in silence
+                self._lost(LinkError(f"link to the board failed: {type(error).__name__}: {error}"))
+                if not self._first.done():
+                    self._first.set_exception(LinkError(self._last_error))
+            wait = FIRST_WAIT if self._counts["connections"] > before else min(2 * wait, LONGEST_WAIT)
+            self._stop.wait(wait)
+
+    def _connect_and_serve(self) -> None:
+        port = self._open_port(self._settings.port, self._settings.baud)
+        try:
+            talk = Conversation(port)
+            while not self._stop.is_set():
+                self._identify(talk)
+                try:
+                    self._serve(talk)
+                except SessionLostError as error:
+                    self._lost(error)
+        finally:
+            port.close()
+
+    def _identify(self, talk: Conversation) -> None:
+        identity = talk.identify(self._settings.identify_timeout, self._stop.is_set)
+        check_identity(identity, self._settings.limits)
+        before, self._identity = self._identity, identity
+        self._counts["connections"] += 1
+        self._poll(talk)
+        if before is not None:
+            restarted = "" if before.boots == identity.boots else f", restarted ({identity.reset_cause})"
+            self._tell(f"board found again at {self._settings.port}{restarted}; motor off until the next height")
+        if not self._first.done():
+            self._first.set_result(identity)
+
+    def _serve(self, talk: Conversation) -> None:
+        """Poll at the node's rate, jobs in between, until the link is lost or it is told to stop."""
+        due = time.monotonic()
+        while not self._stop.is_set():
+            due = max(due + 1.0 / self._settings.rate, time.monotonic())
+            while (left := due - time.monotonic()) > 0:
+                try:
+                    self._carry_out(talk, self._jobs.get(timeout=left))
+                except queue.Empty:
+                    break
+            self._poll(talk)
+        talk.ask("DISARM")
+
+    def _poll(self, talk: Conversation) -> None:
+        alive = self.beating and time.monotonic() - self._fed < FED_TIME
+        reply = talk.ask("BEAT" if alive else "STATE")
+        if isinstance(reply, Refusal):
+            raise SessionLostError(f"the board no longer follows: {reply}; it is identified again")
+        self._take(reply)
+        self._counts["garbled answers"], self._counts["repeated requests"] = talk.garbled, talk.repeated
+
+    def _carry_out(self, talk: Conversation, job: Job) -> None:
+        waited = time.monotonic() - job.received
+        try:
+            if waited > self._settings.command_timeout:
+                raise CommandStaleError(f"{job.commands[0][0]} ignored: it waited {waited:.2f} s; the ceiling stays")
+            for word, arguments in job.commands:
+                reply = talk.ask(word, *arguments)
+                if isinstance(reply, Refusal):
+                    raise NotReadyError(f"the board refused {word}: {reply}{self._because(talk)}")
+                self._take(reply)
+        except MotorError as error:
+            self.goal = None
+            if not job.awaited:
+                self._tell(str(error))
+            job.done.set_exception(error)
+            if isinstance(error, LinkError):
+                raise
+        else:
+            self._sequence = self._sequence if job.sequence is None else job.sequence
+            self.reading = replace(self.reading, sequence=self._sequence)
+            job.done.set_result(None)
+
+    def _because(self, talk: Conversation) -> str:
+        """Return the board's faults in words, for a refusal."""
+        self._poll(talk)
+        return f" ({in_words(self.reading.faults)})" if self.reading.faults else ""
+
+    def _take(self, reply: object) -> None:
+        if not isinstance(reply, StateReply):
+            return
+        speed = self._settings.speed if reply.mode is Mode.MOVING else 0.0
+        upward = reply.target > reply.height
+        self._counts["frames refused by board"] = reply.rejected
+        self.goal = self.goal if reply.mode in (Mode.MOVING, Mode.HOLDING) else None
+        self.reading = Reading(
+            mode=reply.mode,
+            homed=reply.homed,
+            faults=reply.faults,
+            height=reply.height,
+            target=reply.target,
+            velocity=speed if upward or not speed else -speed,
+            speed=self._settings.speed,
+            sequence=self._sequence,
+        )
+
+    def _lost(self, error: MotorError) -> None:
+        """Forget the state, refuse what was waiting, say it once."""
+        self.reading, self.goal = NO_LINK, None
+        while not self._jobs.empty():
+            self._jobs.get_nowait().done.set_exception(error)
+        if str(error) != self._last_error:
+            self._tell(str(error))
+
+    def _tell(self, text: str) -> None:
+        self._last_error = text
+        self._news.append(text)

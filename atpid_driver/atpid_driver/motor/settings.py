@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the motor node needs to know, checked in one place.
+
+No limit and no speed has a default: the parameter file says them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isfinite, nan
+
+from atpid_driver.motor.ceiling_actuator import Limits
+from atpid_driver.motor.errors import SettingsError
+
+
+@dataclass(frozen=True, slots=True)
+class MotorSettings:
+    """Parameters of the motor node, SI units."""
+
+    backend: str
+    lowest: float
+    highest: float
+    speed: float
+    initial_height: float = nan
+    lockstep: bool = False
+    autostart: bool = True
+    rate: float = 50.0
+    command_timeout: float = 0.5
+    port: str = ""
+    baud: int = 250000
+    identify_timeout: float = 5.0
+    limits: Limits = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Raise `SettingsError` or a subclass for a value that cannot be."""
+        object.__setattr__(self, "limits", Limits(self.lowest, self.highest, self.speed))
+        if isfinite(self.initial_height):
+            self.limits.check(self.initial_height)
+        self._positive("rate", "command_timeout", "identify_timeout", "baud")
+        if self.backend == "simulated" and not isfinite(self.initial_height):
+            raise SettingsError("initial_height is not given: a simulated ceiling must be told where it stands [m]")
+        if self.backend == "serial":
+            self._check_serial()
+
+    def _positive(self, *names: str) -> None:
+        for name in names:
+            value = float(getattr(self, name))
+            if not (isfinite(value) and value > 0.0):
+                raise SettingsError(f"{name} {value:g}: must be a number above 0")
+
+    def _check_serial(self) -> None:
+        if not self.port:
+            raise SettingsError("port is empty: give the board's stable name, /dev/serial/by-id/...")
+        if self.lockstep:
+            raise SettingsError("lockstep with backend serial: a real motor has its own clock; set lockstep: false")

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ceiling that moves at constant speed between its limits (thesis Eq. 3.36), exact and advanced by time stamps alone.
+
+A travel is kept as its start, not summed step by step, so any sequence of readings gives the same heights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import copysign, isnan, nan
+
+from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
+from atpid_driver.motor.errors import NotReadyError
+
+NANO = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """One straight travel: from `origin` [m] at `start` [ns] to `target` [m] at `speed` [m/s]."""
+
+    start: int
+    origin: float
+    target: float
+    speed: float
+
+    def height(self, now: int) -> float:
+        """Return the height [m] at `now` [ns]; the target exactly once it is reached, the origin before the start."""
+        distance = self.target - self.origin
+        travelled = self.speed * max(0, now - self.start) * NANO
+        if travelled >= abs(distance):
+            return self.target
+        return self.origin + copysign(travelled, distance)
+
+
+class SimulatedActuator:
+    """The simulated backend of `CeilingActuator`: always there, homed as soon as it is armed."""
+
+    def __init__(self, limits: Limits, initial_height: float) -> None:
+        """Stand at `initial_height` [m]; raises `HeightRefusedError` if that is outside the limits."""
+        self._limits = limits
+        self._travel = self._rest(limits.check(initial_height), 0)
+        self._mode = Mode.UNCONFIGURED
+        self._sequence = 0
+
+    @property
+    def limits(self) -> Limits:
+        """Limits in force."""
+        return self._limits
+
+    def connect(self, now: int) -> Identity:
+        """Answer as a simulated ceiling."""
+        self._halt(now, Mode.DISARMED)
+        return Identity("simulated ceiling", "1")
+
+    def activate(self, now: int) -> None:
+        """Arm; the height is known, so there is nothing to home."""
+        if self._mode is Mode.UNCONFIGURED:
+            raise NotReadyError("simulated ceiling not connected: connect it before it is activated")
+        self._halt(now, Mode.HOLDING)
+
+    def deactivate(self, now: int) -> None:
+        """Stop where it is and disarm."""
+        if self._mode is not Mode.UNCONFIGURED:
+            self._halt(now, Mode.DISARMED)
+
+    def move(self, height: float, sequence: int, now: int) -> None:
+        """Travel to `height` [m] from where the ceiling is at `now` [ns]; NaN: stop there and stay."""
+        if self._mode is not Mode.HOLDING:
+            raise NotReadyError(
+                f"ceiling height {height:g} m refused: the motor is {self._mode.name.lower()}; activate it"
+            )
+        here = self._travel.height(now)
+        goal = here if isnan(height) else self._limits.check(height)
+        self._sequence = sequence
+        if goal != self._travel.target:
+            self._travel = Travel(now, here, goal, self._limits.speed)
+
+    def read(self, now: int) -> Reading:
+        """Return where the ceiling is at `now` [ns] and what it does next."""
+        height, target = self._travel.height(now), self._travel.target
+        armed = self._mode is Mode.HOLDING
+        moving = armed and height != target
+        return Reading(
+            mode=Mode.MOVING if moving else self._mode,
+            homed=armed,
+            height=height,
+            target=target if armed else nan,
+            velocity=copysign(self._limits.speed, target - height) if moving else 0.0,
+            speed=self._limits.speed,
+            sequence=self._sequence,
+        )
+
+    def news(self) -> list[str]:
+        """Return nothing: nothing happens to it."""
+        return []
+
+    def health(self) -> dict[str, str]:
+        """Return its name; there is no link to count on."""
+        return {"hardware_id": "simulated ceiling"}
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._mode = Mode.UNCONFIGURED
+
+    def _halt(self, now: int, mode: Mode) -> None:
+        self._travel = self._rest(self._travel.height(now), now)
+        self._mode = mode
+
+    def _rest(self, height: float, now: int) -> Travel:
+        return Travel(now, height, height, self._limits.speed)

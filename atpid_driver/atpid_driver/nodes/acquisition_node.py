@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the LabJack and the NI node share: a lifecycle node around one `Acquisition` device.
+
+configure opens the device and checks who it is; activate shakes hands and streams; deactivate stops the stream.
+The device's calls block in the Reader's thread; only the executor's thread publishes.
+"""
+
+from __future__ import annotations
+
+import queue
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from atpid_interfaces.msg import Event, SampleBlock
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from atpid_driver.acquisition import AcquisitionError, Backoff, Identity, Reader, Status, create
+from atpid_driver.calibration import Counts, block_si
+from atpid_driver.errors import DriverError
+from atpid_driver.nodes.acquisition_diagnostics import status_message
+from atpid_driver.nodes.acquisition_parameters import Row, declare
+from atpid_driver.nodes.blocks import Layout, hello_block, hello_event, sample_block
+from atpid_driver.nodes.handshake import Handshake
+from atpid_driver.nodes.twice import StartedTwiceError, claim
+
+BLOCKS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+EVENTS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+NAN = float("nan")
+
+
+class AcquisitionNode(LifecycleNode):
+    """Publishes what one device measures, in SI units, on one topic. DriverError for a parameter that cannot be."""
+
+    def __init__(self, name: str, topic: str, rows: tuple[Row, ...], *, in_loop: bool, **kwargs: Any) -> None:
+        """Declare parameters and topics; nothing is opened. `in_loop`: the loop's hello comes back for this topic."""
+        super().__init__(name, **kwargs)
+        self.settings = declare(self, rows)
+        self._device = create(self.settings.backend, self.settings.device)
+        self._topic, self._in_loop = topic, in_loop
+        self._blocks = self.create_publisher(SampleBlock, topic, BLOCKS)
+        self._events = self.create_publisher(Event, "events", EVENTS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._identity: Identity | None = None
+        self._reader: Reader | None = None
+        self._handshake: Handshake | None = None
+        self._layout: Layout | None = None
+        self._reports: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
+        self._counts: dict[str, Counts] = {name: Counts() for name in self._device.channels}
+        self._last_dropped, self._last_error, self._closing = 0, "", False
+        self._arrived = self.create_guard_condition(self._drain)
+        self.create_timer(1.0, self._each_second, clock=STEADY)
+        self._attempts, self._backoff = 0, Backoff()
+        if self.settings.autostart:
+            self._starter = self.create_timer(0.01, self._start, clock=STEADY)
+
+    # -- lifecycle -------------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the device and check its serial number."""
+        return self._transition("configure", self._configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Shake hands, then stream."""
+        return self._transition("activate", self._activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the stream; the device stays open."""
+        return self._transition("deactivate", self._halt)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the device."""
+        return self._transition("clean up", self._let_go)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the device from any state."""
+        return self._transition("shut down", self._let_go)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Return to unconfigured, alive, so that it can be configured again."""
+        self._transition("let go", self._let_go)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _transition(self, verb: str, act: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do `act`; what the device refuses fails the transition, what breaks is an error; both are logged once."""
+        try:
+            act()
+        except AcquisitionError as error:
+            self._complain(f"cannot {verb}: {error}")
+            self._may_retry = error.retry
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy drops exceptions of transitions without a word
+            self._complain(f"cannot {verb}: {type(error).__name__}: {error}")
+            self._may_retry = False
+            return TransitionCallbackReturn.ERROR
+        self._last_error = ""
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        self._identity = self._device.open()
+        self.get_logger().info(f"connected to {self._identity}: {', '.join(self._device.channels)}")
+
+    def _activate(self) -> None:
+        if not self.settings.handshake:
+            self._stream()
+            return
+        self._handshake = Handshake(
+            self,
+            self._topic,
+            self._say_hello,
+            self._stream,
+            loop=self._in_loop,
+            recorder=self.settings.expect_recorder,
+        )
+
+    def _halt(self) -> None:
+        handshake, self._handshake = self._handshake, None
+        if handshake is not None:
+            handshake.cancel()
+        if self._reader is not None:
+            self._reader.stop()
+            self._drain()
+            self._reader = None
+
+    def _let_go(self) -> None:
+        self._halt()
+        self._identity = None
+        self._device.close()
+
+    def _start(self) -> None:
+        """Configure until the device answers, waiting longer after each attempt, then activate once."""
+        if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+            self.destroy_timer(self._starter)
+            self.trigger_activate()
+        elif self._may_retry:
+            self._starter.timer_period_ns = int(self._backoff.delay(self._attempts) * 1e9)
+            self._attempts += 1
+        else:
+            self.destroy_timer(self._starter)
+
+    # -- the stream ------------------------------------------------------------------------------------------------
+
+    def _say_hello(self) -> None:
+        units = tuple(calibration.unit for calibration in self.settings.calibrations)
+        self._blocks.publish(hello_block(self._device.channels, units))
+        self._events.publish(hello_event())
+
+    def _stream(self) -> None:
+        assert self._identity is not None
+        self._handshake, self._layout, self._last_dropped = None, None, 0
+        self._reader = Reader(self._device, self._identity, self._wake, lambda *report: self._reports.put(report))
+        self._reader.start()
+
+    def _wake(self) -> None:
+        """Tell the executor from the reader's thread that there is something to take."""
+        if not self._closing and self.context.ok():
+            self._arrived.trigger()
+
+    def _drain(self) -> None:
+        reader = self._reader
+        if reader is None or not self.context.ok():  # an interrupt shuts the context down before the node
+            return
+        for block in reader.take():
+            assert reader.clock is not None
+            values, counts = block_si(self.settings.calibrations, block.volts)
+            for name, count in zip(self._counts, counts, strict=True):
+                self._counts[name] += count
+            stamp = reader.clock.stamp_ns(block.first_index)
+            layout = self._layout_at(reader.clock.rate)
+            self._blocks.publish(sample_block(layout, stamp, block.first_index, values, block.dropped, block.backlog))
+        while not self._reports.empty():
+            self._pass_on(*self._reports.get())
+
+    def _layout_at(self, rate: float) -> Layout:
+        if self._layout is None:
+            units = tuple(calibration.unit for calibration in self.settings.calibrations)
+            self._layout = Layout(str(self._identity), rate, self._device.channels, units, self._device.skew())
+        return self._layout
+
+    # -- watching --------------------------------------------------------------------------------------------------
+
+    @property
+    def status(self) -> Status:
+        """How the stream does; all zero while there is none."""
+        return self._reader.status if self._reader is not None else Status()
+
+    def _pass_on(self, fault: bool, text: str) -> None:
+        if fault:  # two places: rclpy ties a severity to the place it is called from
+            self.get_logger().error(text)
+        else:
+            self.get_logger().info(text)
+        self._tell(Event.ALARM if fault else Event.INFO, "fault" if fault else "recovered", NAN, text)
+
+    def _each_second(self) -> None:
+        status = self.status
+        lost, self._last_dropped = max(0, status.dropped - self._last_dropped), status.dropped
+        if lost:
+            text = f"{self._identity}: {lost} scans lost, {status.dropped} in all"
+            self._tell(Event.WARNING, "dropped", float(lost), text)
+        line = status_message(
+            self.get_name(), self._identity, self._state_in_words(), status, self._counts, lost, self._last_error
+        )
+        array = DiagnosticArray(status=[line])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _state_in_words(self) -> str:
+        if self._identity is None:
+            return "no device"
+        if self._handshake is not None:
+            return f"waiting for {self._handshake.waiting_for() or 'nothing'}"
+        if self._reader is None:
+            return "connected"
+        return "streaming" if self._reader.status.streaming else "interrupted"
+
+    def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
+        if not self.context.ok():
+            return
+        event = Event(severity=severity, kind=kind, value=value, text=text)
+        event.header.stamp = self.get_clock().now().to_msg()
+        event.header.frame_id = self.get_name()
+        self._events.publish(event)
+
+    def _complain(self, text: str) -> None:
+        """Log a complaint once, not at every attempt."""
+        if text != self._last_error:
+            self.get_logger().error(text)
+            self._tell(Event.ALARM, "fault", NAN, text)
+        self._last_error = text
+
+    def destroy_node(self) -> None:
+        """Stop the stream, let go of the device, then the node's own end."""
+        self._closing = True
+        self._transition("let go", self._let_go)
+        super().destroy_node()
+
+
+def run(make: Callable[[], AcquisitionNode], name: str, args: list[str] | None) -> int:
+    """Run a node until it is interrupted. Returns 0, or 2 for bad parameters or a node started twice."""
+    rclpy.init(args=args)
+    node: AcquisitionNode | None = None
+    try:
+        node = make()
+        with claim(node.get_fully_qualified_name()):
+            rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except (DriverError, StartedTwiceError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
+    finally:
+        _end(node)
+    return 0
+
+
+def _end(node: AcquisitionNode | None) -> None:
+    """Close down even if a second interrupt arrives meanwhile: `ros2 launch` may send two."""
+    for act in (*((node.destroy_node,) if node else ()), rclpy.try_shutdown):
+        try:
+            act()
+        except KeyboardInterrupt:
+            act()

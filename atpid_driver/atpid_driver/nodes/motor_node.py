@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motor node: height commands in, ceiling state out; a lifecycle node around one `CeilingActuator`.
+
+configure opens and identifies (motor off), activate arms and homes, deactivate stops (motor off).
+In lockstep each command is answered by one state at its stamp; in real time states go out on the node's own period.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from math import isfinite, isnan
+from typing import Any
+
+import rclpy
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.time import Time
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from atpid_driver.motor import CommandStaleError, HeightRefusedError, Mode, MotorError, Reading, actuator_of, in_words
+from atpid_driver.motor.faults import NO_FAULT
+from atpid_driver.nodes.motor_diagnostics import status_of
+from atpid_driver.nodes.motor_parameters import declare
+from atpid_driver.nodes.twice import claim, namesakes
+
+HELLO = "hello"
+RETRY = 1.0
+SAME = 1e-6  # a height on the wire is a whole number of micrometres
+REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
+
+
+class MotorNode(LifecycleNode):
+    """Moves the ceiling where `ceiling/command` says; see the module's text for its two ways to run."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Declare parameters and topics; nothing is opened. Raises `MotorError` for a parameter that cannot be."""
+        super().__init__("motor_node", **kwargs)
+        self.settings = declare(self)
+        self._actuator = actuator_of(self.settings)
+        self._connected = self._active = self._doubled = False
+        self._stamp = 0
+        self._initial: float | None = None
+        self._last_refused: object = None
+        self._last_faults = NO_FAULT
+        self._last_error = ""
+        self._open_topics()
+        self._start_timers()
+
+    def _open_topics(self) -> None:
+        depth = LOCKSTEP_DEPTH if self.settings.lockstep else REAL_TIME_DEPTH
+        self._states = self.create_publisher(CeilingState, "ceiling/state", 100)
+        self._events = self.create_publisher(Event, "events", 100)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self.create_subscription(CeilingCommand, "ceiling/command", self._on_command, depth)
+        self.create_service(Trigger, "~/rearm", self._on_rearm)
+
+    def _start_timers(self) -> None:
+        self.create_timer(1.0, self._each_second)
+        if not self.settings.lockstep:
+            self.create_timer(1.0 / self.settings.rate, self._each_period)
+        if self.settings.autostart:
+            self._starter = self.create_timer(0.01, self._start)
+
+    # -- lifecycle -------------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open and identify; motor off."""
+        return self._transition("configure", self._configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Arm and home; motor on while it moves."""
+        return self._transition("activate", self._activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and disarm; motor off."""
+        return self._transition("deactivate", self._deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the port; motor off."""
+        return self._transition("clean up", self._let_go)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the port from any state; motor off."""
+        return self._transition("shut down", self._let_go)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Return to unconfigured with the motor off, so that the node stays alive and can be configured again."""
+        self._let_go()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _transition(self, verb: str, act: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do `act`; what it refuses is logged and fails the transition, what it breaks is logged and is an error."""
+        try:
+            act()
+        except MotorError as error:
+            self._complain(f"cannot {verb}: {error}")
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy drops exceptions of transitions without a word
+            self.get_logger().fatal(f"cannot {verb}: {type(error).__name__}: {error}")
+            return TransitionCallbackReturn.ERROR
+        self._last_error = ""
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        self.identity = self._actuator.connect(self._now())
+        self._connected = True
+        self.get_logger().info(f"connected to {self.identity.name} {self.identity.version}; motor off")
+
+    def _activate(self) -> None:
+        if self._doubled:
+            raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop one; nothing moves")
+        self._actuator.activate(self._now())
+        self._active = True
+        wanted = self.settings.initial_height
+        self._initial = wanted if isfinite(wanted) and not self.settings.lockstep else None
+
+    def _deactivate(self) -> None:
+        self._active, self._initial = False, None
+        self._actuator.deactivate(self._now())
+
+    def _let_go(self) -> None:
+        self._active = self._connected = False
+        self._actuator.close()
+
+    def _start(self) -> None:
+        """Configure until something answers, then activate once: a refused motor waits for a person."""
+        if not self._connected:
+            self.trigger_configure()
+        if self._connected:
+            self.destroy_timer(self._starter)
+            self.trigger_activate()
+        elif self._starter.timer_period_ns < RETRY * 1e9:
+            self._starter.timer_period_ns = int(RETRY * 1e9)
+
+    # -- the loop --------------------------------------------------------------------------------------------------
+
+    def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
+        hello = command.header.frame_id == HELLO
+        if not hello:
+            self._stamp = Time.from_msg(command.header.stamp).nanoseconds
+            self._move(command, info)
+        reading = self._read()
+        if (hello and reading.ready and self._initial is None) or (self.settings.lockstep and not hello):
+            self._publish(reading, Header(stamp=command.header.stamp, frame_id=HELLO if hello else self.get_name()))
+
+    def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
+        self._initial = None
+        try:
+            self._check_fresh(info)
+            self._actuator.move(command.height, command.sequence, self._now())
+        except MotorError as error:
+            self._refuse(command, error)
+        else:
+            self._last_refused = None
+
+    def _check_fresh(self, info: dict[str, int]) -> None:
+        """Refuse a command that lay in the queue too long because this process was held up."""
+        received = info.get("received_timestamp", 0)
+        waited = (time.time_ns() - received) * 1e-9
+        if not self.settings.lockstep and received and waited > self.settings.command_timeout:
+            raise CommandStaleError(
+                f"command ignored: it waited {waited:.2f} s, allowed {self.settings.command_timeout:g} s "
+                "(command_timeout); the ceiling stays"
+            )
+
+    def _refuse(self, command: CeilingCommand, error: MotorError) -> None:
+        """Say once per kind and height that a command was refused; the controller repeats it with every block."""
+        what = (type(error), None if isnan(command.height) else command.height)
+        if what == self._last_refused or (isnan(command.height) and not isinstance(error, HeightRefusedError)):
+            return
+        self._last_refused = what
+        self._tell(Event.WARNING, "refused", command.height, str(error))
+
+    def _each_period(self) -> None:
+        reading = self._read()
+        if self._initial is not None and reading.ready and self._active:
+            self._go_to_initial(self._initial, reading)
+        stamp = self.get_clock().now().to_msg()
+        self._publish(reading, Header(stamp=stamp, frame_id=self.get_name()))
+
+    def _go_to_initial(self, height: float, reading: Reading) -> None:
+        """Go to the first height after homing, until it is reached; a command takes precedence."""
+        if reading.mode is Mode.HOLDING and abs(reading.target - height) < SAME:
+            self._initial = None
+            return
+        try:
+            self._actuator.move(height, 0, self._now())
+        except MotorError as error:
+            self._complain(str(error))
+
+    def _read(self) -> Reading:
+        reading = self._actuator.read(self._now())
+        for text in self._actuator.news():
+            self._tell(Event.WARNING, "link", float("nan"), text)
+        if reading.faults != self._last_faults:
+            self._last_faults = reading.faults
+            if reading.faults:
+                self._tell(Event.ALARM, "fault", reading.height, f"motor off: {in_words(reading.faults)}")
+        return reading
+
+    def _publish(self, reading: Reading, header: Header) -> None:
+        self._states.publish(
+            CeilingState(
+                header=header,
+                mode=int(reading.mode),
+                homed=reading.homed,
+                faults=int(reading.faults),
+                fault=in_words(reading.faults),
+                height=reading.height,
+                target=reading.target,
+                velocity=reading.velocity,
+                speed=reading.speed,
+                sequence=reading.sequence,
+            )
+        )
+
+    # -- watching --------------------------------------------------------------------------------------------------
+
+    def _each_second(self) -> None:
+        self._watch_namesakes()
+        if not self.settings.lockstep:
+            array = DiagnosticArray(header=Header(stamp=self.get_clock().now().to_msg()))
+            array.status = [
+                status_of(self.get_name(), self._actuator, self._actuator.read(self._now()), self._last_error)
+            ]
+            self._diagnostics.publish(array)
+
+    def _watch_namesakes(self) -> None:
+        """Stand still while another node of this name, on whatever machine, could move the same ceiling."""
+        doubled = namesakes(self) > 0
+        if doubled and not self._doubled:
+            text = f"{self.get_fully_qualified_name()} runs twice in this ROS graph: motor off; stop one, then activate"
+            self._tell(Event.ALARM, "twice", float("nan"), text)
+            if self._active:
+                self.trigger_deactivate()
+        self._doubled = doubled
+
+    def _on_rearm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Clear latched faults whose cause is gone, arm and home: a person's explicit word."""
+        try:
+            if not self._active:
+                raise MotorError("motor node is not active: activate it instead")
+            self._actuator.activate(self._now())
+        except MotorError as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, "armed; homing if its height is lost"
+        return response
+
+    def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
+        if severity == Event.ALARM:  # rclpy wants a line of its own for each severity
+            self.get_logger().error(text)
+        else:
+            self.get_logger().warning(text)
+        stamp = Time(nanoseconds=self._stamp) if self.settings.lockstep else self.get_clock().now()
+        header = Header(stamp=stamp.to_msg(), frame_id=self.get_name())
+        self._events.publish(Event(header=header, severity=severity, kind=kind, value=value, text=text))
+
+    def _complain(self, text: str) -> None:
+        """Log a complaint once, not at every retry."""
+        if text != self._last_error:
+            self.get_logger().error(text)
+        self._last_error = text
+
+    def _now(self) -> int:
+        """Return the time the ceiling moves by [ns]: the last command's stamp in lockstep, else the steady clock."""
+        return self._stamp if self.settings.lockstep else time.monotonic_ns()
+
+    def destroy_node(self) -> None:
+        """Motor off, port closed, then the node's own end."""
+        self._let_go()
+        super().destroy_node()
+        # rclpy leaves the state machine alive, and with it the node's name in the graph.
+        self._state_machine.destroy_when_not_in_use()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is interrupted. Returns 0, or 2 for bad parameters or a node started twice."""
+    rclpy.init(args=args)
+    node: MotorNode | None = None
+    try:
+        node = MotorNode()
+        with claim(node.get_fully_qualified_name()):
+            rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except ValueError as error:
+        print(f"motor_node: {error}", file=sys.stderr)
+        return 2
+    finally:
+        _end(node)
+    return 0
+
+
+def _end(node: MotorNode | None) -> None:
+    """Close down even if a second interrupt arrives meanwhile: `ros2 launch` may send two."""
+    for act in (*((node.destroy_node,) if node else ()), rclpy.try_shutdown):
+        try:
+            act()
+        except KeyboardInterrupt:
+            act()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

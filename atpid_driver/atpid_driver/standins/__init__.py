@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stand-ins for the vendors' libraries, so that their real Python packages run without a device.
+
+`build()` compiles them; `environment()` says what a process needs to use them; a `Feed` gives them voltages and a
+`Control` injects faults.
+"""
+
+from atpid_driver.standins.build import StandinError, build, environment
+from atpid_driver.standins.control import Control
+from atpid_driver.standins.feed import Feed
+
+__all__ = ["Control", "Feed", "StandinError", "build", "environment"]

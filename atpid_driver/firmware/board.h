@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+// The Mega 2560 itself: pins, converter, boot counter, reset cause, watchdog. Nothing here decides anything.
+#pragma once
+#include "motion.h"
+#include "session.h"
+
+void board_begin();              // pins first: the motor is off before anything else runs
+Board board_describe();          // counts this boot
+bool board_reset_by_watchdog();
+Inputs board_look(uint32_t now_ms);
+void board_drive(Direction direction);
+void board_alive();              // feeds the watchdog
+void board_rest();               // sleeps until the next interrupt

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A motor node and a node that commands it, for the tests that run over real DDS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from math import nan
+from typing import Any
+
+import rclpy
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
+from builtin_interfaces.msg import Time as TimeMsg
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Header
+
+from atpid_driver.nodes.motor_node import MotorNode
+
+SIMULATED: dict[str, Any] = {
+    "backend": "simulated",
+    "lowest": 0.017,
+    "highest": 1.0,
+    "speed": 0.3,
+    "initial_height": 0.017,
+}
+
+
+class Stand:
+    """A motor node and a node that commands it, in one context on one executor."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.peer = Node("peer", context=self.context)
+        self.executor.add_node(self.peer)
+        self.states: list[CeilingState] = []
+        self.events: list[Event] = []
+        self.peer.create_subscription(CeilingState, "ceiling/state", self.states.append, 100)
+        self.peer.create_subscription(Event, "events", self.events.append, 100)
+        self.commands = self.peer.create_publisher(CeilingCommand, "ceiling/command", 10)
+
+    def motor(self, **parameters: Any) -> MotorNode:
+        values = [Parameter(name, value=value) for name, value in (SIMULATED | parameters).items()]
+        node = MotorNode(parameter_overrides=values, context=self.context)
+        self.executor.add_node(node)
+        return node
+
+    def until(
+        self, condition: Callable[[], object], act: Callable[[], None] = lambda: None, limit: float = 20.0
+    ) -> None:
+        end = time.monotonic() + limit
+        while not condition():
+            assert time.monotonic() < end, "the event waited for did not come"
+            act()
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def command(self, height: float, stamp: float, sequence: int = 1, frame_id: str = "selector_node") -> None:
+        seconds = int(stamp)
+        header = Header(stamp=TimeMsg(sec=seconds, nanosec=round((stamp - seconds) * 1e9)), frame_id=frame_id)
+        self.commands.publish(CeilingCommand(header=header, sequence=sequence, height=height))
+
+    def hello(self) -> CeilingState:
+        self.until(lambda: self.states, lambda: self.command(nan, 0.0, 0, "hello"))
+        self.until(lambda: self.peer.count_publishers("events"))
+        return self.states[0]
+
+    def ask(self, height: float, stamp: float, sequence: int = 1) -> CeilingState:
+        """Command, and wait for the one state that answers."""
+        self.until_quiet()
+        self.states.clear()
+        self.command(height, stamp, sequence)
+        self.until(lambda: self.states)
+        return self.states[-1]
+
+    def until_quiet(self) -> None:
+        """Take in what is still on its way from the handshake."""
+        count = -1
+        while count != len(self.states):
+            count = len(self.states)
+            for _ in range(5):
+                self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self.peer.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        self.peer.destroy_client(client)
+        return future.result()
+
+    def close_motor(self) -> None:
+        """End the motor node while its board is still there."""
+        for node in self.executor.get_nodes():
+            if isinstance(node, MotorNode):
+                self.executor.remove_node(node)
+                node.destroy_node()
+
+    def close(self) -> None:
+        for node in self.executor.get_nodes():
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the motor's tests share: the emulated board, a scripted port, and waiting for events."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
+from atpid_driver.motor import MotorSettings
+
+SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, "speed": 0.3}
+
+
+def need_emulator() -> None:
+    """Leave a test out, and say so, where the AVR tools are missing; in CI that is a failure."""
+    missing = missing_tools()
+    if not missing:
+        return
+    text = (
+        f"left out: the real firmware on the emulated board; missing {', '.join(missing)}: apt-get install {PACKAGES}"
+    )
+    if os.environ.get("CI") == "true":
+        pytest.fail(text)
+    pytest.skip(text)
+
+
+def board(folder: Path, **options: Any) -> Emulator:
+    """Return the emulated board with its port at folder/board and an EEPROM of its own."""
+    need_emulator()
+    return Emulator(folder / "board", eeprom=folder / "eeprom", **options)
+
+
+def settings(folder: Path, **change: Any) -> MotorSettings:
+    """Return settings of the serial backend for the board in `folder`."""
+    return MotorSettings(**SERIAL | {"port": str(folder / "board"), "identify_timeout": 3.0} | change)
+
+
+def wait_for(condition: Callable[[], object], what: str, limit: float = 20.0) -> None:
+    """Poll until `condition` holds; fail after `limit` [s]."""
+    end = time.monotonic() + limit
+    while not condition():
+        assert time.monotonic() < end, f"waited {limit:g} s for: {what}"
+        time.sleep(0.005)
+
+
+@dataclass
+class ScriptedPort:
+    """A port that knows each request and its answer beforehand; `done` fails on traffic that did not take place."""
+
+    script: list[tuple[bytes, bytes]]
+    waiting: list[bytes] = field(default_factory=list)
+
+    def write(self, data: bytes) -> None:
+        assert self.script, f"request nobody expected: {data!r}"
+        request, answer = self.script.pop(0)
+        assert data == request
+        self.waiting += answer.splitlines(keepends=True)
+
+    def read_line(self, timeout: float) -> bytes:
+        if self.waiting:
+            return self.waiting.pop(0)
+        time.sleep(timeout)  # nothing comes: the time-out passes, as at a real port
+        return b""
+
+    def close(self) -> None:
+        """Close nothing."""
+
+    def done(self) -> None:
+        assert not self.script, f"requests that were never made: {self.script}"
+        assert not self.waiting, f"answers nobody read: {self.waiting}"

@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The LabJack and the NI node: life, handshake, messages, diagnostics, and every fault by name."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_driver.nodes.acquisition_node import AcquisitionNode
+from atpid_driver.nodes.handshake import STATUS
+from atpid_driver.nodes.labjack_node import LabJackNode
+from atpid_driver.nodes.ni_node import NiNode
+from atpid_driver.standins import Control, build
+
+PATIENCE = 20.0
+LIBRARIES = build()
+
+
+class Bench:
+    """One context and executor, with a node that listens to what a source says."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.ears = Node("ears", context=self.context)
+        self.blocks: list[SampleBlock] = []
+        self.hellos: list[SampleBlock] = []
+        self.events: list[Event] = []
+        self.diagnostics: list[Any] = []
+        for topic in ("sensors/laser", "sensors/accelerometer"):
+            self.ears.create_subscription(SampleBlock, topic, self._on_block, 1000)
+        self.ears.create_subscription(Event, "events", self.events.append, 100)
+        self.ears.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
+        self.state = self.ears.create_publisher(CeilingState, "ceiling/state", 100)
+        self.recorder = self.ears.create_publisher(RecorderStatus, "recorder/status", STATUS)
+        self.executor.add_node(self.ears)
+        self.nodes: list[AcquisitionNode] = []
+
+    def _on_block(self, block: SampleBlock) -> None:
+        (self.hellos if block.header.frame_id == "hello" else self.blocks).append(block)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        self.diagnostics.append(array.status[0])
+
+    def start(self, kind: type[AcquisitionNode], **values: object) -> AcquisitionNode:
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        node = kind(context=self.context, parameter_overrides=overrides)
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def until(self, what: Callable[[], object]) -> None:
+        """Spin until something has happened."""
+        deadline = time.monotonic() + PATIENCE
+        while not what():
+            assert time.monotonic() < deadline, "it did not happen"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def said(self, words: str) -> bool:
+        return any(words in event.text for event in self.events)
+
+    def close(self) -> None:
+        for node in [*self.nodes, self.ears]:
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def t7(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Control]:
+    control = Control(tmp_path / "t7")
+    monkeypatch.setenv("ATPID_LJM_CONTROL", str(control.path))
+    monkeypatch.setenv("ATPID_LJM_SOURCE", "sine")
+    yield control
+    control.close()
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Control]:
+    control = Control(tmp_path / "module")
+    monkeypatch.setenv("ATPID_DAQMX_CONTROL", str(control.path))
+    monkeypatch.setenv("ATPID_DAQMX_SOURCE", "sine:offset=0,amplitude=0.5,frequency=50")
+    yield control
+    control.close()
+
+
+def laser(**changes: object) -> dict[str, object]:
+    values: dict[str, object] = {
+        "rate": 1000.0,
+        "channels": ["support_displacement", "beam_displacement"],
+        "terminals": ["AIN0", "AIN1"],
+        "calibrations": ["laser_support.yaml", "laser_beam.yaml"],
+        "library": str(LIBRARIES / "libLabJackM.so"),
+        "handshake": False,
+    }
+    return values | changes
+
+
+def acceleration(**changes: object) -> dict[str, object]:
+    values: dict[str, object] = {
+        "rate": 1280.0,
+        "channels": ["beam_acceleration"],
+        "terminals": ["ai0"],
+        "kinds": ["iepe"],
+        "calibrations": ["accelerometer.yaml"],
+        "library": str(LIBRARIES / "libnidaqmx.so"),
+        "blocks_per_second": 20.0,
+        "handshake": False,
+    }
+    return values | changes
+
+
+def label(node: AcquisitionNode) -> str:
+    return str(node._state_machine.current_state[1])
+
+
+def test_laser_blocks_are_metres_with_true_stamps_and_skew(bench: Bench, t7: Control) -> None:
+    bench.start(LabJackNode, **laser(serial=470012345))
+    began = time.time()
+    bench.until(lambda: len(bench.blocks) >= 5)
+    first, second = bench.blocks[:2]
+    assert first.header.frame_id == "labjack:470012345"
+    assert second.first_index == first.first_index + 50
+    assert first.rate == 1000.0
+    assert list(first.channels) == ["support_displacement", "beam_displacement"]
+    assert list(first.units) == ["m", "m"]
+    assert list(first.skew) == [0.0, 15e-6]
+    assert abs(first.header.stamp.sec - began) < 5.0
+    step = (second.header.stamp.sec - first.header.stamp.sec) * 10**9
+    assert step + second.header.stamp.nanosec - first.header.stamp.nanosec == 50_000_000
+    data = np.frombuffer(first.data).reshape(-1, 2)
+    seconds = (first.first_index + np.arange(50))[:, None] / 1000.0 + np.array([0.0, 15e-6])
+    expected = 0.075 * np.sin(2 * np.pi * 5.0 * seconds + np.array([0.0, np.pi / 4]))
+    assert np.abs(data - expected).max() < 1e-9
+
+
+def test_accelerations_are_metres_per_second_squared(bench: Bench, module: Control) -> None:
+    bench.start(NiNode, **acceleration())
+    bench.until(lambda: len(bench.blocks) >= 3)
+    block = bench.blocks[0]
+    assert list(block.units) == ["m/s^2"]
+    assert np.abs(np.frombuffer(block.data)).max() == pytest.approx(490.3325, rel=1e-3)
+
+
+def test_hello_goes_round_before_the_first_sample(bench: Bench, t7: Control) -> None:
+    node = bench.start(LabJackNode, **laser(handshake=True, expect_recorder=True))
+    bench.until(lambda: len(bench.hellos) >= 3 and any(event.kind == "hello" for event in bench.events))
+    assert list(bench.hellos[0].units) == ["m", "m"]
+    assert len(bench.hellos[0].data) == 0
+    assert bench.hellos[0].header.stamp.sec == 0
+    answer = CeilingState()
+    answer.header.frame_id = "hello"
+    bench.state.publish(answer)
+    topics = ["/sensors/laser", "/excitation", "/diagnostics"]
+    bench.recorder.publish(RecorderStatus(topics=topics, received=[2, 0, 0]))
+    bench.until(lambda: node._handshake is not None and "excitation" in node._handshake.waiting_for())
+    assert not bench.blocks
+    bench.recorder.publish(RecorderStatus(topics=topics, received=[2, 1, 0]))  # diagnostics are not in the loop
+    bench.until(lambda: bench.blocks)
+    assert bench.blocks[0].first_index == 0
+    count = len(bench.hellos)
+    bench.until(lambda: len(bench.blocks) >= 5)
+    assert len(bench.hellos) == count
+
+
+def test_an_answer_that_is_not_hello_starts_nothing(bench: Bench, t7: Control) -> None:
+    node = bench.start(LabJackNode, **laser(handshake=True))
+    bench.until(lambda: len(bench.hellos) >= 1)
+    answer = CeilingState()
+    answer.header.frame_id = "motor_node"
+    bench.state.publish(answer)
+    seen = len(bench.hellos)
+    bench.until(lambda: len(bench.hellos) >= seen + 4)
+    assert node._handshake is not None
+    assert not bench.blocks
+
+
+def test_life_by_hand(bench: Bench, t7: Control) -> None:
+    node = bench.start(LabJackNode, **laser(autostart=False))
+    assert label(node) == "unconfigured"
+    node.trigger_configure()
+    assert label(node) == "inactive"
+    node.trigger_activate()
+    bench.until(lambda: len(bench.blocks) >= 2)
+    node.trigger_deactivate()
+    assert label(node) == "inactive"
+    assert node._state_machine.current_state[0] == State.PRIMARY_STATE_INACTIVE
+    bench.until(lambda: any(status.message == "connected" for status in bench.diagnostics))
+    bench.blocks.clear()
+    node.trigger_activate()
+    bench.until(lambda: bench.blocks)
+    assert bench.blocks[0].first_index == 0  # a new stream
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    assert label(node) == "unconfigured"
+
+
+def test_diagnostics_carry_serial_rate_backlog_drops_and_drift(bench: Bench, t7: Control) -> None:
+    bench.start(LabJackNode, **laser())
+    bench.until(lambda: any("streaming" in status.message for status in bench.diagnostics))
+    status = bench.diagnostics[-1]
+    assert status.hardware_id == "470012345"
+    values = {pair.key: pair.value for pair in status.values}
+    assert float(values["rate [Hz]"]) == 1000.0
+    assert math.isfinite(float(values["backlog [scans]"]))
+    names = {"dropped [scans]", "last error", "clock drift [ppm]", "clock offset [s]", "next index", "interruptions"}
+    assert names <= values.keys()
+    t7.drop(40)
+    bench.until(lambda: bench.said("40 scans lost"))
+    bench.until(lambda: any(block.dropped == 40 for block in bench.blocks))
+    bench.until(lambda: any("scans lost in the last second" in status.message for status in bench.diagnostics))
+
+
+def test_a_broken_loop_is_nan_and_counted(bench: Bench, t7: Control, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ATPID_LJM_SOURCE", "sine:offset=0.2,amplitude=0.1")
+    bench.start(LabJackNode, **laser())
+    bench.until(lambda: len(bench.blocks) >= 2 and bench.diagnostics)
+    assert np.isnan(np.frombuffer(bench.blocks[0].data)).all()
+
+    def counted() -> bool:
+        values = {pair.key: pair.value for pair in bench.diagnostics[-1].values}
+        return int(values["support_displacement broken loop [samples]"]) > 0
+
+    bench.until(counted)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "control"), [(LabJackNode, laser, "t7"), (NiNode, acceleration, "module")]
+)
+def test_missing_then_plugged_in_then_pulled_then_plugged_in_again(
+    bench: Bench,
+    kind: type[AcquisitionNode],
+    parameters: Callable[[], dict[str, object]],
+    control: str,
+    request: pytest.FixtureRequest,
+) -> None:
+    device: Control = request.getfixturevalue(control)
+    device.unplug()
+    node = bench.start(kind, **parameters())
+    bench.until(lambda: bench.said("cannot configure"))
+    assert label(node) == "unconfigured"
+    device.replug()
+    bench.until(lambda: len(bench.blocks) >= 2)
+    device.unplug()
+    bench.until(lambda: bench.said("trying again"))
+    device.replug()
+    bench.until(lambda: bench.said("streaming again"))
+    count = len(bench.blocks)
+    bench.until(lambda: len(bench.blocks) > count + 1)
+    faults = [event.text for event in bench.events if event.kind == "fault"]
+    assert len(faults) == len(set(faults)) <= 3
+    assert all("\n" not in text for text in faults)
+    scans = sum(len(block.data) // len(block.channels) for block in bench.blocks)
+    last = bench.blocks[-1]
+    end = last.first_index + len(last.data) // len(last.channels)
+    assert bench.blocks[0].first_index + scans + last.dropped == end  # every scan is there or counted
+
+
+def test_wrong_serial_number_then_the_right_one(bench: Bench, t7: Control) -> None:
+    t7.serial(99)
+    node = bench.start(LabJackNode, **laser(serial=470012345))
+    bench.until(lambda: bench.said("the T7 has serial number 99, expected 470012345"))
+    assert label(node) == "unconfigured"
+    bench.until(lambda: any("serial number 99" in status.message for status in bench.diagnostics))
+    t7.serial(470012345)
+    bench.until(lambda: bench.blocks)
+
+
+def test_a_set_up_the_device_refuses_leaves_the_node_alive(bench: Bench, t7: Control) -> None:
+    bench.start(LabJackNode, **laser(rate=90_000.0))
+    bench.until(lambda: bench.said("a scan takes longer than the scan period"))
+    bench.until(lambda: any("LJM 2942" in status.message for status in bench.diagnostics))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"channels": ["support_displacement"]}, "1 channels, 2 terminals"),
+        ({"calibrations": ["laser_beam.yaml", "laser_support.yaml"]}, "in the order"),
+        ({"calibrations": ["laser_support.yaml"]}, "one file each"),
+        ({"calibrations": ["none.yaml", "laser_beam.yaml"]}, "cannot be read"),
+        ({"backend": "serial"}, "choose one of labjack, nidaqmx, simulated"),
+        ({"voltage_range": 7.0}, "a T7 has the ranges"),
+        ({"rate": -3.0}, "rate"),
+        ({"kinds": ["charge"]}, "kind"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_refused_before_a_device_is_touched(
+    bench: Bench, change: dict[str, object], words: str
+) -> None:
+    with pytest.raises(ValueError, match=words) as caught:
+        bench.start(LabJackNode, **laser(**change))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_simulated_backend_needs_no_device(bench: Bench) -> None:
+    bench.start(LabJackNode, **laser(backend="simulated"))
+    bench.until(lambda: len(bench.blocks) >= 2)
+    assert bench.blocks[0].header.frame_id == "simulated:1"
+
+
+def run_node(*parameters: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "atpid_driver.nodes.labjack_node", "--ros-args"]
+    for parameter in parameters:
+        command += ["-p", parameter]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def test_bad_parameters_end_the_process_with_status_2_and_one_line() -> None:
+    process = run_node("rate:=1000.0")
+    said, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 2
+    assert said.splitlines() == [
+        "labjack_node: parameter channels of labjack_node is not given: names of the channels in the messages; "
+        "set it in the parameter file"
+    ]
+
+
+def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
+    shipped = Path(__file__).parents[1] / "config" / "labjack.yaml"
+    command = [sys.executable, "-m", "atpid_driver.nodes.labjack_node", "--ros-args", "--params-file", str(shipped)]
+    command += ["-p", "backend:=simulated", "-p", "handshake:=false"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    bench.until(lambda: bench.blocks)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    assert "Traceback" not in said
+    assert len(said.splitlines()) == 1

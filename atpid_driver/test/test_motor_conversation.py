@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Golden byte exchanges: what goes over the wire, to the byte, with nothing left over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import pytest
+from motor_rigs import ScriptedPort
+
+from atpid_driver.motor import IdentityError, Limits, LimitsError, LinkError, Mode
+from atpid_driver.motor.conversation import Conversation, SessionLostError, check_identity
+from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
+
+LIMITS = Limits(0.017, 1.0, 0.3)
+IDENTITY = b"$1,ID,ATPID-MOTOR,1.0.0,1,1,POWER,17000,1000000,300000,0*C0EE\n"
+Script = list[tuple[bytes, bytes]]
+
+
+@pytest.fixture
+def talk_over() -> Iterator[Callable[[Script], Conversation]]:
+    """Return a maker of conversations; in the end no traffic may be left over."""
+    ports: list[ScriptedPort] = []
+
+    def make(script: Script) -> Conversation:
+        ports.append(ScriptedPort(script))
+        return Conversation(ports[-1])
+
+    yield make
+    for port in ports:
+        port.done()
+
+
+def test_identify_arm_home_move(talk_over: Callable[[Script], Conversation]) -> None:
+    talk = talk_over(
+        [
+            (b"$1,ID*16EE\n", IDENTITY),
+            (b"$2,ARM*EB38\n", b"$2,ST,3,0,0000,-,-,5283,132,0,2*A899\n"),
+            (b"$3,HOME*DBC1\n", b"$3,ST,2,0,0000,-,-,5287,142,0,3*A0BD\n"),
+            (b"$4,MOVE,290000*03DB\n", b"$4,NO,BUSY*6720\n"),
+        ]
+    )
+    assert talk.identify(1.0).version == "1.0.0"
+    armed, homing = talk.ask("ARM"), talk.ask("HOME")
+    assert isinstance(armed, StateReply)
+    assert isinstance(homing, StateReply)
+    assert (armed.mode, homing.mode) == (Mode.HOLDING, Mode.HOMING)
+    assert talk.ask("MOVE", 290000) == Refusal("BUSY")
+
+
+def test_a_lost_answer_is_asked_for_again_with_the_same_bytes(talk_over: Callable[[Script], Conversation]) -> None:
+    ask = b"$1,BEAT*B896\n"
+    talk = talk_over([(ask, b""), (ask, b"$1,ST,1,0,0000,-,-,1,1,0,1*A52D\n")])
+    assert isinstance(talk.ask("BEAT"), StateReply)
+    assert talk.repeated == 1
+
+
+def test_garbled_and_foreign_answers_are_passed_over(talk_over: Callable[[Script], Conversation]) -> None:
+    answer = b"$1,ST,1,0,0000,-,-,1,1,0,1*0000\nnoise\n$9,NO,OLD*B46B\n$1,ST,1,0,0000,-,-,1,1,0,1*A52D\n"
+    talk = talk_over([(b"$1,BEAT*B896\n", answer)])
+    assert isinstance(talk.ask("BEAT"), StateReply)
+    assert talk.garbled == 2
+
+
+def test_silence_is_a_lost_link(talk_over: Callable[[Script], Conversation]) -> None:
+    ask = b"$1,BEAT*B896\n"
+    talk = talk_over([(ask, b""), (ask, b"")])
+    with pytest.raises(LinkError, match=r"no answer to BEAT within 0\.3 s"):
+        talk.ask("BEAT")
+
+
+def test_a_restarted_board_ends_the_session(talk_over: Callable[[Script], Conversation]) -> None:
+    talk = talk_over([(b"$1,BEAT*B896\n", b"$1,NO,SESSION*DC4D\n")])
+    with pytest.raises(SessionLostError, match="restarted"):
+        talk.ask("BEAT")
+
+
+def test_identity_is_asked_for_until_the_bootloader_is_through(talk_over: Callable[[Script], Conversation]) -> None:
+    talk = talk_over(
+        [(b"$1,ID*16EE\n", b""), (b"$2,ID*8D32\n", IDENTITY.replace(b"$1", b"$2").replace(b"C0EE", b"AFB1"))]
+    )
+    assert talk.identify(2.0).boots == 1
+
+
+def test_nobody_there(talk_over: Callable[[Script], Conversation]) -> None:
+    talk = talk_over([(b"$1,ID*16EE\n", b"")])
+    with pytest.raises(LinkError, match="nothing answers as ATPID-MOTOR"):
+        talk.identify(0.1)
+
+
+GOOD = IdentityReply("ATPID-MOTOR", "1.4.2", 1, 3, "POWER", 0.017, 1.0, 0.3, 0)
+
+
+def identity(**change: object) -> IdentityReply:
+    return replace(GOOD, **change)  # type: ignore[arg-type]
+
+
+def test_the_right_firmware() -> None:
+    check_identity(GOOD, LIMITS)
+
+
+@pytest.mark.parametrize(
+    ("reply", "kind", "text"),
+    [
+        (identity(name="GRBL"), IdentityError, "'GRBL' answers, not ATPID-MOTOR"),
+        (identity(version="2.0.0"), IdentityError, r"firmware 2\.0\.0 with protocol 1: this driver needs 1\.x"),
+        (identity(protocol=2), IdentityError, "protocol 2"),
+        (identity(lowest=0.02), LimitsError, r"the firmware allows 0\.02 to 1 m"),
+        (identity(highest=0.9), LimitsError, r"the firmware allows 0\.017 to 0\.9 m"),
+        (identity(speed=0.2), LimitsError, r"the firmware's is 0\.2 m/s"),
+    ],
+)
+def test_the_wrong_firmware(reply: IdentityReply, kind: type[Exception], text: str) -> None:
+    with pytest.raises(kind, match=text):
+        check_identity(reply, LIMITS)

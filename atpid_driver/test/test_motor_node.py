@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motor node over real DDS with the simulated ceiling: lockstep, real time, refusals, lifecycle, started twice."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from math import isnan, nan
+from typing import Any
+
+import pytest
+from atpid_interfaces.msg import CeilingCommand, CeilingState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from motor_graph import SIMULATED, Stand
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from atpid_driver.motor import Mode, SettingsError
+from atpid_driver.nodes import motor_node
+from atpid_driver.nodes.motor_node import MotorNode
+from atpid_driver.nodes.twice import StartedTwiceError, claim
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    made = Stand()
+    yield made
+    made.close()
+
+
+def test_modes_are_those_of_the_message() -> None:
+    assert {mode.name: int(mode) for mode in Mode} == {mode.name: getattr(CeilingState, mode.name) for mode in Mode}
+
+
+def test_hello_is_answered_once_it_is_ready(stand: Stand) -> None:
+    stand.motor(lockstep=True)
+    state = stand.hello()
+    assert (state.header.frame_id, state.mode, state.height) == ("hello", CeilingState.HOLDING, 0.017)
+
+
+def test_lockstep_answers_each_command_with_its_stamp(stand: Stand) -> None:
+    stand.motor(lockstep=True)
+    stand.hello()
+    heights = []
+    for k in range(1, 21):
+        state = stand.ask(0.317, 0.1 * k, sequence=1)
+        assert (state.header.stamp.sec, state.header.stamp.nanosec) == divmod(k * 10**8, 10**9)
+        assert len(stand.states) == 1
+        heights.append(state.height)
+    assert heights == pytest.approx([min(0.317, 0.017 + 0.03 * k) for k in range(20)], abs=1e-14)
+    assert (state.mode, state.height, state.sequence) == (CeilingState.HOLDING, 0.317, 1)
+
+
+def test_lockstep_says_what_it_does_next(stand: Stand) -> None:
+    stand.motor(lockstep=True)
+    stand.hello()
+    state = stand.ask(0.5, 1.0, sequence=3)
+    assert (state.mode, state.height, state.target, state.speed) == (CeilingState.MOVING, 0.017, 0.5, 0.3)
+    state = stand.ask(nan, 1.5, sequence=3)
+    assert (state.mode, state.velocity) == (CeilingState.HOLDING, 0.0)
+    assert state.height == state.target == pytest.approx(0.167, abs=1e-12)
+
+
+def test_a_refused_height_is_told_once_and_the_ceiling_stays(stand: Stand) -> None:
+    stand.motor(lockstep=True)
+    stand.hello()
+    for k in range(5):
+        state = stand.ask(0.001, 1.0 + k)
+    stand.until(lambda: stand.events)
+    assert (state.mode, state.height) == (CeilingState.HOLDING, 0.017)
+    assert [(event.kind, event.value) for event in stand.events] == [("refused", 0.001)]
+    assert "allowed 0.017 to 1 m" in stand.events[0].text
+
+
+def test_real_time_publishes_on_its_own_and_travels(stand: Stand) -> None:
+    stand.motor(speed=5.0)
+    stand.hello()
+    stand.until(lambda: stand.states[-1].header.frame_id == "motor_node")
+    stand.command(0.9, 0.0, sequence=7)
+    stand.until(lambda: stand.states[-1].mode == CeilingState.MOVING)
+    stand.until(lambda: stand.states[-1].height == 0.9)
+    assert (stand.states[-1].mode, stand.states[-1].sequence) == (CeilingState.HOLDING, 7)
+
+
+def test_a_command_that_waited_too_long_is_ignored(stand: Stand) -> None:
+    node = stand.motor(lockstep=False, command_timeout=0.05)
+    stand.hello()
+    stale = {"received_timestamp": time.time_ns() - 10**9}
+    node._on_command(CeilingCommand(header=Header(frame_id="selector_node"), height=0.5, sequence=2), stale)
+    stand.until(lambda: stand.events)
+    assert "waited 1.00 s, allowed 0.05 s" in stand.events[0].text
+    assert node._read().target == 0.017
+
+
+def test_lifecycle_by_a_manager(stand: Stand) -> None:
+    stand.motor(autostart=False)
+    stand.until(lambda: stand.states)
+    assert stand.states[-1].mode == CeilingState.UNCONFIGURED
+
+    def change(transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(stand.call(ChangeState, "motor_node/change_state", request).success)
+
+    for transition, mode in (
+        (Transition.TRANSITION_CONFIGURE, CeilingState.DISARMED),
+        (Transition.TRANSITION_ACTIVATE, CeilingState.HOLDING),
+        (Transition.TRANSITION_DEACTIVATE, CeilingState.DISARMED),
+        (Transition.TRANSITION_CLEANUP, CeilingState.UNCONFIGURED),
+    ):
+        assert change(transition)
+        stand.until(lambda mode=mode: stand.states[-1].mode == mode)  # type: ignore[misc]
+
+
+def test_an_exception_in_a_transition_is_logged_and_the_node_lives_on(stand: Stand, monkeypatch: Any) -> None:
+    node = stand.motor(autostart=False)
+    monkeypatch.setattr(node._actuator, "connect", lambda now: 1 / 0)
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    assert not stand.call(ChangeState, "motor_node/change_state", request).success
+    state = stand.call(GetState, "motor_node/get_state", GetState.Request()).current_state
+    assert state.label == "unconfigured"
+    monkeypatch.undo()
+    assert stand.call(ChangeState, "motor_node/change_state", request).success
+
+
+def test_rearm_needs_an_active_node(stand: Stand) -> None:
+    stand.motor(autostart=False)
+    answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
+    assert (answer.success, answer.message) == (False, "motor node is not active: activate it instead")
+
+
+def test_a_namesake_in_the_graph_switches_the_motor_off(stand: Stand) -> None:
+    node = stand.motor()
+    stand.hello()
+    stand.executor.add_node(Node("motor_node", context=stand.context))
+    stand.until(lambda: stand.states[-1].mode == CeilingState.DISARMED and stand.events)
+    assert [event.kind for event in stand.events] == ["twice"]
+    assert not node._active
+    assert isnan(stand.states[-1].target)
+
+
+def test_a_name_can_be_claimed_once() -> None:
+    with claim("/stand/motor_node"), pytest.raises(StartedTwiceError, match="/stand/motor_node is already running"):
+        claim("/stand/motor_node")
+    claim("/stand/motor_node").close()
+
+
+def arguments(**parameters: object) -> list[str]:
+    pairs = [f"{key}:={value}" for key, value in parameters.items()]
+    return ["motor_node", "--ros-args", *(word for pair in pairs for word in ("-p", pair))]
+
+
+def test_started_twice_is_one_line_and_exit_2(capfd: pytest.CaptureFixture[str]) -> None:
+    with claim("/motor_node"):
+        assert motor_node.main(arguments(**SIMULATED)) == 2
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert line.startswith("motor_node: /motor_node is already running")
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"lowest": 2.0}, "0 < lowest < highest"),
+        ({"backend": "steam"}, "allowed simulated, serial"),
+        ({"rate": 1.0}, "rate"),
+    ],
+)
+def test_bad_parameters_are_one_line_and_exit_2(
+    change: dict[str, object], text: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert motor_node.main(arguments(**SIMULATED | change)) == 2
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert text in line
+
+
+def test_limits_have_no_default(stand: Stand) -> None:
+    with pytest.raises(SettingsError, match="highest of motor_node is not given and has no default"):
+        MotorNode(
+            parameter_overrides=[Parameter("backend", value="simulated"), Parameter("lowest", value=0.017)],
+            context=stand.context,
+        )

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motor node with the real firmware behind it, over real DDS and real pyserial."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from atpid_interfaces.msg import CeilingState, Event
+from motor_graph import Stand
+from motor_rigs import SERIAL, board, need_emulator
+from std_srvs.srv import Trigger
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    need_emulator()
+    made = Stand()
+    yield made
+    made.close()
+
+
+def parameters(folder: Path, **change: Any) -> dict[str, Any]:
+    return SERIAL | {"port": str(folder / "board"), "initial_height": 0.97, "identify_timeout": 2.0} | change
+
+
+def kinds(stand: Stand) -> list[str]:
+    return [event.kind for event in stand.events]
+
+
+def in_mode(stand: Stand, mode: int) -> bool:
+    return bool(stand.states) and bool(stand.states[-1].mode == mode)
+
+
+def test_waits_for_its_board_then_homes_and_answers_hello_at_its_first_height(
+    stand: Stand, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    stand.motor(**parameters(tmp_path))
+    stand.until(lambda: len(stand.states) > 70)  # more than one attempt
+    assert in_mode(stand, CeilingState.UNCONFIGURED)
+    with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
+        emulator.pace(1.0)
+        stand.states.clear()
+        stand.until(
+            lambda: any(state.header.frame_id == "hello" for state in stand.states),
+            lambda: stand.command(float("nan"), 0.0, 0, "hello"),
+        )
+        hello = next(state for state in stand.states if state.header.frame_id == "hello")
+        assert (hello.mode, hello.homed) == (CeilingState.HOLDING, True)
+        assert hello.height == pytest.approx(0.97, abs=2e-3)
+        stand.close_motor()
+    assert capfd.readouterr().err.count("is not there: board unplugged") == 1
+
+
+def test_unplugged_and_plugged_in_again_it_moves_on_fresh_commands_only(stand: Stand, tmp_path: Path) -> None:
+    with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
+        emulator.pace(1.0)
+        stand.motor(**parameters(tmp_path))
+        stand.until(lambda: in_mode(stand, CeilingState.HOLDING) and abs(stand.states[-1].height - 0.97) < 3e-3)
+        emulator.unplug()
+        stand.until(lambda: in_mode(stand, CeilingState.UNCONFIGURED))
+        emulator.plug()
+        stand.until(lambda: in_mode(stand, CeilingState.DISARMED))
+        stand.until(lambda: "link" in kinds(stand))
+        before = emulator.state()
+        stand.until(lambda: emulator.state().ms > before.ms + 500)
+        assert emulator.state().travel_um == before.travel_um
+        stand.until(
+            lambda: in_mode(stand, CeilingState.HOLDING) and stand.states[-1].target == 0.9,
+            lambda: stand.command(0.9, 1.0, 5),
+        )
+        stand.close_motor()
+
+
+def test_a_jam_is_told_and_armed_again_by_a_person(stand: Stand, tmp_path: Path) -> None:
+    with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
+        emulator.pace(1.0)
+        stand.motor(**parameters(tmp_path))
+        stand.until(lambda: in_mode(stand, CeilingState.HOLDING) and abs(stand.states[-1].height - 0.97) < 3e-3)
+        emulator.set("jam", 1)
+        stand.until(lambda: in_mode(stand, CeilingState.FAULT), lambda: stand.command(0.5, 1.0, 2))
+        assert stand.states[-1].fault.startswith("motor on but the ceiling does not move")
+        stand.until(lambda: "fault" in kinds(stand))
+        alarm = next(event for event in stand.events if event.kind == "fault")
+        assert alarm.severity == Event.ALARM
+        emulator.set("jam", 0)
+        answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
+        assert (answer.success, answer.message) == (True, "armed; homing if its height is lost")
+        stand.until(lambda: in_mode(stand, CeilingState.HOLDING))
+        stand.close_motor()

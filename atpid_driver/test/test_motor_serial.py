@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The serial backend with real pyserial and the real firmware: what it does when link, board or host fail."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from motor_rigs import board, settings, wait_for
+
+from atpid_driver.emulator import Emulator
+from atpid_driver.motor import IdentityError, LimitsError, LinkError, Mode, NotReadyError, Reading
+from atpid_driver.motor import conversation as conversation_module
+from atpid_driver.motor.serial_actuator import SerialActuator
+
+
+class Rig:
+    """The actuator and what really happens at the stand."""
+
+    def __init__(self, folder: Path, emulator: Emulator) -> None:
+        self.actuator = SerialActuator(settings(folder))
+        self.emulator = emulator
+        self.told: list[str] = []
+
+    def read(self) -> Reading:
+        self.told += self.actuator.news()
+        return self.actuator.read(time.monotonic_ns())
+
+    def move(self, height: float) -> None:
+        self.actuator.move(height, 1, time.monotonic_ns())
+
+    def wait(self, *modes: Mode) -> None:
+        wait_for(lambda: self.read().mode in modes, " or ".join(mode.name for mode in modes))
+
+    def make_ready(self) -> None:
+        self.actuator.connect(time.monotonic_ns())
+        self.actuator.activate(time.monotonic_ns())
+        self.wait(Mode.HOLDING)
+
+    def start_down(self) -> None:
+        self.move(0.1)
+        self.wait(Mode.MOVING)
+
+    def command_until_ready(self, height: float) -> None:
+        """Repeat a height as the selector does with every block, until it is taken up."""
+
+        def taken() -> bool:
+            try:
+                self.move(height)
+            except NotReadyError:
+                return False
+            return self.read().target == height
+
+        wait_for(taken, "armed and homed again by fresh commands")
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
+        emulator.pace(1.0)
+        made = Rig(tmp_path, emulator)
+        yield made
+        made.actuator.close()
+
+
+def stands_still(emulator: Emulator) -> bool:
+    """Watch the stand for half a second of its own time."""
+    before = emulator.state()
+    wait_for(lambda: emulator.state().ms > before.ms + 500.0, "half a second at the stand")
+    after = emulator.state()
+    return after.motor == 0 and after.travel_um == before.travel_um
+
+
+def test_a_missing_port(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match="is not there: board unplugged, or wrong name"):
+        SerialActuator(settings(tmp_path)).connect(0)
+
+
+def test_a_port_that_is_no_port(tmp_path: Path) -> None:
+    (tmp_path / "board").write_text("not a tty")
+    with pytest.raises(LinkError, match="cannot be opened"):
+        SerialActuator(settings(tmp_path)).connect(0)
+
+
+def test_a_port_taken_by_another_program(rig: Rig, tmp_path: Path) -> None:
+    rig.make_ready()
+    with pytest.raises(LinkError, match="is taken by another program: close it first"):
+        SerialActuator(settings(tmp_path)).connect(0)
+    assert rig.read().ready, "the first one does not notice"
+
+
+def test_a_board_that_does_not_answer(tmp_path: Path) -> None:
+    with board(tmp_path), pytest.raises(LinkError, match=r"nothing answers as ATPID-MOTOR within 0\.3 s"):
+        SerialActuator(settings(tmp_path, identify_timeout=0.3)).connect(0)
+
+
+def test_the_wrong_firmware_version(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conversation_module, "VERSION", "2.")
+    with pytest.raises(IdentityError, match=r"firmware 1\.0\.0 with protocol 1: this driver needs 2\.x"):
+        rig.actuator.connect(0)
+    assert rig.read().mode is Mode.UNCONFIGURED
+
+
+def test_limits_wider_than_the_firmwares(rig: Rig, tmp_path: Path) -> None:
+    with pytest.raises(LimitsError, match=r"the firmware allows 0\.017 to 1 m"):
+        SerialActuator(settings(tmp_path, highest=1.2)).connect(0)
+
+
+def test_unplugged_in_motion_and_plugged_in_again(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    rig.emulator.unplug()
+    rig.wait(Mode.UNCONFIGURED)
+    wait_for(lambda: rig.emulator.state().motor == 0, "the firmware's own heartbeat stop")
+    truth = rig.emulator.state()
+    assert truth.motor_off_ms - truth.last_byte_ms <= 500.0
+    with pytest.raises(NotReadyError, match="no connection to the board"):
+        rig.move(0.5)
+    rig.emulator.plug()
+    rig.wait(Mode.DISARMED)
+    assert any("is gone" in text for text in rig.told)
+    assert any("found again" in text and "motor off until the next height" in text for text in rig.told)
+    assert stands_still(rig.emulator)
+    rig.command_until_ready(0.95)
+    rig.wait(Mode.HOLDING)
+    assert rig.read().height == pytest.approx(0.95, abs=2e-3)
+
+
+def test_a_reset_in_motion_is_noticed_and_needs_homing(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    rig.emulator.reset()
+    wait_for(lambda: rig.read().mode is Mode.DISARMED and not rig.read().homed, "disarmed, height lost")
+    assert any("restarted" in text for text in rig.told)
+    assert stands_still(rig.emulator)
+    rig.command_until_ready(0.95)
+
+
+def test_a_power_cycle_in_motion(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    rig.emulator.power(False)
+    rig.wait(Mode.UNCONFIGURED)
+    rig.emulator.power(True)
+    rig.wait(Mode.DISARMED)
+    assert stands_still(rig.emulator)
+
+
+def test_a_caller_that_hangs_lets_the_firmware_switch_off(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    wait_for(lambda: rig.emulator.state().motor == 0, "motor off although the I/O thread is alive")
+    rig.read()
+    wait_for(lambda: rig.read().mode is Mode.FAULT, "heartbeat fault")
+    rig.command_until_ready(0.98)
+
+
+def test_a_jam_is_not_armed_again_by_a_command(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    rig.emulator.set("jam", 1)
+    rig.wait(Mode.FAULT)
+    rig.emulator.set("jam", 0)
+    with pytest.raises(NotReadyError, match=r"does not move \(jammed, or no motor power\); mend it, then call ~/rearm"):
+        rig.move(0.5)
+    assert stands_still(rig.emulator)
+    rig.actuator.activate(time.monotonic_ns())
+    rig.wait(Mode.HOLDING)
+    assert rig.read().homed
+
+
+def test_arming_against_an_open_sensor_is_refused(rig: Rig) -> None:
+    rig.emulator.set("sensor", "open")
+    rig.actuator.connect(time.monotonic_ns())
+    with pytest.raises(NotReadyError, match=r"refused ARM: a fault is latched .*position sensor open"):
+        rig.actuator.activate(time.monotonic_ns())
+    assert stands_still(rig.emulator)
+
+
+def test_a_hung_board_is_a_lost_link_and_recovers(rig: Rig) -> None:
+    rig.make_ready()
+    rig.emulator.pace(0)
+    rig.wait(Mode.UNCONFIGURED)
+    assert any("no answer to" in text for text in rig.told)
+    rig.emulator.pace(1.0)
+    rig.wait(Mode.DISARMED, Mode.FAULT)
+    rig.command_until_ready(0.98)
+
+
+def test_closing_disarms(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    rig.actuator.close()
+    wait_for(lambda: rig.emulator.state().motor == 0, "motor off")
+    truth = rig.emulator.state()
+    assert truth.motor_off_ms - truth.last_byte_ms < 50.0, "by its word, not by the heartbeat"

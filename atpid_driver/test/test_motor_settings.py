@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings, registry and the words of the fault table."""
+
+from typing import Any
+
+import pytest
+
+from atpid_driver.motor import (
+    CeilingActuator,
+    Fault,
+    HeightRefusedError,
+    MotorSettings,
+    SettingsError,
+    actuator_of,
+    in_words,
+)
+
+GOOD: dict[str, Any] = {
+    "backend": "simulated",
+    "lowest": 0.017,
+    "highest": 1.0,
+    "speed": 0.3,
+    "initial_height": 0.017,
+}
+
+
+def test_simulated_backend_plays_the_role() -> None:
+    assert isinstance(actuator_of(MotorSettings(**GOOD)), CeilingActuator)
+
+
+def test_serial_backend_plays_the_role_without_opening_anything() -> None:
+    settings = MotorSettings(**GOOD | {"backend": "serial", "port": "/dev/no-such-port"})
+    assert isinstance(actuator_of(settings), CeilingActuator)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"backend": "hydraulic"}, "allowed simulated, serial"),
+        ({"backend": "serial"}, "port is empty"),
+        ({"backend": "serial", "port": "/dev/x", "lockstep": True}, "a real motor has its own clock"),
+        ({"initial_height": float("nan")}, "must be told where it stands"),
+        ({"rate": 0.0}, "rate 0: must be a number above 0"),
+        ({"command_timeout": float("nan")}, "command_timeout"),
+        ({"lowest": 2.0}, "0 < lowest < highest"),
+    ],
+)
+def test_bad_settings_say_what_to_do(change: dict[str, Any], text: str) -> None:
+    with pytest.raises(SettingsError, match=text):
+        actuator_of(MotorSettings(**GOOD | change))
+
+
+def test_initial_height_below_the_grain() -> None:
+    with pytest.raises(HeightRefusedError):
+        MotorSettings(**GOOD | {"initial_height": 0.01})
+
+
+def test_every_fault_has_words() -> None:
+    assert in_words(Fault(0)) == ""
+    assert len(in_words(~Fault(0)).split("; ")) == len(Fault) == 16
+    assert in_words(Fault.STALL | Fault.HEARTBEAT).startswith("no heartbeat")

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make a map: every point by itself, on all cores, kept in a journal until the map is whole."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from atpid_sim.batch import on_all_cores
+from atpid_sim.maps.best import best_height
+from atpid_sim.maps.errors import MapError
+from atpid_sim.maps.height_map import FORMAT, HeightMap
+from atpid_sim.maps.identity import identity_of
+from atpid_sim.maps.journal import Journal, Point
+from atpid_sim.maps.rig import Rig
+from atpid_sim.scene import Scene, SceneError
+
+Progress = Callable[[int, int], None]
+
+#: Runs finer than this gain nothing: best heights are told apart by 0.2 % of the amplitude.
+_FINEST = 1e-5
+
+#: A map is read between its points, so it stays in one well unless another is better by this share.
+_LOYALTY = 0.15
+
+
+def build_map(
+    scene: Scene,
+    amplitudes: Sequence[float],
+    mass_fractions: Sequence[float],
+    out: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    workers: int | None = None,
+) -> HeightMap:
+    """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
+
+    With `out` it is also written there, and a run that was killed goes on where it stopped: points lie in a journal
+    beside the file. `progress(done, total)` is called after each point. Raises MapError, NumericalFailure.
+    """
+    wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
+    identity, tolerance = identity_of(scene), max(scene.tolerance, _FINEST)
+    purpose = {"format": FORMAT, "system": identity, "tolerance": tolerance}
+    wanted = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
+    with ExitStack() as stack:
+        journal = stack.enter_context(Journal(Path(out), purpose)) if out is not None else None
+        known: dict[Point, dict[str, Any]] = dict(journal.points) if journal else {}
+        missing = [point for point in wanted if point not in known]
+        report = progress or _silent
+        report(len(wanted) - len(missing), len(wanted))
+        for point, values in _compute(scene, missing, tolerance, workers):
+            known[point] = values
+            if journal:
+                journal.note(point, values)
+            report(sum(p in known for p in wanted), len(wanted))
+        made = _assemble(wide, heavy, known, identity, tolerance)
+        if journal and out is not None:
+            made.save(out)
+            journal.finish()
+    return made
+
+
+def _silent(done: int, total: int) -> None:
+    """Say nothing."""
+
+
+def _compute(scene: Scene, points: list[Point], tolerance: float, workers: int | None) -> Iterable[tuple[Point, Any]]:
+    rigs = {fraction: _rig(scene, fraction, tolerance) for fraction in {fraction for fraction, _ in points}}
+
+    def best(point: Point) -> dict[str, Any]:
+        fraction, amplitude = point
+        return asdict(best_height(rigs[fraction], amplitude, _LOYALTY))
+
+    return on_all_cores(best, points, workers)
+
+
+def _rig(scene: Scene, fraction: float, tolerance: float) -> Rig:
+    try:
+        return Rig(scene.with_(mass_fraction=fraction), tolerance)
+    except SceneError as error:
+        raise MapError(f"mass fraction {fraction:g}: {error}") from None
+
+
+def _assemble(
+    wide: list[float], heavy: list[float], known: dict[Point, dict[str, Any]], identity: dict[str, Any], tolerance: float
+) -> HeightMap:
+    def grid(name: str) -> Any:
+        return np.array([[known[(fraction, amplitude)][name] for amplitude in wide] for fraction in heavy])
+
+    return HeightMap(
+        amplitudes=np.array(wide),
+        mass_fractions=np.array(heavy),
+        heights=grid("height"),
+        beam_amplitudes=grid("amplitude"),
+        efficiencies=grid("efficiency"),
+        reproducible=grid("reproducible"),
+        identity=identity,
+        tolerance=tolerance,
+    )
+
+
+def _rising(values: Sequence[float], name: str, least: int) -> list[float]:
+    numbers = [float(value) for value in values]
+    if len(numbers) < least or not np.isfinite(numbers).all() or numbers[0] <= 0.0 or (np.diff(numbers) <= 0.0).any():
+        raise MapError(f"{name}: given {_shown(numbers)}; allowed are at least {least} rising numbers above 0")
+    return numbers
+
+
+def _shown(numbers: list[float]) -> str:
+    return ", ".join(f"{value:g}" for value in numbers[:4]) + (", ..." if len(numbers) > 4 else "")

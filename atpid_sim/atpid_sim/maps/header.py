@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map as a C header for the motor's firmware: amplitudes and heights in micrometres, in program memory."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.maps.errors import MapError
+from atpid_sim.maps.height_map import HeightMap
+
+_A_LINE = 8
+
+
+def header_text(height_map: HeightMap, mass_fraction: float) -> str:
+    """Return the header for one mass fraction: ATPID_TABLE_N, atpid_amplitude_um[] and atpid_height_um[].
+
+    The firmware takes the recorded amplitude nearest to the measured one, so heights are rounded down, to the side
+    away from the cliff. Raises MapError where the map does not reach the mass fraction.
+    """
+    heights = [height_map.lookup(float(a), mass_fraction).height for a in height_map.amplitudes]
+    amplitude_um = np.round(1e6 * height_map.amplitudes).astype(np.int64)
+    height_um = np.floor(1e6 * np.asarray(heights) + 1e-6).astype(np.int64)
+    if (np.diff(amplitude_um) <= 0).any():
+        raise MapError(f"{height_map.source}: amplitudes closer than 1 um cannot go into a header; use fewer")
+    system = ", ".join(f"{key} {value}" for key, value in height_map.identity.items())
+    return "\n".join(
+        [
+            "// SPDX-License-Identifier: Apache-2.0",
+            "// Best ceiling heights over support amplitude, made by `python -m atpid_sim map --header`. Do not edit.",
+            f"// System: {system}; mass fraction {mass_fraction:g}",
+            "#pragma once",
+            "#include <stdint.h>",
+            f"#define ATPID_TABLE_N {len(amplitude_um)}",
+            _array("atpid_amplitude_um", amplitude_um),
+            _array("atpid_height_um", height_um),
+            "",
+        ]
+    )
+
+
+def write_header(height_map: HeightMap, mass_fraction: float, path: str | os.PathLike[str]) -> None:
+    """Write the header; raise MapError where that is not possible."""
+    try:
+        Path(path).write_text(header_text(height_map, mass_fraction), encoding="utf-8")
+    except OSError as error:
+        raise MapError(f"{path}: cannot be written: {error.strerror}; choose another --header") from None
+
+
+def _array(name: str, values: NDArray[np.int64]) -> str:
+    texts = [f"{value}" for value in values]
+    lines = [", ".join(texts[k : k + _A_LINE]) for k in range(0, len(texts), _A_LINE)]
+    return f"static const uint32_t {name}[ATPID_TABLE_N] PROGMEM = {{\n    " + ",\n    ".join(lines) + "};"

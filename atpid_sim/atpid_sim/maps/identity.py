@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a map holds for: the values that decide best heights, by the scene's own keys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from atpid_sim.scene import HarmonicExcitation, Scene
+
+#: Numbers that differ by less are the same [relative].
+_SAME = 1e-9
+
+#: A frequency given as a number counts as resonance within this share.
+_RESONANCE = 1e-4
+
+Identity = dict[str, Any]
+
+
+def identity_of(scene: Scene) -> Identity:
+    """Return {key: value} of beam, grain radius, contact, gravity and frequency (Hz, or the word resonance)."""
+    contact = scene.contact.model_dump(exclude_none=True)
+    return {
+        **{f"beam.{key}": value for key, value in scene.beam.model_dump().items()},
+        "grain.radius": scene.grain.radius,
+        "contact.law": scene.contact.law,
+        **{f"contact.{key}": value for key, value in contact.items() if key != "law"},
+        "gravity": scene.gravity,
+        "excitation.frequency": _frequency(scene),
+    }
+
+
+def difference(made_for: Identity, wanted: Identity) -> str | None:
+    """Return the first key that differs, with both values, in words; None where nothing differs."""
+    for key in [*wanted, *(key for key in made_for if key not in wanted)]:
+        left, right = made_for.get(key), wanted.get(key)
+        if not _same(left, right):
+            return f"{key} {_shown(left)} and not {_shown(right)}"
+    return None
+
+
+def _frequency(scene: Scene) -> float | str:
+    excitation = scene.excitation
+    if not isinstance(excitation, HarmonicExcitation) or excitation.frequency == "resonance":
+        return "resonance"
+    near = abs(excitation.frequency / scene.natural_frequency_hz - 1.0) <= _RESONANCE
+    return "resonance" if near else excitation.frequency
+
+
+def _same(left: Any, right: Any) -> bool:
+    if isinstance(left, float | int) and isinstance(right, float | int):
+        return abs(left - right) <= _SAME * max(abs(left), abs(right))
+    return bool(left == right)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else ("nothing" if value is None else str(value))

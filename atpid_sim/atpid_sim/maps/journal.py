@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The journal of a map being made: one line a point, on the disk before the next; what is in it is not computed again."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from atpid_sim.maps.errors import MapError
+
+Point = tuple[float, float]  # mass fraction [-], amplitude [m]
+
+
+class Journal:
+    """A file beside the map. Its first line says what the points are computed for; a torn last line is dropped."""
+
+    def __init__(self, out: Path, purpose: Mapping[str, Any]) -> None:
+        """Open or begin the journal of the map `out`; raise MapError where it is another's or in use."""
+        self.path = out.with_name(out.name + ".journal")
+        self.points: dict[Point, dict[str, Any]] = {}
+        try:
+            self._file = self.path.open("a+b")
+        except OSError as error:
+            raise MapError(f"{self.path}: cannot be written: {error.strerror}; choose another --out") from None
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._file.close()
+            raise MapError(f"{self.path}: another run is making this map; wait for it or choose another --out") from None
+        try:
+            self._resume(dict(purpose))
+        except MapError:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Journal:
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close the file, which stays for the next attempt unless `finish` was called."""
+        self._file.close()
+
+    def note(self, point: Point, values: Mapping[str, Any]) -> None:
+        """Put one point on the disk."""
+        self._append({"point": list(point), **values})
+        self.points[point] = dict(values)
+
+    def finish(self) -> None:
+        """Remove the journal: the map is written."""
+        self.path.unlink(missing_ok=True)
+
+    def _resume(self, purpose: dict[str, Any]) -> None:
+        self._file.seek(0)
+        whole = self._file.read().rpartition(b"\n")[0]
+        self._file.truncate(len(whole) + 1 if whole else 0)
+        lines = whole.splitlines()
+        if not lines:
+            self._append(purpose)
+            return
+        try:
+            first, *rest = [json.loads(line) for line in lines]
+        except ValueError:
+            raise MapError(f"{self.path}: is not the journal of a map; remove it or choose another --out") from None
+        if first != json.loads(json.dumps(purpose)):
+            raise MapError(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
+        for line in rest:
+            fraction, amplitude = line.pop("point")
+            self.points[(fraction, amplitude)] = line
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        self._file.write(json.dumps(line).encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())

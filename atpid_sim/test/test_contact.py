@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contact laws: closed forms, published numbers, and what no law may do."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+from scipy.integrate import solve_ivp
+
+from atpid_sim.contact import LAWS, Contact, contact_of, restitution_of
+from atpid_sim.contact import dispatch as laws
+from atpid_sim.contact.ids import BY_NAME
+from atpid_sim.contact.impact import velocities_after
+from atpid_sim.contact.linear import damped_restitution
+from atpid_sim.contact.rebound import hertz_rebound
+from atpid_sim.contact.registry import damping_ratio_for
+from atpid_sim.scene import load_scene
+from atpid_sim.scene.contact import LAW_NAMES
+from atpid_sim.system import reduced_mass, system_of
+
+SCENE = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
+ELASTIC = {"young_modulus": 2.1e8, "poisson_ratio": 0.2}
+SPECS = {
+    "impact": {"law": "impact", "restitution": 0.6},
+    "linear": {"law": "linear", "stiffness": 1e5, "damping": 20.0},
+    "hertz": {"law": "hertz", **ELASTIC},
+    "lee_herrmann": {"law": "lee_herrmann", "damping": 5.0, **ELASTIC},
+    "kuwabara_kono": {"law": "kuwabara_kono", "damping": 2e3, **ELASTIC},
+    "tsuji": {"law": "tsuji", "damping_ratio": 0.5, **ELASTIC},
+    "walton_braun": {"law": "walton_braun", "stiffness": 1e5, "unloading_stiffness": 3e5},
+}
+SOFT = [name for name in SPECS if name != "impact"]
+
+
+def contact(name: str, **changes: float) -> Contact:
+    return contact_of(SCENE.with_(contact=SPECS[name] | changes))
+
+
+@njit
+def _hit(law: int, p: np.ndarray, mass: float, speed: float, h: float) -> tuple[float, float, float]:
+    """One whole contact by small fixed steps: restitution, impulse over m v, least force that acted."""
+    x, v, deepest, impulse = 0.0, speed, 0.0, 0.0
+    for i in range(20_000_000):
+        # t = (i h)^4 makes the fractional powers at first touch smooth
+        step = ((i + 1.0) ** 4 - float(i) ** 4) * h**4 if i < 2000 else 4.0 * 2000.0**3 * h**4
+        force = max(0.0, laws.force(law, x, v, deepest, p))
+        half_v = v - 0.5 * step * force / mass
+        half_x = x + 0.5 * step * v
+        force = max(0.0, laws.force(law, half_x, half_v, max(deepest, half_x), p))
+        v -= step * force / mass
+        x += step * half_v
+        deepest = max(deepest, x)
+        impulse += step * force
+        if v < 0.0 and (force == 0.0 or x <= 0.0):
+            break
+    return -v / speed, impulse / (mass * speed), deepest
+
+
+def test_every_law_of_the_schema_is_registered_and_described() -> None:
+    assert set(LAWS) == set(BY_NAME) == set(LAW_NAMES) == set(SPECS)
+    assert all(LAWS.values())
+
+
+def test_parameters_are_those_of_table_3_2() -> None:
+    """k_c and c_c as printed for r = 8.5 mm and 10 % of grain; for 5 mm and 5 % likewise (the thesis misprints r)."""
+    p = contact_of(SCENE).parameters
+    assert p[0] == pytest.approx(1.344e7, rel=5e-4)
+    assert p[1] == pytest.approx(1395.3, rel=1e-5)
+    small = SCENE.with_(grain={"mass_fraction": 0.05, "radius": 0.005}, ceiling={"height": 0.1})
+    assert contact_of(small).parameters[0] == pytest.approx(1.031e7, rel=5e-4)
+    assert contact_of(small).parameters[1] == pytest.approx(841.0, rel=5e-4)
+
+
+def test_a_stiffer_wall_makes_a_stiffer_contact() -> None:
+    rigid = contact("hertz", wall_young_modulus=1e16).parameters[0]
+    assert rigid == pytest.approx(2.0 * contact("hertz").parameters[0], rel=1e-7)
+
+
+def test_the_thesis_s_law_gives_0_1565_at_the_wall_and_0_1463_in_the_damper() -> None:
+    system, law = system_of(SCENE), contact_of(SCENE)
+    for speed in (1e-3, 1.0, 10.0):
+        assert restitution_of(law, speed, system.grain_mass) == pytest.approx(0.1565, abs=5e-5)
+        assert restitution_of(law, speed, reduced_mass(system)) == pytest.approx(0.1463, abs=5e-5)
+
+
+@pytest.mark.parametrize("name", SOFT)
+@pytest.mark.parametrize("speed", [0.01, 1.0, 5.0])
+def test_restitution_is_what_the_force_gives(name: str, speed: float) -> None:
+    law = contact(name)
+    mass = reduced_mass(system_of(SCENE))
+    stiffness = law.parameters[0]
+    time = (
+        math.sqrt(mass / stiffness) if name in ("linear", "walton_braun") else (mass / stiffness) ** 0.4 * speed**-0.2
+    )
+    found, impulse, _ = _hit(law.law, law.parameters, mass, speed, (2e-4 * time) ** 0.25 / 2000**0.75)
+    expected = restitution_of(law, speed, mass)
+    assert found == pytest.approx(expected, abs=3e-4)
+    assert impulse == pytest.approx(1.0 + expected, abs=3e-4)
+
+
+@pytest.mark.parametrize(("zeta", "expected"), [(0.0, 1.0), (1.0, math.exp(-2.0)), (1e3, 0.0)])
+def test_damped_restitution_at_its_ends(zeta: float, expected: float) -> None:
+    assert damped_restitution(zeta) == pytest.approx(expected, abs=1e-6)
+    assert damped_restitution(1.0 - 2e-9) == pytest.approx(damped_restitution(1.0 + 2e-9), rel=1e-7)
+
+
+@given(st.floats(min_value=0.001, max_value=1.0))
+def test_damping_found_for_a_restitution_gives_it_back(e: float) -> None:
+    assert damped_restitution(damping_ratio_for(e)) == pytest.approx(e, rel=1e-9)
+
+
+def test_a_linear_law_given_by_its_restitution_has_it_in_the_damper() -> None:
+    law = contact_of(SCENE.with_(contact={"law": "linear", "stiffness": 1e5, "restitution": 0.4}))
+    assert restitution_of(law, 1.0, reduced_mass(system_of(SCENE))) == pytest.approx(0.4, rel=1e-9)
+    law = contact_of(SCENE.with_(contact={"law": "walton_braun", "stiffness": 1e5, "restitution": 0.4}))
+    assert restitution_of(law, 1.0, 1.0) == pytest.approx(0.4, rel=1e-12)
+
+
+@pytest.mark.parametrize("g", [1e-6, 1e-3, 0.1, 1.0, 2.0, 5.0, 30.0, 100.0])
+def test_the_rebound_integral_meets_tsuji_s_closed_form(g: float) -> None:
+    assert hertz_rebound(g, 0.25) == pytest.approx(damped_restitution(g / math.sqrt(5.0)), rel=1e-7)
+
+
+@pytest.mark.parametrize("power", [0.0, 0.25, 0.5])
+def test_more_damping_never_gives_more_rebound(power: float) -> None:
+    curve = np.array([hertz_rebound(g, power) for g in np.geomspace(1e-5, 1e4, 300)])
+    assert (np.diff(curve) < 0.0).all()
+    assert curve[0] > 0.9999
+    assert curve[-1] < 1e-6
+
+
+@pytest.mark.parametrize("g", [1e-5, 1e-4, 1e-3, 1e-2])
+def test_kuwabara_kono_meets_the_published_series(g: float) -> None:
+    """1 - 1.153449 g + 0.798267 g^2 + 0.266666 g^2.5 (Schwager and Poeschel, Phys. Rev. E 78 (2008) 051304)."""
+    published = 1.0 - 1.153449 * g + 0.798267 * g**2 + 0.266666 * g**2.5
+    assert hertz_rebound(g, 0.5) == pytest.approx(published, abs=0.7 * g**3 + 5e-7 * g + 2e-9)
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5])
+@pytest.mark.parametrize("g", [0.05, 0.5, 2.0])
+def test_the_rebound_integral_meets_an_integration_in_time(g: float, power: float) -> None:
+    def rate(s: float, y: list[float]) -> list[float]:
+        x, stretch = max(y[0], 0.0), 4.0 * s**3
+        return [y[1] * stretch, -(x**1.5 + g * y[1] * x**power) * stretch]
+
+    def held(s: float, y: list[float]) -> float:
+        return 1.0 if s < 0.3 else max(y[0], 0.0) ** (1.5 - power) + g * y[1]
+
+    held.terminal = True  # type: ignore[attr-defined]
+    solved = solve_ivp(rate, (0.0, 8.0), [0.0, 1.0], method="DOP853", rtol=1e-11, atol=1e-13, events=held)
+    assert hertz_rebound(g, power) == pytest.approx(-solved.y_events[0][0][1], rel=1e-7)
+
+
+def test_speed_moves_restitution_as_the_thesis_says() -> None:
+    """Section 3.1: it rises with speed for Lee-Herrmann, falls for Kuwabara-Kono, stays for the others."""
+    speeds = np.geomspace(1e-3, 10.0, 9)
+    mass = reduced_mass(system_of(SCENE))
+    curve = {name: np.array([restitution_of(contact(name), speed, mass) for speed in speeds]) for name in SPECS}
+    assert (np.diff(curve["lee_herrmann"]) > 0.0).all()
+    assert (np.diff(curve["kuwabara_kono"]) < 0.0).all()
+    for name in ("impact", "linear", "hertz", "tsuji", "walton_braun"):
+        assert np.ptp(curve[name]) < 1e-12
+    assert curve["hertz"][0] == 1.0
+
+
+def test_walton_braun_loads_and_unloads_along_its_lines() -> None:
+    law = contact("walton_braun")
+    deepest = 1e-4
+
+    def force(x: float, memory: float) -> float:
+        return float(laws.force(law.law, x, 0.0, memory, law.parameters))
+
+    dent = (1.0 - 1.0 / 3.0) * deepest
+    assert force(deepest, deepest) == pytest.approx(1e5 * deepest)
+    assert force(2e-4, deepest) == pytest.approx(1e5 * 2e-4)  # deeper than ever: virgin loading
+    assert force(0.5 * (dent + deepest), deepest) == pytest.approx(0.5 * 1e5 * deepest)
+    assert force(dent, deepest) == pytest.approx(0.0, abs=1e-9)
+    assert force(0.5 * dent, deepest) < 0.0
+    assert laws.release_rate(law.law, 0.9 * dent, deepest, law.parameters) == math.inf
+    assert laws.release_rate(law.law, 1.1 * dent, deepest, law.parameters) == -math.inf
+    # what unloading gives back is e^2 of what loading took
+    taken = 0.5 * 1e5 * deepest**2
+    assert laws.energy(law.law, deepest, deepest, law.parameters) == pytest.approx(taken / 3.0)
+
+
+@given(st.floats(0.01, 10.0), st.floats(0.01, 10.0), st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 1))
+def test_an_impact_keeps_momentum_and_never_gains_energy(m1: float, m2: float, v1: float, v2: float, e: float) -> None:
+    w1, w2 = velocities_after(m1, m2, v1, v2, e)
+    scale = (m1 + m2) * (abs(v1) + abs(v2)) + 1e-9
+    assert m1 * w1 + m2 * w2 == pytest.approx(m1 * v1 + m2 * v2, abs=1e-12 * scale)
+    assert w1 - w2 == pytest.approx(-e * (v1 - v2), abs=1e-12 * scale)
+    before, after = m1 * v1**2 + m2 * v2**2, m1 * w1**2 + m2 * w2**2
+    assert after <= before * (1.0 + 1e-12) + 1e-300
+    if e == 1.0:
+        assert after == pytest.approx(before, rel=1e-9, abs=1e-12)
+
+
+def test_elastic_impacts_are_those_of_equations_3_3_and_3_4() -> None:
+    w1, w2 = velocities_after(1.0, 3.0, 2.0, -1.0, 1.0)
+    assert w1 == pytest.approx(((1 - 3) * 2.0 + 2 * 3 * -1.0) / 4)
+    assert w2 == pytest.approx(((3 - 1) * -1.0 + 2 * 1 * 2.0) / 4)
+
+
+@given(
+    st.sampled_from(SOFT),
+    st.floats(1e-7, 1e-3),
+    st.floats(-5.0, 5.0),
+    st.floats(0.0, 2e-3),
+)
+def test_the_force_vanishes_at_the_release_rate(name: str, overlap: float, rate: float, memory: float) -> None:
+    law = contact(name)
+    memory = max(memory, overlap)
+    release = float(laws.release_rate(law.law, overlap, memory, law.parameters))
+    force = float(laws.force(law.law, overlap, rate, memory, law.parameters))
+    if math.isinf(release):
+        assert force >= 0.0 if release < 0.0 else force <= 0.0
+    else:
+        at_release = float(laws.force(law.law, overlap, release, memory, law.parameters))
+        size = float(laws.force(law.law, overlap, 0.0, memory, law.parameters))
+        assert at_release == pytest.approx(0.0, abs=1e-9 * abs(size))
+        assert (force > 0.0) == (rate > release) or force == pytest.approx(0.0, abs=1e-9 * abs(size))
+
+
+@given(st.sampled_from(SOFT), st.floats(1e-9, 1e-3))
+def test_the_static_force_is_the_slope_of_the_energy(name: str, overlap: float) -> None:
+    law = contact(name)
+    step = 1e-4 * overlap
+    memory = overlap + step if name == "walton_braun" else 0.0
+    above, below = (float(laws.energy(law.law, overlap + d, memory, law.parameters)) for d in (step, -step))
+    force = float(laws.force(law.law, overlap, 0.0, memory, law.parameters))
+    assert (above - below) / (2.0 * step) == pytest.approx(force, rel=1e-4)
+
+
+@given(st.sampled_from(["linear", "hertz", "lee_herrmann", "kuwabara_kono", "tsuji"]), st.floats(1e-9, 1e-3))
+def test_laws_continue_oddly_below_zero(name: str, overlap: float) -> None:
+    law = contact(name)
+    inside = float(laws.force(law.law, overlap, 0.0, 0.0, law.parameters))
+    assert float(laws.force(law.law, -overlap, 0.0, 0.0, law.parameters)) == pytest.approx(-inside, rel=1e-12)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(SOFT),
+    st.floats(-3.0, 1.0),
+    st.floats(-4.0, 4.0),
+    st.floats(0.0, 5.0),
+    st.floats(0.001, 0.9),
+)
+def test_no_contact_creates_energy(name: str, log_speed: float, log_e: float, beta: float, fraction: float) -> None:
+    spec = dict(SPECS[name])
+    for key in ("young_modulus", "stiffness", "unloading_stiffness"):
+        if key in spec:
+            spec[key] = float(spec[key]) * 10.0**log_e  # type: ignore[arg-type]
+    if "damping_ratio" in spec:
+        spec["damping_ratio"] = beta
+    scene = SCENE.with_(contact=spec, mass_fraction=fraction)
+    e = restitution_of(contact_of(scene), 10.0**log_speed, reduced_mass(system_of(scene)))
+    assert 0.0 <= e <= 1.0
+
+
+def test_an_impact_has_no_force() -> None:
+    law = contact("impact")
+    assert math.isnan(laws.force(law.law, 1e-4, 0.0, 0.0, law.parameters))
+    assert restitution_of(law, 1.0, 1.0) == 0.6

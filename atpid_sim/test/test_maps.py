@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Height maps: the thesis's best heights, the file, what it refuses, and the header for the firmware."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from atpid_sim.maps import HeightMap, MapError, Rig, Timing, best_height, build_map, header_text
+from atpid_sim.maps.best import FLAT
+from atpid_sim.scene import Scene, load_scene
+
+ROOT = Path(__file__).parents[2]
+SHIPPED = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene(ROOT / "scenes" / "standard.yaml")
+
+
+@pytest.fixture(scope="module")
+def shipped() -> HeightMap:
+    return HeightMap.load(SHIPPED)
+
+
+@pytest.mark.parametrize(
+    ("fraction", "amplitude", "height", "remaining"),
+    [
+        # brute force by an independent reference; thesis Figs 3.23 and 4.6
+        (0.1, 0.015, 0.29, 0.20),
+        (0.1, 0.03, 0.57, 0.19),
+        (0.1, 0.04, 0.76, 0.19),
+        (0.2, 0.03, 0.32, 0.11),
+        (0.3, 0.03, 0.21, 0.10),
+    ],
+)
+def test_best_heights_are_those_of_the_thesis(
+    scene: Scene, fraction: float, amplitude: float, height: float, remaining: float
+) -> None:
+    best = best_height(Rig(scene.with_(mass_fraction=fraction), 1e-5), amplitude)
+    assert best.height == pytest.approx(height, rel=0.03)
+    assert 1.0 - best.efficiency == pytest.approx(remaining, abs=0.006)
+    assert best.reproducible
+
+
+@pytest.mark.parametrize(("fraction", "amplitude"), [(0.1, 0.003), (0.1, 0.008), (0.3, 0.02), (0.05, 0.01)])
+def test_no_height_of_a_fine_scan_is_notably_better(
+    scene: Scene, fraction: float, amplitude: float
+) -> None:
+    rig = Rig(scene.with_(mass_fraction=fraction), 1e-5)
+    best = best_height(rig, amplitude)
+    unit = rig.ballistic_clearance(amplitude)
+    scan = [rig.opened(amplitude, rig.diameter + share * unit, Timing(60, 16)) for share in np.arange(0.3, 1.0, 0.011)]
+    regular = [response.amplitude for response in scan if response.regular]
+    assert rig.opened(amplitude, best.height, Timing(60, 16)).amplitude <= 1.015 * min(regular)
+
+
+def test_of_heights_equally_good_the_lowest_is_taken(scene: Scene) -> None:
+    # at 2 mm the grain never reaches a ceiling above 43 mm: everything from there on is equally good
+    rig = Rig(scene, 1e-5)
+    best = best_height(rig, 0.002)
+    assert best.height == pytest.approx(0.0434, rel=0.01)
+    above = rig.opened(0.002, 2.0 * best.height, Timing(60, 16)).amplitude
+    assert above == pytest.approx(best.amplitude, rel=2 * FLAT)
+
+
+def test_the_shipped_map_is_what_the_command_computes_now(scene: Scene, shipped: HeightMap) -> None:
+    points = [(0, 16), (0, 36), (1, 60), (2, 90)]
+    for row, column in points:
+        fraction, amplitude = float(shipped.mass_fractions[row]), float(shipped.amplitudes[column])
+        again = best_height(Rig(scene.with_(mass_fraction=fraction), shipped.tolerance), amplitude, loyalty=0.15)
+        assert again.height == pytest.approx(shipped.heights[row, column], rel=2e-3)
+        assert again.amplitude == pytest.approx(shipped.beam_amplitudes[row, column], rel=2e-3)
+
+
+def test_the_shipped_map_covers_the_bench(scene: Scene, shipped: HeightMap) -> None:
+    shipped.check(scene)
+    assert len(shipped.amplitudes) == 101
+    assert list(shipped.mass_fractions) == [0.1, 0.2, 0.3]
+    for amplitude, height in ((0.015, 0.29), (0.04, 0.76), (0.03, 0.57)):
+        entry = shipped.lookup(amplitude, 0.1)
+        assert entry.height == pytest.approx(height, rel=0.03)
+        assert 1.0 - entry.efficiency < 0.21
+
+
+@settings(deadline=None, max_examples=60)
+@given(a=st.floats(0.002, 0.08), b=st.floats(0.002, 0.08), fraction=st.floats(0.1, 0.3))
+def test_between_its_points_the_map_stays_between_their_values(a: float, b: float, fraction: float) -> None:
+    stored = HeightMap.load(SHIPPED)
+    for amplitude in (a, b):
+        k = int(np.clip(np.searchsorted(stored.amplitudes, amplitude) - 1, 0, len(stored.amplitudes) - 2))
+        rows = stored.heights[:, k : k + 2]
+        assert rows.min() - 1e-12 <= stored.lookup(amplitude, fraction).height <= rows.max() + 1e-12
+
+
+def test_a_map_is_read_back_as_it_was_written(scene: Scene, tmp_path: Path) -> None:
+    made = build_map(scene, [0.01, 0.02], [0.1, 0.3], tmp_path / "map.npz")
+    again = HeightMap.load(tmp_path / "map.npz")
+    assert np.array_equal(again.heights, made.heights)
+    assert again.identity == made.identity
+    assert again.tolerance == made.tolerance
+    assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
+    halfway = again.lookup(0.015, 0.2)
+    assert again.lookup(0.015, 0.3).height < halfway.height < again.lookup(0.015, 0.1).height
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"beam": {"mass": 0.3258, "stiffness": 117.6, "damping": 0.56}}, "beam.stiffness 427.6 and not 117.6"),
+        ({"grain": {"mass_fraction": 0.1, "radius": 0.005}}, "grain.radius 0.0085 and not 0.005"),
+        ({"contact": {"law": "impact", "restitution": 0.15}}, "contact.law tsuji and not impact"),
+        ({"gravity": 0.0}, "gravity 9.81 and not 0"),
+        ({"frequency": 5.0}, "excitation.frequency resonance and not 5"),
+        ({"mass_fraction": 0.05}, "mass fraction 0.05 is outside its 0.1 to 0.3"),
+    ],
+)
+def test_a_map_for_another_system_is_refused(scene: Scene, shipped: HeightMap, change: dict, named: str) -> None:
+    with pytest.raises(MapError, match=re.escape(named)) as caught:
+        shipped.check(scene.with_(**change))
+    assert "\n" not in str(caught.value)
+
+
+def test_resonance_given_as_a_number_is_resonance(scene: Scene, shipped: HeightMap) -> None:
+    shipped.check(scene.with_(frequency=scene.natural_frequency_hz))
+
+
+@pytest.mark.parametrize("amplitude", [0.0019, 0.0801, -0.01, float("nan"), float("inf")])
+def test_an_amplitude_out_of_the_map_is_refused(shipped: HeightMap, amplitude: float) -> None:
+    with pytest.raises(MapError, match=r"outside its 0\.002 to 0\.08 m"):
+        shipped.lookup(amplitude, 0.1)
+
+
+@pytest.mark.parametrize("content", [b"", b"no map\n", b"PK\x03\x04torn"])
+def test_a_file_that_is_no_map_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "map.npz"
+    path.write_bytes(content)
+    with pytest.raises(MapError, match="is not a height map") as caught:
+        HeightMap.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_map_and_one_of_another_format_are_refused(shipped: HeightMap, tmp_path: Path) -> None:
+    with pytest.raises(MapError, match="no such file"):
+        HeightMap.load(tmp_path / "none.npz")
+    with np.load(SHIPPED) as stored:
+        grids = {key: stored[key] for key in stored.files}
+    np.savez(tmp_path / "old.npz", **{**grids, "about": np.array('{"format": 0}')})
+    with pytest.raises(MapError, match="has map format 0"):
+        HeightMap.load(tmp_path / "old.npz")
+    np.savez(tmp_path / "holes.npz", **{**grids, "heights": grids["heights"] * np.nan})
+    with pytest.raises(MapError, match="no whole grid"):
+        HeightMap.load(tmp_path / "holes.npz")
+
+
+def test_impossible_grids_are_refused(scene: Scene) -> None:
+    for amplitudes in ([0.01], [0.02, 0.01], [0.0, 0.01], [float("nan"), 0.01]):
+        with pytest.raises(MapError, match="amplitudes: given"):
+            build_map(scene, amplitudes, [0.1])
+    with pytest.raises(MapError, match="mass fraction"):
+        build_map(scene, [0.01, 0.02], [1.5])
+
+
+def test_the_header_holds_the_map_in_micrometres(shipped: HeightMap) -> None:
+    text = header_text(shipped, 0.1)
+    count = int(re.search(r"ATPID_TABLE_N (\d+)", text)[1])
+    columns = {name: _numbers(text, name) for name in ("atpid_amplitude_um", "atpid_height_um")}
+    assert count == 101 == len(columns["atpid_amplitude_um"]) == len(columns["atpid_height_um"])
+    assert columns["atpid_amplitude_um"][0] == 2000
+    assert columns["atpid_amplitude_um"][-1] == 80000
+    for amplitude_um, height_um in zip(*columns.values(), strict=True):
+        height = shipped.lookup(amplitude_um * 1e-6, 0.1).height
+        assert 0.0 <= height * 1e6 - height_um + 50.0 <= 100.0
+
+
+def _numbers(text: str, name: str) -> list[int]:
+    body = re.search(rf"uint32_t {name}\[ATPID_TABLE_N\] PROGMEM = \{{([^}}]*)\}};", text)[1]
+    return [int(part) for part in body.split(",")]

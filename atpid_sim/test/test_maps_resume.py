@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map that was killed goes on where it stopped, and what is in its journal is not computed again."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from atpid_sim.maps import HeightMap, MapError, build_map
+from atpid_sim.maps import build as build_module
+from atpid_sim.scene import Scene, load_scene
+
+ROOT = Path(__file__).parents[2]
+SCENE = ROOT / "scenes" / "standard.yaml"
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return load_scene(SCENE)
+
+
+def test_a_killed_map_is_resumed_without_recomputation(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, journal = tmp_path / "map.npz", tmp_path / "map.npz.journal"
+    command = [sys.executable, "-m", "atpid_sim", "map", str(SCENE), "--amplitudes", "0.01:0.04:31"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "atpid_sim")}
+    with subprocess.Popen(
+        [*command, "--mass-fractions", "0.1", "--out", str(out)], env=environment, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL, cwd=tmp_path,
+    ) as process:  # fmt: skip
+        while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") > 3):
+            try:
+                process.wait(0.005)
+            except subprocess.TimeoutExpired:
+                continue
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    assert not out.exists()
+    # the kill may have torn the last line
+    journal.write_bytes(journal.read_bytes() + b'{"point": [0.1, 0.0')
+    kept = journal.read_bytes().count(b"\n") - 1
+    computed = []
+    original = build_module.best_height
+
+    def counted(rig, amplitude, loyalty):
+        computed.append(amplitude)
+        return original(rig, amplitude, loyalty)
+
+    monkeypatch.setattr(build_module, "best_height", counted)
+    seen: list[tuple[int, int]] = []
+    made = build_map(
+        scene, [round(0.01 + 0.001 * k, 9) for k in range(31)], [0.1], out, lambda *at: seen.append(at)
+    )
+    assert 3 <= kept < 31
+    assert len(computed) == 31 - kept
+    assert seen[0] == (kept, 31)
+    assert seen[-1] == (31, 31)
+    assert not journal.exists()
+    assert (HeightMap.load(out).heights == made.heights).all()
+
+
+def test_the_journal_of_another_system_is_refused(scene: Scene, tmp_path: Path) -> None:
+    out = tmp_path / "map.npz"
+    journal = tmp_path / "map.npz.journal"
+    journal.write_text(json.dumps({"format": 1, "system": {"beam.mass": 1.0}, "tolerance": 1e-5}) + "\n")
+    with pytest.raises(MapError, match="begun for another system"):
+        build_map(scene, [0.01, 0.02], [0.1], out)
+    journal.write_text("not a journal\n")
+    with pytest.raises(MapError, match="is not the journal of a map"):
+        build_map(scene, [0.01, 0.02], [0.1], out)
+
+
+def test_two_runs_cannot_make_the_same_map(scene: Scene, tmp_path: Path) -> None:
+    out = tmp_path / "map.npz"
+    with (tmp_path / "map.npz.journal").open("a+b") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(MapError, match="another run is making this map"):
+            build_map(scene, [0.01, 0.02], [0.1], out)
+
+
+def test_a_map_that_cannot_be_written_is_said_before_the_work(scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(MapError, match="cannot be written"):
+        build_map(scene, [0.01, 0.02], [0.1], tmp_path / "none" / "map.npz")

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant as a stream of blocks: whole samples, exact stamps, noise that repeats, sensors with rates of their own."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from atpid_sim.scene import scene_from_mapping
+from atpid_sim.stream import Stream, StreamError, common_rate, stamp_ns
+
+SCENE = {
+    "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
+    "grain": {"mass_fraction": 0.1, "radius": 0.0085},
+    "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
+    "excitation": {"amplitude": 0.01, "frequency": "resonance"},
+    "ceiling": {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"},
+    "gravity": 9.81,
+    "duration": 0.22,
+    "tolerance": 1e-6,
+}
+
+
+class Ramp:
+    """A plant whose every signal is its time, and that notes what it is told."""
+
+    def __init__(self):
+        self.height, self.ticks, self.told = 0.017, 0, []
+
+    def advance(self, duration_ticks, rate, target, speed):
+        time = (self.ticks + np.arange(duration_ticks)) / rate
+        self.ticks += duration_ticks
+        self.told.append((duration_ticks, rate, target, speed))
+        self.height = target if speed else self.height
+        return SimpleNamespace(support=time, beam=-time, beam_acceleration=2.0 * time, ceiling=time, grain=time)
+
+
+def stream(**changes):
+    return Stream(scene_from_mapping(SCENE | changes), Ramp())
+
+
+def blocks(source):
+    while not source.finished:
+        yield source.advance(0.017, 0.0)
+
+
+def test_blocks_follow_each_other_without_a_gap_and_the_last_is_shorter():
+    source = stream()
+    found = list(blocks(source))
+    assert [block.first_index for block in found] == [0, 50, 100, 150, 200]
+    assert [block.scans for block in found] == [50, 50, 50, 50, 20]
+    assert source.finished
+    readings = np.concatenate([block.readings[0].data for block in found])
+    assert readings[:, 0] == pytest.approx(np.arange(220) / 1000.0)
+    assert readings[:, 1] == pytest.approx(-np.arange(220) / 1000.0)
+
+
+def test_a_second_sensor_has_its_own_rate_on_a_common_clock():
+    sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 1600.0}}
+    source = stream(sensors=sensors)
+    assert source.rate == 8000.0
+    found = list(blocks(source))
+    acceleration = np.concatenate([block.readings[1].data[:, 0] for block in found])
+    assert acceleration == pytest.approx(2.0 * np.arange(len(acceleration)) / 1600.0)
+    assert [block.readings[1].first_index for block in found] == [0, 80, 160, 240, 320]
+    assert found[1].truth_series("beam") == pytest.approx(-np.arange(50, 100) / 1000.0)
+
+
+def test_rates_without_a_common_clock_are_refused():
+    assert common_rate([1000.0, 12_800.0]) == 64_000.0
+    with pytest.raises(StreamError, match=r"given rates 1000, 1613\.1 Hz"):
+        common_rate([1000.0, 1613.1])
+
+
+def test_noise_repeats_with_the_seed_and_differs_between_channels_and_blocks():
+    noisy = {"sensors": {"laser": {"noise": 1e-3}}, "seed": 5}
+    first, again = ([b.readings[0].data for b in blocks(stream(**noisy))] for _ in range(2))
+    other = [b.readings[0].data for b in blocks(stream(**(noisy | {"seed": 6})))]
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not np.array_equal(first[0], other[0])
+    noise = first[0] - np.stack([np.arange(50), -np.arange(50)], axis=1) / 1000.0
+    assert not np.allclose(noise[:, 0], noise[:, 1])
+    assert 0.5e-3 < noise.std() < 2e-3
+
+
+def test_what_saturates_cannot_be_read():
+    found = list(blocks(stream(sensors={"laser": {"saturation": [-0.1, 0.05]}})))
+    readings = np.concatenate([block.readings[0].data for block in found])
+    time = np.arange(220) / 1000.0
+    assert np.array_equal(np.isnan(readings[:, 0]), time > 0.05)
+    assert np.array_equal(np.isnan(readings[:, 1]), time > 0.1)
+
+
+def test_a_controlled_ceiling_goes_where_it_is_told():
+    source = stream()
+    source.advance(0.3, 0.25)
+    assert source._plant.told == [(50, 1000.0, 0.3, 0.25)]
+
+
+def test_a_prescribed_ceiling_ignores_what_it_is_told():
+    source = stream(ceiling={"closed": 0.017, "open": 0.117, "start": 0.05, "end": 0.15})
+    list(blocks(source))
+    assert [round(height, 6) for _, _, height, _ in source._plant.told] == [0.017, 0.067, 0.117, 0.117, 0.117]
+    assert [round(speed, 6) for *_, speed in source._plant.told] == [0.0, 1.0, 1.0, 0.0, 0.0]
+
+
+def test_stamps_are_rounded_once_and_never_drift():
+    assert stamp_ns(0, 0, 1000.0) == 0
+    assert stamp_ns(5, 3_000_000_001, 1000.0) == 5 + 3_000_000_001_000_000
+    assert stamp_ns(0, 3 * 10**12, 3.0) == 10**21

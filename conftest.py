@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every test of the project shares: a ROS domain of its own, checked message fields, and no leftovers."""
+
+import os
+import random
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+# Threads and processes that outlive a test by right, by the start of their name: "session-" is for fixtures wider than
+# one test, the others belong to libraries.
+LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
+LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
+PATIENCE = 5.0  # [s] for a thread or process that has been told to end
+
+
+def free_domain() -> int:
+    """Return a ROS domain nobody on this machine uses: its first ports are free.
+
+    Domain d has its ports from 7400 + 250 d on; up to 101 they lie below the system's own ephemeral ports.
+    """
+    for domain in random.Random(os.getpid()).sample(range(1, 102), 101):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7410 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise RuntimeError("no free ROS domain between 1 and 101: end the ROS programs that run here")
+
+
+# Before anything imports rclpy, and for every process a test starts.
+os.environ["ROS_DOMAIN_ID"] = str(free_domain())
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+
+def children() -> dict[int, str]:
+    """Return this process's children that still run, with their command lines."""
+    found = {}
+    for path in Path("/proc/self/task").glob("*/children"):
+        for pid in map(int, path.read_text().split()):
+            try:
+                state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+                command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            except OSError:
+                continue  # it ended just now
+            if state != "Z" and not any(name in command for name in LASTING_PROCESSES):
+                found[pid] = command.strip()
+    return found
+
+
+def threads() -> set[threading.Thread]:
+    """Return the threads that run, without those a library keeps for the session."""
+    return {thread for thread in threading.enumerate() if not thread.name.startswith(LASTING_THREADS)}
+
+
+def leftovers(threads_before: set[threading.Thread], children_before: dict[int, str]) -> list[str]:
+    """Wait for what a test started to end, and describe what does not."""
+    deadline = time.monotonic() + PATIENCE
+    for thread in threads() - threads_before:
+        thread.join(max(0.0, deadline - time.monotonic()))
+    left = [f"thread {thread.name}" for thread in threads() - threads_before]
+    pause = threading.Event()
+    while (new := children().keys() - children_before.keys()) and time.monotonic() < deadline:
+        pause.wait(0.02)
+    return left + [f"process {pid}: {children().get(pid, 'ended late')}" for pid in new]
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left_running() -> Iterator[None]:
+    """A test that leaves a thread or a process behind fails."""
+    threads_before, children_before = threads(), children()
+    yield
+    left = leftovers(threads_before, children_before)
+    assert not left, "the test left running: " + "; ".join(left)

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the whole-graph tests share: short scenes, runs of the graph without a report, and waiting for events."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from atpid_control.bagread import Bag, open_bag
+from atpid_control.bench.domain import own_domain
+from atpid_control.bench.graph import parameters_for, write_parameters
+from atpid_control.bench.lockstep import run_lockstep
+from atpid_control.bench.maps import map_for
+from atpid_control.bench.realtime import run_realtime
+from atpid_sim.scene import Scene, load_scene
+
+
+def scene_file(source: Path, folder: Path, **changes: Any) -> Path:
+    """Write the scene `source` with some keys changed; return the new file."""
+    path = folder / "scene.yaml"
+    path.write_text(load_scene(source).with_(**changes).to_yaml())
+    return path
+
+
+def parameters(path: Path, out: Path, *, lockstep: bool) -> tuple[Scene, dict[str, dict[str, Any]]]:
+    """Return the scene and what its nodes start with."""
+    scene = load_scene(path)
+    out.mkdir(exist_ok=True)
+    return scene, parameters_for(scene, path.resolve(), map_for(scene), out / "bag", lockstep=lockstep)
+
+
+def in_lockstep(path: Path, out: Path) -> Bag:
+    """Run the graph in this process; return its bag."""
+    _, started = parameters(path, out, lockstep=True)
+    with own_domain():
+        run_lockstep(started, lambda _: None)
+    return open_bag(out / "bag")
+
+
+def in_real_time(path: Path, out: Path) -> Bag:
+    """Run the graph as processes; return its bag."""
+    _, started = parameters(path, out, lockstep=False)
+    write_parameters(started, out / "parameters.yaml")
+    with own_domain():
+        run_realtime(out / "parameters.yaml", out, lambda _: None)
+    return open_bag(out / "bag")
+
+
+def decoded(bag: Bag, topic: str) -> list[Any]:
+    """Return the messages of one topic as nested plain values, NaN as text so that they compare."""
+    return [_plain(message) for _, message in bag.messages(topic)]
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: _plain(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, np.ndarray):
+        return value.tobytes()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return repr(value) if isinstance(value, float) else value
+
+
+def started(*arguments: str) -> subprocess.Popen[str]:
+    """Start `python -m atpid_control` with these arguments."""
+    command = [sys.executable, "-m", "atpid_control", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_until(
+    happened: Callable[[], bool], process: subprocess.Popen[str] | None = None, patience: float = 100.0
+) -> None:
+    """Wait for an event; fail when it does not come, or when `process` ends without it."""
+    pause, deadline = threading.Event(), time.monotonic() + patience
+    while not happened():
+        assert process is None or process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline, "it did not happen"
+        pause.wait(0.02)

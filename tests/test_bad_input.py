@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bad input to the bench and the nodes: one clear line, status 2, nothing started and nothing overwritten."""
+
+import subprocess
+
+import pytest
+import yaml
+from graph_runs import parameters, scene_file
+
+from atpid_control.bench.domain import own_domain
+from atpid_control.bench.graph import PARTS, write_parameters
+from atpid_control.bench.maps import map_for
+from atpid_control.cli import main
+from atpid_sim.maps import HeightMap
+from atpid_sim.scene import load_scene
+
+
+def edited(scenes, tmp_path, **changes):
+    """Write thesis 4.3 with some keys replaced, without checking them."""
+    mapping = yaml.safe_load((scenes / "thesis_4_3.yaml").read_text().replace("2.1e8", "210000000.0"))
+    mapping["tolerance"], mapping["sensors"]["laser"]["noise"] = 1e-6, 20e-6
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(mapping | changes))
+    return path
+
+
+def refused(capsys, *arguments):
+    """Return the one line a command is refused with."""
+    assert main([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.strip().splitlines()
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"gravitty": 9.81}, ["scene.yaml", "gravitty", "did you mean gravity"]),
+        ({"ceiling": {"height": 0.01}}, ["ceiling.height", "0.01", "0.017"]),
+        (
+            {"ceiling": {"closed": 0.017, "range": [0.017, 1.0], "speed": -1.0, "controller": "lookup"}},
+            ["ceiling.speed"],
+        ),
+        ({"duration": float("nan")}, ["duration"]),
+    ],
+)
+def test_a_scene_that_cannot_be(scenes, tmp_path, capsys, changes, words):
+    line = refused(capsys, "bench", edited(scenes, tmp_path, **changes), "--out", tmp_path / "out")
+    assert all(word in line for word in words), line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scene_that_is_not_there(tmp_path, capsys):
+    assert "cannot be read" in refused(capsys, "bench", tmp_path / "none.yaml", "--out", tmp_path / "out")
+
+
+@pytest.fixture
+def other_map(scenes, tmp_path):
+    """A map made for a stiffer beam."""
+    source = map_for(load_scene(scenes / "thesis_4_3.yaml"))
+    changed = HeightMap.load(source)
+    identity = yaml.safe_load(yaml.safe_dump(changed.identity))
+    key = next(key for key in identity if "stiff" in key)
+    identity[key] *= 2.0
+    object.__setattr__(changed, "identity", identity)
+    changed.save(tmp_path / "other.npz")
+    return tmp_path / "other.npz"
+
+
+def test_a_map_for_another_beam(scenes, tmp_path, capsys, other_map):
+    ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": str(other_map)}
+    line = refused(capsys, "bench", edited(scenes, tmp_path, ceiling=ceiling), "--out", tmp_path / "out")
+    assert "other.npz: made for" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_map_that_is_a_text_file(scenes, tmp_path, capsys):
+    (tmp_path / "map.npz").write_text("hello")
+    ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": "map.npz"}
+    line = refused(capsys, "bench", edited(scenes, tmp_path, ceiling=ceiling), "--out", tmp_path / "out")
+    assert "is not a height map" in line
+
+
+def test_a_folder_with_something_else_in_it(scenes, tmp_path, capsys):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("mine")
+    line = refused(capsys, "bench", scenes / "thesis_4_3.yaml", "--out", tmp_path / "out")
+    assert "not the bench's (thesis.tex)" in line
+    assert (tmp_path / "out" / "thesis.tex").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("node", "changes", "words"),
+    [
+        ("plant_node", {"scene": "none.yaml"}, "cannot be read"),
+        ("selector_node", {"method": "guess"}, "method: given 'guess'; allowed: "),
+        ("selector_node", {"dead_band": -1.0}, "dead_band: given -1.0; allowed: "),
+        ("selector_node", {"map": "none.npz"}, "no such file"),
+    ],
+)
+def test_a_node_with_a_bad_parameter(scenes, tmp_path, node, changes, words):
+    _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)
+    given[node] |= changes
+    write_parameters(given, tmp_path / "parameters.yaml")
+    part = next(part for part in PARTS if part.name == node)
+    command = [str(part.executable), "--ros-args", "--params-file", str(tmp_path / "parameters.yaml")]
+    with own_domain():
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    lines = ended.stderr.strip().splitlines()
+    assert len(lines) == 1 and words in lines[0], lines
+
+
+def test_a_selector_without_its_parameter_file(scenes, tmp_path):
+    part = next(part for part in PARTS if part.name == "selector_node")
+    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path)
+    with own_domain():
+        command = [str(part.executable), "--ros-args", "-p", f"scene:={path}"]
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "is not set: start with --ros-args --params-file selector.yaml" in ended.stderr

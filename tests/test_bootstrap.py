@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Set-up as pure functions and with its steps recorded instead of run; the real run comes before these tests."""
+
+import os
+import re
+import sys
+import types
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+import bootstrap
+import machine
+
+PACKAGES = bootstrap.PACKAGES
+HERE = os.path.realpath(sys.executable)
+PYTHON = machine.Interpreter("/usr/bin/python3", "3.12", "/usr")
+WHEELS = machine.Ros("wheels", "")
+
+
+def fake_rclpy(folder: Path) -> Path:
+    """Make a folder that looks like a sourced installation's Python path."""
+    package = folder / "rclpy"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    return package / "__init__.py"
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small copy of what set-up reads, with set-up pointed at it."""
+    for package in PACKAGES:
+        (tmp_path / package / "msg").mkdir(parents=True)
+        (tmp_path / package / "package.xml").write_text("<package/>")
+        (tmp_path / package / "msg" / "A.msg").write_text("float64 a # [m]\n")
+    (tmp_path / "requirements").mkdir()
+    for lock in ("backend", "wheels", "sourced"):
+        (tmp_path / "requirements" / f"{lock}.txt").write_text(f"{lock}==1\n")
+    (tmp_path / "ros2_ws").mkdir()
+    for module in (bootstrap, machine):
+        monkeypatch.setattr(module, "ROOT", tmp_path)
+        monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
+        monkeypatch.setattr(module, "WORKSPACE", tmp_path / "ros2_ws")
+    monkeypatch.setattr(bootstrap, "LOG", tmp_path / "ros2_ws" / "setup.log")
+    return tmp_path
+
+
+class Steps:
+    """Stands in for `bootstrap.run`: leaves behind what the step would, and records it."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.done: list[str] = []
+        self.killed_at = ""
+
+    def __call__(
+        self, command: list[str | Path], what: str, environment: dict[str, str], cwd: Path | None = None
+    ) -> None:
+        words = " ".join(map(str, command))
+        self.done.append(
+            f"venv {'shared' if '--system-site-packages' in words else 'alone'}" if what == "venv" else what
+        )
+        if what == "pip":
+            self.done[-1] = next(word for word in words.split() if word.endswith(".txt"))
+        if what == self.killed_at:
+            raise KeyboardInterrupt
+        (self.root / (".venv" if what == "venv" else "ros2_ws/install")).mkdir(parents=True, exist_ok=True)
+
+
+@pytest.fixture
+def steps(project: Path, monkeypatch: pytest.MonkeyPatch) -> Steps:
+    recorder = Steps(project)
+    monkeypatch.setattr(bootstrap, "run", recorder)
+    monkeypatch.setattr(bootstrap, "repair_wheels", lambda venv: recorder.done.append("repair"))
+    monkeypatch.setattr(bootstrap, "choose", lambda requested, environment: (PYTHON, WHEELS))
+    monkeypatch.setattr(bootstrap, "require_machine", lambda *given: None)
+    return recorder
+
+
+FULL = ["venv alone", "requirements/backend.txt", "requirements/wheels.txt", "repair", "colcon build"]
+
+
+def test_a_second_run_does_nothing(steps: Steps) -> None:
+    bootstrap.set_up(None)
+    assert steps.done == FULL
+    bootstrap.set_up(None)
+    assert steps.done == FULL
+
+
+@pytest.mark.parametrize("step", ["venv", "pip", "colcon build"])
+def test_an_interrupted_set_up_is_repaired(steps: Steps, step: str) -> None:
+    steps.killed_at = step
+    with pytest.raises(KeyboardInterrupt):
+        bootstrap.set_up(None)
+    steps.killed_at = ""
+    steps.done.clear()
+    bootstrap.set_up(None)
+    assert steps.done == (["colcon build"] if step == "colcon build" else FULL)
+
+
+def test_changed_messages_are_built_from_nothing(steps: Steps, project: Path) -> None:
+    bootstrap.set_up(None)
+    left = project / "ros2_ws/install/left-by-the-old-message"
+    left.write_text("")
+    (project / "atpid_interfaces/msg/A.msg").write_text("float64 b # [m]\n")
+    bootstrap.set_up(None)
+    assert steps.done == [*FULL, "colcon build"]
+    assert not left.exists()
+
+
+def test_a_new_launch_file_is_linked_by_a_short_build(steps: Steps, project: Path) -> None:
+    bootstrap.set_up(None)
+    kept = project / "ros2_ws/install/kept"
+    kept.write_text("")
+    (project / "atpid_sim/launch").mkdir()
+    (project / "atpid_sim/launch/bench.launch.py").write_text("")
+    bootstrap.set_up(None)
+    assert steps.done == [*FULL, "colcon build"]
+    assert kept.exists()
+
+
+def test_a_new_lock_makes_a_new_environment(steps: Steps, project: Path) -> None:
+    bootstrap.set_up(None)
+    (project / "requirements/wheels.txt").write_text("wheels==2\n")
+    bootstrap.set_up(None)
+    assert steps.done == FULL * 2
+
+
+def test_a_sourced_jazzy_is_shared_and_gets_no_wheels(steps: Steps, monkeypatch: pytest.MonkeyPatch) -> None:
+    sourced = machine.Ros("sourced", "/opt/ros/jazzy/rclpy/__init__.py")
+    monkeypatch.setattr(bootstrap, "choose", lambda requested, environment: (PYTHON, sourced))
+    bootstrap.set_up(None)
+    assert steps.done == ["venv shared", "requirements/backend.txt", "requirements/sourced.txt", "colcon build"]
+
+
+def test_a_folder_with_a_space_is_refused(steps: Steps, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bootstrap, "ROOT", project / "a b")
+    with pytest.raises(machine.SetupError, match="space in its path"):
+        bootstrap.set_up(None)
+    assert steps.done == []
+
+
+def test_a_sourced_jazzy_is_found_by_the_python_that_imports_it(tmp_path: Path) -> None:
+    rclpy = fake_rclpy(tmp_path / "jazzy")
+    environment = {"PATH": "/usr/bin:/bin", "ROS_DISTRO": "jazzy", "PYTHONPATH": str(tmp_path / "jazzy")}
+    python, ros = machine.choose(HERE, environment)
+    assert ros == ("sourced", str(rclpy))
+    assert python.version == f"{sys.version_info.major}.{sys.version_info.minor}"
+
+
+def test_an_overlay_does_not_change_the_key(tmp_path: Path) -> None:
+    rclpy = fake_rclpy(tmp_path / "jazzy")
+    (tmp_path / "overlay").mkdir()
+    environment = {"PATH": "/usr/bin:/bin", "ROS_DISTRO": "jazzy", "PYTHONPATH": f"{tmp_path}/overlay:{tmp_path}/jazzy"}
+    assert machine.choose(HERE, environment)[1].rclpy == str(rclpy)
+
+
+@pytest.mark.parametrize(
+    ("environment", "requested", "said"),
+    [
+        ({"ROS_DISTRO": "humble"}, None, "ROS humble is sourced"),
+        ({"ROS_DISTRO": "jazzy"}, HERE, "cannot import the sourced rclpy"),
+        ({}, "python-that-is-not-there", "python-that-is-not-there not found"),
+    ],
+)
+def test_what_does_not_fit_is_said_in_one_line(
+    environment: dict[str, str], requested: str | None, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(machine.SetupError, match=said) as caught:
+        machine.choose(
+            requested, {"PATH": str(tmp_path), "PYTHONPATH": str(tmp_path), "PYTHONNOUSERSITE": "1", **environment}
+        )
+    assert caught.value.status == 2
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("tools", "missing"), [((), "g[+][+]"), (("c++",), "make")])
+def test_missing_tools_are_named_with_their_package(tmp_path: Path, tools: tuple[str, ...], missing: str) -> None:
+    for tool in tools:
+        (tmp_path / tool).write_text("#!/bin/sh\n")
+        (tmp_path / tool).chmod(0o755)
+    with pytest.raises(machine.SetupError, match=f"sudo apt install {missing}$"):
+        machine.require_machine(PYTHON, machine.Ros("sourced", "x"), {"PATH": str(tmp_path)})
+
+
+def test_another_processor_is_told_to_source_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = types.SimpleNamespace(system=lambda: "Linux", machine=lambda: "aarch64")
+    monkeypatch.setattr(machine, "platform", fake)
+    with pytest.raises(machine.SetupError, match="Linux on aarch64: install ROS 2 Jazzy"):
+        machine.require_machine(PYTHON, WHEELS, {"PATH": "/usr/bin:/bin"})
+
+
+def test_an_activated_shell_finds_what_a_fresh_one_does() -> None:
+    paths = f"{machine.VENV}/bin:/usr/bin:{machine.WORKSPACE}/install/atpid_sim:/opt/ros/jazzy:{machine.VENV}"
+    assert machine.foreign_paths(paths) == "/usr/bin:/opt/ros/jazzy"
+
+
+def test_an_unreachable_index_is_said_in_one_line() -> None:
+    output = (
+        "WARNING: Retrying ... Failed to establish a new connection\nERROR: No matching distribution found for a==1"
+    )
+    error = bootstrap.explain_failure("pip", output, 1)
+    assert error.status == 2
+    assert "package index (a==1 was not found): connect this machine" in str(error)
+
+
+def test_an_unknown_failure_shows_its_last_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    error = bootstrap.explain_failure("colcon build", "first\nthe compiler says no\n", 2)
+    assert error.status == 1
+    assert "colcon build ended with status 2" in str(error)
+    assert "the compiler says no" in capsys.readouterr().err
+
+
+def test_the_wheels_get_this_machines_paths(tmp_path: Path) -> None:
+    python = tmp_path / "bin/python"
+    python.parent.mkdir()
+    python.write_text("#!/bin/sh\necho /here/include\necho /here/numpy\n")
+    python.chmod(0o755)
+    cmake = tmp_path / "share/std_msgs/cmake/exportExport.cmake"
+    cmake.parent.mkdir(parents=True)
+    container = "/opt/python/cp312-cp312"
+    cmake.write_text(
+        f'"{container}/include/python3.12;{container}/lib/python3.12/site-packages/numpy/_core/include;/usr/include"'
+    )
+    bootstrap.repair_wheels(tmp_path)
+    assert cmake.read_text() == '"/here/include;/here/numpy;/usr/include"'
+
+
+@pytest.mark.parametrize("lock", ["backend.txt", "wheels.txt", "sourced.txt"])
+def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -> None:
+    text = (root / "requirements" / lock).read_text()
+    entries = [entry for entry in re.split(r"\n(?=\S)", text) if not entry.startswith("#")]
+    assert entries
+    for entry in entries:
+        assert re.match(r"[a-z0-9.-]+==\S+( ; [^\\]+)? \\\n    --hash=sha256:", entry), entry
+    assert "://" not in text
+    assert not re.search(r"^-|--(index|extra|find)", text, re.MULTILINE)
+
+
+def test_the_workspace_links_to_the_packages(root: Path) -> None:
+    for package in PACKAGES:
+        link = root / "ros2_ws/src" / package
+        assert link.is_symlink()
+        assert link.readlink() == Path("../..") / package
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_files_agree(root: Path, package: str) -> None:
+    manifest = ElementTree.parse(root / package / "package.xml").getroot()
+    assert manifest.get("format") == "3"
+    assert manifest.findtext("name") == package
+    assert manifest.findtext("license") == "Apache-2.0"
+    version = manifest.findtext("version")
+    assert f"\n{version} (" in (root / package / "CHANGELOG.rst").read_text()
+    if package != "atpid_interfaces":
+        setup = (root / package / "setup.py").read_text()
+        assert f'version="{version}"' in setup
+        assert (root / package / "resource" / package).exists()

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole graph: lockstep repeats itself, the thesis's adaptive bench is met, and other ceilings run as well."""
+
+import numpy as np
+import pytest
+from graph_runs import decoded, in_lockstep, scene_file
+
+from atpid_control.bench.summary import lost_scans, unanswered_blocks
+
+LOOP = ("/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state", "/events")
+
+
+@pytest.fixture(scope="module")
+def adaptive(scenes, tmp_path_factory):
+    """The bag of the thesis's adaptive bench."""
+    return in_lockstep(scenes / "thesis_4_3.yaml", tmp_path_factory.mktemp("adaptive"))
+
+
+def test_two_runs_with_the_same_seed_give_the_same_messages(scenes, tmp_path):
+    steps = [[0.0, 0.0], [0.3, 0.015], [1.5, 0.015], [2.0, 0.02]]
+    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=2.5, steady_window=[2.0, 2.5], amplitude=steps)
+    first, again = (in_lockstep(path, tmp_path / name) for name in ("first", "again"))
+    assert [topic for topic, _ in first.all_messages()] == [topic for topic, _ in again.all_messages()]
+    for topic in LOOP:
+        assert decoded(first, topic) == decoded(again, topic), topic
+    assert len(decoded(first, "/sensors/laser")) == 50
+
+
+def test_every_block_is_there_and_answered(adaptive):
+    assert lost_scans(adaptive) == 0
+    assert unanswered_blocks(adaptive) == 0
+    assert {topic: len(decoded(adaptive, topic)) for topic in LOOP[:-1]} == dict.fromkeys(LOOP[:-1], 400)
+
+
+def test_stamps_are_those_of_the_samples_and_answers_carry_them(adaptive):
+    ends = [
+        (message.first_index + len(message.data) // 2 - 1) / message.rate for _, message in adaptive.messages(LOOP[0])
+    ]
+    for topic in LOOP[2:5]:
+        stamps = [message.header.stamp for _, message in adaptive.messages(topic)]
+        assert [stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps] == pytest.approx(ends, abs=1e-9), topic
+
+
+# stage: end [s], excitation [m], best height by brute force [m], closed damper's amplitude [m]
+STAGES = [(6.0, 0.015, 0.29, 0.333), (13.0, 0.04, 0.76, 0.888), (20.0, 0.03, 0.57, 0.666)]
+
+
+@pytest.mark.parametrize(("end", "excitation", "height", "closed"), STAGES)
+def test_the_adaptive_bench_of_the_thesis(adaptive, end, excitation, height, closed):
+    truth = [message for _, message in adaptive.messages("/plant/truth")]
+    window = slice(round((end - 2.0) * 1000.0), round(end * 1000.0))
+    beam = np.concatenate([message.beam for message in truth])[window]
+    ceiling = np.concatenate([message.ceiling for message in truth])[window]
+    blocks = slice(round((end - 2.0) * 20.0), round(end * 20.0))
+    estimates = [message for _, message in adaptive.messages("/excitation")][blocks]
+    assert [message.amplitude for message in estimates] == pytest.approx([excitation] * len(estimates), rel=0.01)
+    assert ceiling[-1] == pytest.approx(height, rel=0.05)
+    assert 0.5 * np.ptp(beam) <= 0.24 * closed
+
+
+def test_the_energy_ledger_closes(adaptive):
+    last = [message for _, message in adaptive.messages("/plant/truth")][-1]
+    out = last.beam_loss + last.contact_loss + last.stored_energy
+    assert last.input_energy + last.ceiling_work == pytest.approx(out, rel=1e-5)
+
+
+def test_the_true_ceiling_follows_the_motor(adaptive):
+    truth = [message for _, message in adaptive.messages("/plant/truth")]
+    states = [message for _, message in adaptive.messages("/ceiling/state")]
+    gaps = [abs(true.ceiling[-1] - state.height) for true, state in zip(truth, states, strict=True)]
+    assert max(gaps) <= 0.3 * 0.0015  # one sample's travel: the motor's clock starts at the last sample, not after it
+
+
+@pytest.mark.parametrize("ceiling", [{"height": 0.1}, {"closed": 0.017, "open": 0.1, "start": 0.2, "end": 0.5}])
+def test_a_ceiling_no_controller_moves_goes_as_the_scene_says(scenes, tmp_path, ceiling):
+    changes = {"duration": 1.0, "steady_window": [0.5, 1.0], "ceiling": ceiling}
+    bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")
+    truth = [message for _, message in bag.messages("/plant/truth")]
+    states = [message for _, message in bag.messages("/ceiling/state")]
+    assert truth[-1].ceiling[-1] == pytest.approx(0.1)
+    assert states[-1].height == pytest.approx(0.1)
+    assert {message.method for _, message in bag.messages("/ceiling/command")} == {"fixed"}
+
+
+def test_a_second_sensor_is_recorded_at_its_own_rate(scenes, tmp_path):
+    sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 1600.0, "noise": 0.05}}
+    changes = {"duration": 1.0, "steady_window": [0.5, 1.0], "sensors": sensors}
+    bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")
+    blocks = [message for _, message in bag.messages("/sensors/accelerometer")]
+    assert [len(message.data) for message in blocks] == [80] * 20
+    assert lost_scans(bag) == 0

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The graph as processes: nothing lost, Ctrl-C closes the bag, a dead node is named, a name exists only once."""
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from graph_runs import in_real_time, scene_file, started, wait_until
+
+from atpid_control.bench.domain import own_domain
+from atpid_control.bench.graph import PARTS, write_parameters
+from atpid_control.bench.summary import lost_scans, real_time_factor, unanswered_blocks
+from atpid_control.recording.verify import verify
+
+CHANGES = {"duration": 4.0, "steady_window": [2.0, 4.0]}
+
+
+def children(pid: int) -> dict[str, int]:
+    """Return the nodes the process has started: pid by name."""
+    pids = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0") for child in pids}
+    return {Path(word).name: child for child, words in commands.items() for word in words if word.endswith("_node")}
+
+
+def recording(out: Path) -> bool:
+    """Whether data have reached the bag's file."""
+    files = list((out / "bag").glob("*.mcap"))
+    return bool(files) and files[0].stat().st_size > 60_000
+
+
+@pytest.fixture
+def running(scenes, tmp_path):
+    """A real-time bench of a minute, recording."""
+    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=60.0, steady_window=[50.0, 60.0])
+    process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
+    try:
+        wait_until(lambda: recording(tmp_path / "out"), process)
+        yield process, tmp_path / "out"
+    finally:
+        if process.poll() is None:
+            process.terminate()
+        process.communicate()
+
+
+@pytest.mark.timeout(300)
+def test_nothing_is_lost_in_real_time(scenes, tmp_path):
+    bag = in_real_time(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES), tmp_path / "run")
+    assert lost_scans(bag) == 0
+    assert unanswered_blocks(bag) == 0
+    assert len(list(bag.messages("/sensors/laser"))) == 80
+    assert real_time_factor(bag, "real time") == pytest.approx(1.0, abs=0.1)
+    assert {message.height for _, message in bag.messages("/ceiling/state")} != {0.017}
+
+
+@pytest.mark.timeout(300)
+def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running):
+    process, out = running
+    nodes = children(process.pid)
+    assert set(nodes) == {part.name for part in PARTS}
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate()
+    assert process.returncode == 130
+    assert said.strip().splitlines()[-1].startswith("stopped before the end; the bag is closed")
+    assert verify(out / "bag").by_topic["/sensors/laser"] > 0
+    assert not [pid for pid in nodes.values() if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.mark.timeout(300)
+def test_a_node_that_dies_stops_the_run_with_its_name(running):
+    process, out = running
+    os.kill(children(process.pid)["motor_node"], signal.SIGKILL)
+    _, said = process.communicate()
+    assert process.returncode == 2
+    assert said.strip().splitlines()[-1].startswith("error: motor_node ended with status -9: ")
+    assert verify(out / "bag").by_topic["/sensors/laser"] > 0
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", ["plant_node", "selector_node"])
+def test_a_node_started_twice_says_so_and_leaves(scenes, tmp_path, name):
+    from graph_runs import parameters
+
+    _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)
+    write_parameters(given, tmp_path / "parameters.yaml")
+    part = next(part for part in PARTS if part.name == name)
+    command = [str(part.executable), "--ros-args", "--params-file", str(tmp_path / "parameters.yaml")]
+    with own_domain():
+        first = subprocess.Popen(command)
+        try:
+            socket = f"@atpid/{os.environ['ROS_DOMAIN_ID']}/{name}"
+            wait_until(lambda: socket in Path("/proc/net/unix").read_text())
+            second = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert second.returncode == 2
+            assert second.stderr.strip().splitlines()[-1].startswith(f"error: /{name} is already running")
+            assert first.poll() is None
+        finally:
+            first.send_signal(signal.SIGINT)
+            assert first.wait() == 0
