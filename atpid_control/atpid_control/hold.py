@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
 
-
 OFF_RESONANCE = "frequency off resonance"
 
 

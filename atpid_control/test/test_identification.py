@@ -210,8 +210,8 @@ def test_bad_settings_and_samples_are_refused_in_one_line() -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(
-    amplitude=st.floats(1e-3, 1.0), frequency=st.floats(1.05, 38.0), phase=st.floats(-3.2, 3.2), offset=st.floats(-10.0, 10.0),
-    decibels=st.floats(20.0, 80.0), seed=st.integers(0, 1000),
+    amplitude=st.floats(1e-3, 1.0), frequency=st.floats(1.05, 38.0), phase=st.floats(-3.2, 3.2),
+    offset=st.floats(-10.0, 10.0), decibels=st.floats(20.0, 80.0), seed=st.integers(0, 1000),
 )  # fmt: skip
 def test_any_steady_tone_is_found(
     amplitude: float, frequency: float, phase: float, offset: float, decibels: float, seed: int

@@ -211,3 +211,20 @@ def test_as_a_process_without_parameters_it_says_what_to_do() -> None:
     assert ended.returncode == 2
     assert ended.stderr.strip().startswith("error: ") and "identifier.yaml" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_rumble_is_an_event_with_the_stamp_of_an_estimate(stand: Stand) -> None:
+    stand.identifier()
+    stand.shake_hands()
+    rng = np.random.default_rng(1)
+    jumpy = np.interp(
+        np.arange(6000) / RATE, np.arange(40) / 5.49, 0.1 * (1.0 + 0.5 * (np.arange(40) > 15) * rng.random(40))
+    )
+    for first in range(0, 6000, 50):
+        beam = jumpy[first : first + 50] * sine(first, 50, 1.0)
+        stand.ask(sample_block(first, {"support_displacement": sine(first, 50, 0.015), "beam_displacement": beam}))
+        if any(event.kind == "rumble" for event in stand.events):
+            break
+    rumble = next(event for event in stand.events if event.kind == "rumble")
+    assert rumble.severity == Event.WARNING and rumble.value >= 0.06
+    assert rumble.header.stamp in [estimate.header.stamp for estimate in stand.estimates[-2:]]

@@ -13,6 +13,7 @@ from atpid_driver.errors import DriverError
 
 COMMANDS = {
     "calibrate": ("atpid_driver.calibration.command", "make a calibration file from readings at known positions"),
+    "reading": ("atpid_driver.calibration.reading", "take one reading at a known position, a row for calibrate"),
     "load": ("atpid_driver.nodes.load_command", "stream both devices at full rate through ROS 2, count what is lost"),
     "standin": ("atpid_driver.standins.command", "build the stand-in libraries, or inject a fault into one"),
 }

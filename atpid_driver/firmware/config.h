@@ -24,14 +24,14 @@ constexpr int32_t UM_PER_RAW = 70;           // calibration
 constexpr uint16_t HOME_RAW = 15428;         // nominal reading where the upper switch closes on the way down
 constexpr uint16_t HOME_RAW_WINDOW = 300;    // how far the potentiometer may have slipped: 21 mm
 constexpr int32_t HOME_UM = 1010000;         // height there
-constexpr uint16_t HOME_LAG_RAW = 10;        // way made between edge and reading: debouncing less the sensor's own lag
+constexpr uint16_t HOME_LAG_RAW = 3;         // way made between edge and reading: debouncing less the sensor's own lag
 
 // Limits of travel and the one speed.
 constexpr int32_t LOWEST_UM = 17000;         // the grain's diameter: never lower
 constexpr int32_t HIGHEST_UM = 1000000;
 constexpr int32_t SPEED_UM_PER_S = 300000;   // measured; stall and overtime are judged by it
-constexpr int32_t STOP_LEAD_UM = 400;        // switch off this far before the target: travel of the reaction time
-constexpr int32_t DEAD_BAND_UM = 1200;       // nearer than this is there already: one step of the converter
+constexpr int32_t STOP_LEAD_UM = 1000;       // switch off this far before the target: way made while the sensor and we react
+constexpr int32_t DEAD_BAND_UM = 800;        // nearer than this is there already: two thirds of a step of the converter
 constexpr int32_t SOFT_MARGIN_UM = 4000;     // this far outside the soft limits is a fault
 constexpr int32_t SWITCH_MARGIN_UM = 50000;  // a limit switch open this far inside the travel is stuck or broken
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from atpid_driver.calibration import CalibrationError, Counts, block_si, load, save, si_of, volts_of
 from atpid_driver.calibration.fit import fit, read_readings
 from atpid_driver.cli import main
+from atpid_driver.standins import build
 
 SHIPPED = Path(__file__).parents[1] / "config" / "calibration"
 LASER = load(SHIPPED / "laser_support.yaml")
@@ -153,6 +154,24 @@ def test_residuals_that_bend_are_pointed_out(tmp_path: Path, capsys: pytest.Capt
     assert "degree 2 would leave" in capsys.readouterr().out
     assert main(command(tmp_path, "--degree", "2", "--force")) == 0
     assert "hint" not in capsys.readouterr().out
+
+
+def test_readings_are_taken_from_the_device(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library = str(build() / "libLabJackM.so")
+    for position, volts in ((-0.1, 1.5), (0.0, 3.0), (0.1, 4.5)):
+        monkeypatch.setenv("ATPID_LJM_SOURCE", f"sine:offset={volts},amplitude=0.01,frequency=50")
+        given = ["--position", str(position), "--terminal", "AIN0", "--library", library, "--seconds", "0.1"]
+        assert main(["reading", str(tmp_path / "readings.csv"), *given]) == 0
+    positions, measured = read_readings(tmp_path / "readings.csv")
+    assert list(positions) == [-0.1, 0.0, 0.1]
+    assert measured == pytest.approx([1.5, 3.0, 4.5], abs=1e-6)
+    assert "scatter 7.1" in capsys.readouterr().out
+    assert (
+        main(["reading", str(tmp_path / "x.csv"), "--position", "0", "--terminal", "AIN77", "--library", library]) == 2
+    )
+    assert "AIN0 to AIN13" in capsys.readouterr().err
 
 
 def command(tmp_path: Path, *extra: str) -> list[str]:

@@ -9,11 +9,9 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 
-from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 from rich.console import Console
 
 from atpid_control.bagread import open_bag
@@ -24,14 +22,16 @@ from atpid_control.bench.lockstep import run_lockstep
 from atpid_control.bench.maps import map_for
 from atpid_control.bench.progress import shown
 from atpid_control.bench.realtime import run_realtime
-from atpid_control.bench.summary import show, summary_of, write_summary
 from atpid_control.selection import make_selector
+from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", type=Path, help="scene file (docs/scenes.md)")
-    parser.add_argument("--out", type=Path, required=True, help="folder for bag, summary and report; an earlier run is kept")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder for bag, summary and report; an earlier run is kept"
+    )
     parser.add_argument("--real-time", action="store_true", help="every node its own process, paced by the clock")
     parser.add_argument("--domain", type=int, help="ROS domain to use; default: a free one")
 
@@ -71,20 +71,23 @@ def _run_graph(args: argparse.Namespace, scene: Scene, scene_file: Path, height_
 def _conclude(scene: Scene, out: Path, mode: str) -> int:
     """Write summary and report, print the table."""
     # here, so that the run itself does not wait for the drawing libraries
-    from atpid_control.report import report, stages
+    from atpid_control.bench.summary import show, summary_of, write_summary
+    from atpid_control.report import read_run, report, stages
 
     bag = open_bag(out / "bag")
-    summary = summary_of(bag, [asdict(stage) for stage in stages(bag)], scene, mode)
+    done = read_run(bag)
+    measured = stages(done)
+    summary = summary_of(bag, measured, scene, mode)
     write_summary(summary, out / "summary.json")
-    show(summary, bag, scene, Console(width=None if sys.stdout.isatty() else 160))
-    page = report(bag, out)
-    print(f"bag {out / 'bag'}, summary {out / 'summary.json'}, report {page}")
+    show(summary, done, measured, Console(width=None if sys.stdout.isatty() else 160))
+    made = report(out / "bag", out)
+    print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
     return 0
 
 
 @contextmanager
 def _stoppable() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end the run alike: nodes stopped, bag closed. A shell's background jobs ignore SIGINT else."""
+    """Let Ctrl-C and SIGTERM end the run alike, nodes stopped and bag closed, in a shell's background jobs too."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt

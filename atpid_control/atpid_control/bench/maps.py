@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
 from atpid_sim.maps import HeightMap, MapError, build_map
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 #: Amplitudes a map made here covers at least [m]; every scene of the thesis lies inside.
 _USUAL = (0.002, 0.08)

@@ -7,28 +7,24 @@ import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from atpid_sim.scene import HarmonicExcitation, Scene
 from rich.console import Console
 from rich.table import Table
 
 from atpid_control.bagread import Bag
-
-#: Thesis section 4.3: points of the excitation [s, m], and for each stage height, beam amplitude, closed amplitude [m].
-THESIS_EXCITATION = (
-    (0.0, 0.0), (0.5, 0.015), (6.0, 0.015), (8.0, 0.04), (13.0, 0.04), (14.0, 0.03), (20.0, 0.03),
-)  # fmt: skip
-THESIS_STAGES = (("0.3", 0.07, 0.3), ("> 0.7", 0.17, 0.85), ("0.57", 0.13, 0.65))
-
-Stage = Mapping[str, Any]
+from atpid_control.report.run import Run
+from atpid_control.report.stages import Stage
+from atpid_control.report.thesis import Printed, beside
+from atpid_sim.scene import Scene
 
 
 def summary_of(bag: Bag, stages: Sequence[Stage], scene: Scene, mode: str) -> dict[str, Any]:
     """Return summary.json's object: DESIGN's keys, and what makes the numbers trustworthy."""
     return {
-        "stages": [dict(stage) for stage in stages],
+        "stages": [stage.as_dict() for stage in stages],
         "real_time_factor": real_time_factor(bag, mode),
         "bag": str(bag.path),
         "mode": mode,
@@ -67,7 +63,7 @@ def lost_scans(bag: Bag) -> int:
 
 
 def real_time_factor(bag: Bag, mode: str) -> float:
-    """Return simulated over wall time [-]: as the recorder measured it or, in real time, between its first and last block."""
+    """Return simulated over wall time [-]: by the recorder or, in real time, between its first and last block."""
     if mode == "lockstep":
         return float(bag.result.get("real_time_factor", "nan"))
     laser = next((topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")), "")
@@ -98,54 +94,58 @@ def notable(bag: Bag) -> list[tuple[str, str]]:
     return [(str(event.kind), str(event.text)) for event in found if event.severity > 0]
 
 
-def show(summary: Mapping[str, Any], bag: Bag, scene: Scene, console: Console) -> None:
+def show(summary: Mapping[str, Any], run: Run, stages: list[Stage], console: Console) -> None:
     """Print the table of stages and the facts below it."""
-    console.print(stage_table(summary["stages"], is_thesis_scene(scene)))
+    if stages:
+        console.print(stage_table(stages, beside(run, stages)))
     console.print(
         f"{summary['mode']}: {summary['real_time_factor']:.1f} x real time; lost scans: {summary['lost_scans']}; "
         f"unanswered blocks: {summary['unanswered_blocks']}; seed {summary['seed']}"
     )
     if summary["lost_scans"] or summary["unanswered_blocks"]:
-        console.print("INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", style="bold")
-    for kind, text in notable(bag):
+        console.print(
+            "INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", style="bold"
+        )
+    for kind, text in notable(run.bag):
         console.print(f"{kind}: {text}", soft_wrap=True, markup=False)
     for line in summary["defaults"]:
         console.print(f"default {line}", style="dim", soft_wrap=True, markup=False, highlight=False)
 
 
-def is_thesis_scene(scene: Scene) -> bool:
-    """Whether the excitation is that of thesis section 4.3, with its grain."""
-    excitation = scene.excitation
-    same = isinstance(excitation, HarmonicExcitation) and excitation.amplitude == THESIS_EXCITATION
-    return same and math.isclose(scene.grain.mass_fraction, 0.1)
-
-
-def stage_table(stages: Sequence[Stage], beside_thesis: bool) -> Table:
-    """Return the table, with the thesis's figures beside where it is the thesis's scene."""
-    table = Table(title="stages (amplitudes: half peak-to-peak, last 2 s of each)", title_justify="left")
-    for name in ("time [s]", "excitation [m]", "identified [m]", "f [Hz]", "height [m]", "beam [m]", "closed [m]", "left"):
+def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> Table:
+    """Return the table, with what the thesis prints beside where it is the thesis's scene."""
+    table = Table(title="stages (amplitudes: half peak-to-peak, at the end of each)", title_justify="left")
+    for name in (
+        "time [s]",
+        "excitation [m]",
+        "identified [m]",
+        "f [Hz]",
+        "height [m]",
+        "beam [m]",
+        "closed [m]",
+        "left",
+    ):
         table.add_column(name, justify="right", no_wrap=True)
-    if beside_thesis:
-        for name in ("thesis: height", "beam", "closed", "left"):
-            table.add_column(name, justify="right", no_wrap=True, style="dim")
-    for number, stage in enumerate(stages):
-        row = _row(stage)
-        if beside_thesis and number < len(THESIS_STAGES):
-            height, beam, closed = THESIS_STAGES[number]
-            row += [height, f"{beam:g}", f"{closed:g}", f"{100 * beam / closed:.0f} %"]
-        table.add_row(*row)
+    for name in ("thesis: height", "beam", "closed", "left") if printed else ():
+        table.add_column(name, justify="right", no_wrap=True, style="dim")
+    for stage, other in zip_longest(stages, printed or ()):
+        table.add_row(*_row(stage), *(_printed(other) if other else ()))
     return table
 
 
 def _row(stage: Stage) -> list[str]:
-    digits = {
-        "excitation_amplitude": 5, "identified_amplitude": 5, "identified_frequency": 3,
-        "height": 4, "amplitude": 4, "undamped_amplitude": 3,
-    }  # fmt: skip
-    values = [_number(stage[key], count) for key, count in digits.items()]
-    left = stage["amplitude"] / stage["undamped_amplitude"]
-    return [f"{stage['t0']:g} to {stage['t1']:g}", *values, f"{100 * left:.1f} %" if math.isfinite(left) else ""]
+    shown = (
+        f"{stage.excitation_amplitude:.5f}",
+        f"{stage.identified_amplitude:.5f}",
+        f"{stage.identified_frequency:.3f}",
+        f"{stage.height:.4f}",
+        f"{stage.amplitude:.4f}",
+        f"{stage.undamped_amplitude:.3f}",
+        f"{100 * stage.left:.1f} %",
+    )
+    return [f"{stage.t0:g} to {stage.t1:g}", *("" if "nan" in text else text for text in shown)]
 
 
-def _number(value: float | None, digits: int) -> str:
-    return "" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+def _printed(stage: Printed) -> list[str]:
+    left = 100 * stage.amplitude / stage.closed
+    return [f"{stage.height_sign}{stage.height:g}", f"{stage.amplitude:g}", f"{stage.closed:g}", f"{left:.0f} %"]

@@ -3,7 +3,7 @@
 
 Closed damper: beam and grain are one mass, and the transfer function of the simplified model is divided out
 (thesis equation 3.43). Open damper: through a table of simulated steady amplitudes at the present height. Either way
-the error bar grows by what is not known of the model, and only a steady beam tells: it takes the beam's own time to settle.
+the error bar grows by what is not known of the model, and only a steady beam tells: it takes its own time to settle.
 """
 
 from __future__ import annotations

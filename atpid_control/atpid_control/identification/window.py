@@ -51,8 +51,7 @@ class SampleBuffer:
         """Return when they were taken (count,), 0 at the newest raw sample [s]."""
         count = min(count, self.size)
         newest = -(self._partial.shape[1] + 0.5 * (self.divisor - 1)) / self.rate
-        taken: Array = newest + (np.arange(count) - (count - 1)) * self.step
-        return taken
+        return np.asarray(newest + (np.arange(count) - (count - 1)) * self.step, dtype=np.float64)
 
     def attenuation(self, frequency: float) -> float:
         """Return what averaging leaves of the amplitude of a tone at `frequency` [Hz]."""

@@ -38,7 +38,7 @@ def node_class(package: str, name: str) -> type[Node]:
 
 
 def _without_events(node: Node) -> Callable[[], None]:
-    """Take the node's QoS event handlers off the executor, which spends half its time on them; return what puts them back.
+    """Take the node's QoS event handlers, half of the executor's work, off it; return what puts them back.
 
     They would only log incompatible queues, which the handshake shows as well. Destroying a node needs them in place.
     """

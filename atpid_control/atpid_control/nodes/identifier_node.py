@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality
-from atpid_control.nodes.identifier_parameters import declare, inverse_of, settings_of, text_of
+from atpid_control.nodes.identifier_parameters import declare, inverse_of, rumble_of, settings_of, text_of
+from atpid_control.watch import RumbleState, RumbleWatch
 from atpid_sim.nodes.life import run
 from atpid_sim.nodes.messages import BLOCKS, EVENTS, HELLO, STATES, nanoseconds_of, time_of
 from atpid_sim.nodes.twice import StartedTwiceError, check_alone
@@ -36,6 +38,7 @@ class IdentifierNode(Node):
         self._names = (text_of(self, "support_channel"), text_of(self, "beam_channel"))
         inverse = inverse_of(self)
         self.identifier = Identifier(settings_of(self), inverse)
+        self._rumble = RumbleWatch(rumble_of(self))
         self.done: Future = Future()
         self._height = math.nan
         self._status = _Status()
@@ -63,15 +66,15 @@ class IdentifierNode(Node):
             estimate = Estimate()
         message = Excitation(**_fields(estimate))
         message.header.stamp, message.header.frame_id = time_of(last_ns), block.header.frame_id
-        self._excitation.publish(message)
+        # before the estimate, so that whoever answers it has heard of the rumble
+        self._watch(block, estimate, message)
         self._tell_change(estimate, message)
+        self._excitation.publish(message)
         self._status.note(block, estimate)
 
     def _identify(self, block: SampleBlock, last_ns: int) -> Estimate:
         channels = list(block.channels)
-        scans = len(block.data) // max(len(channels), 1)
-        data = np.frombuffer(block.data, dtype=np.float64).reshape(scans, len(channels))
-        support, beam = (data[:, channels.index(name)] if name in channels else None for name in self._names)
+        support, beam = (channel_of(block, name) for name in self._names)
         source = self._names[self.identifier.source]
         if source not in channels:
             raise IdentificationError(
@@ -82,6 +85,16 @@ class IdentifierNode(Node):
             block.first_index, block.rate, support, beam, last_ns * 1e-9, delay=delay, height=self._height
         )
 
+    def _watch(self, block: SampleBlock, estimate: Estimate, message: Excitation) -> None:
+        """Say when the beam begins to rumble, and when it is calm again."""
+        beam = channel_of(block, self._names[1])
+        if beam is None:
+            return
+        before = self._rumble.state
+        after = self._rumble.push(block.first_index, block.rate, beam, estimate.frequency)
+        if after.rumbling != before.rumbling:
+            self._tell(*_rumble_event(after), message)
+
     def _complain(self, text: str) -> None:
         if text != self.complaint:
             self.get_logger().error(text)
@@ -91,9 +104,12 @@ class IdentifierNode(Node):
         """Say a change once, when it has become steady again: then its size is known."""
         if estimate.changed and estimate.quality == Quality.STEADY:
             text = f"excitation is now {estimate.amplitude:.5f} m at {estimate.frequency:.3f} Hz"
-            event = Event(severity=Event.INFO, kind="excitation_changed", value=estimate.amplitude, text=text)
-            event.header.stamp, event.header.frame_id = message.header.stamp, self.get_name()
-            self._events.publish(event)
+            self._tell(Event.INFO, "excitation_changed", estimate.amplitude, text, message)
+
+    def _tell(self, severity: int, kind: str, value: float, text: str, message: Excitation) -> None:
+        event = Event(severity=severity, kind=kind, value=value, text=text)
+        event.header.stamp, event.header.frame_id = message.header.stamp, self.get_name()
+        self._events.publish(event)
 
     def _report(self) -> None:
         """Publish diagnostics, and leave where another node of this name works already."""
@@ -143,6 +159,15 @@ class _Status:
         )
 
 
+def channel_of(block: SampleBlock, name: str) -> NDArray[np.float64] | None:
+    """Return one channel of a block (n_scans,), None where the block has none of that name."""
+    channels = list(block.channels)
+    if name not in channels:
+        return None
+    data: NDArray[np.float64] = np.frombuffer(block.data, dtype=np.float64)
+    return data.reshape(-1, len(channels))[:, channels.index(name)]
+
+
 def last_stamp(block: SampleBlock) -> int:
     """Return when the block's last scan was taken [ns]: the stream's start plus index over rate, rounded once."""
     begin = nanoseconds_of(block.header.stamp)
@@ -151,6 +176,16 @@ def last_stamp(block: SampleBlock) -> int:
         return begin
     start = begin - stamp_ns(0, block.first_index, block.rate)
     return stamp_ns(start, block.first_index + scans - 1, block.rate)
+
+
+def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
+    """Return severity, kind, value and text of a rumble's beginning or end."""
+    if not state.rumbling:
+        return Event.INFO, "calm", state.scatter, "the beam's response is regular again"
+    text = (
+        f"rumble: the beam's amplitude scatters by {state.scatter:.1%} from period to period at {state.amplitude:.4f} m"
+    )
+    return Event.WARNING, "rumble", state.scatter, text
 
 
 def _fields(estimate: Estimate) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 
 from atpid_control.identification import BeamInverse, IdentificationError, Settings
 from atpid_control.identification.from_beam import ModelInverse
+from atpid_control.watch import RumbleSettings
 from atpid_sim.scene import load_scene
 
 _DOUBLE, _STRING = Parameter.Type.DOUBLE, Parameter.Type.STRING
@@ -32,6 +33,10 @@ _ALL: tuple[tuple[str, Parameter.Type, str], ...] = (
     ("poor_residual", _DOUBLE, "residual over amplitude from which an estimate is poor [-]"),
     ("poor_harmonics", _DOUBLE, "harmonics over amplitude from which an estimate is poor [-]"),
     ("poor_lost", _DOUBLE, "share of lost samples from which an estimate is poor [-]"),
+    ("rumble_onset", _DOUBLE, "scatter of the beam's amplitude from which it rumbles [-]"),
+    ("rumble_calm", _DOUBLE, "scatter below which a period is calm again [-]"),
+    ("rumble_calm_periods", Parameter.Type.INTEGER, "calm periods in a row that end the rumble"),
+    ("rumble_least_amplitude", _DOUBLE, "a smaller response of the beam is not judged [m]"),
     ("analysis_rate", _DOUBLE, "streams of twice this rate and more are averaged down to it [Hz]"),
 )
 _SETTINGS = tuple(name for name in Settings.__dataclass_fields__ if name != "saturation")
@@ -55,6 +60,16 @@ def settings_of(node: Node) -> Settings:
     lower, upper = _number(node, "lower_limit"), _number(node, "upper_limit")
     saturation = None if math.isinf(lower) and math.isinf(upper) else (lower, upper)
     return Settings(saturation=saturation, **{name: _number(node, name) for name in _SETTINGS})
+
+
+def rumble_of(node: Node) -> RumbleSettings:
+    """Return the rumble watch's settings; raise WatchError where they contradict themselves."""
+    return RumbleSettings(
+        onset=_number(node, "rumble_onset"),
+        calm=_number(node, "rumble_calm"),
+        calm_periods=int(_number(node, "rumble_calm_periods")),
+        least_amplitude=_number(node, "rumble_least_amplitude"),
+    )
 
 
 def inverse_of(node: Node) -> BeamInverse | None:

@@ -16,7 +16,7 @@ Figure = dict[str, Any]
 #: Points a curve is drawn with at most: each bucket keeps its highest and lowest.
 _POINTS = 6000
 _FONT = "Inter, system-ui, -apple-system, Segoe UI, Roboto, Helvetica, Arial, sans-serif"
-_GAP = 0.075
+_GAP = 0.07
 
 
 def thinned(time: Array, value: Array, points: int = _POINTS) -> tuple[list[float], list[float | None]]:
@@ -44,7 +44,7 @@ def overview(view: View) -> Figure:
         panels = [panels[0], panels[3]]
     total = sum(share for _, share in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
-    figure: Figure = {"data": [], "layout": _layout(680 if view.stages else 480)}
+    figure: Figure = {"data": [], "layout": _layout(800 if view.stages else 520)}
     top = 1.0
     for number, (draw, share) in enumerate(panels, start=1):
         bottom = max(0.0, top - room * share / total)
@@ -76,7 +76,7 @@ def grain(view: View) -> Figure | None:
     begin, end = view.grain_window
     time = view.run.motion.time
     inside = (time >= begin) & (time <= end)
-    figure: Figure = {"data": [], "layout": _layout(330)}
+    figure: Figure = {"data": [], "layout": _layout(360)}
     figure["layout"]["xaxis"] = {**_axis(), "range": [begin, end], "title": {"text": "time, s"}}
     figure["layout"]["yaxis"] = _axis()
     names = (("floor", "@given_text", 1.6), ("ceiling", "@given_text", 1.6), ("grain", "@own", 2.4))
@@ -135,7 +135,7 @@ def _beam(figure: Figure, view: View, axis: str, top: float) -> None:
     if view.closed is not None and not alone:
         _line(figure, axis, time, view.closed, "closed", "@given", 1.0, "%{y:.4f} m")
     _line(figure, axis, time, view.beam, view.own_name, "@own", 1.1, "%{y:.4f} m")
-    reach = float(np.nanmax(np.abs(view.beam if alone else np.stack([view.beam, view.closed]))))
+    reach = view.reach
     figure["layout"]["yaxis"]["range"] = [-1.08 * reach, (1.34 if view.stages else 1.08) * reach]
     late = time > 0.9 * time[-1]
     own = float(np.nanmax(view.beam[late]))
@@ -195,6 +195,7 @@ def _ceiling(figure: Figure, view: View, axis: str, top: float) -> None:
                 {"type": "scatter", "mode": "markers+text", "x": [0.5 * (begin + end)], "y": [printed.height],
                  "text": [f"thesis {printed.height_sign}{printed.height:.2g}"], "textposition": "bottom center",
                  "textfont": {"color": "@accent"}, "yaxis": axis, "name": "thesis", "hoverinfo": "skip",
-                 "marker": {"symbol": "diamond", "size": 9, "color": "@accent", "line": {"color": "@paper", "width": 1}}}
+                 "marker": {"symbol": "diamond", "size": 9, "color": "@accent",
+                            "line": {"color": "@paper", "width": 1}}}
             )  # fmt: skip
     figure["layout"][f"yaxis{axis[1:]}"]["rangemode"] = "tozero"

@@ -20,8 +20,12 @@ def page(view: View) -> str:
     title = escape(headline(view))
     figures = {"overview": charts.overview(view), "grain": charts.grain(view)}
     shown = {name: figure for name, figure in figures.items() if figure is not None}
-    parts = [sections.header(view), sections.tiles(view), sections.overview(view), sections.table(view), sections.grain(view), sections.energy(view.run.ledger),
-                sections.events(view.run.events), sections.facts(view)]  # fmt: skip
+    parts = [
+        *(make(view) for make in (sections.header, sections.tiles, sections.overview, sections.table, sections.grain)),
+        sections.energy(view.run.ledger),
+        sections.events(view.run.events),
+        sections.facts(view),
+    ]
     return "\n".join(
         [
             "<!doctype html>",

@@ -32,7 +32,7 @@ def save_pictures(view: View, folder: Path) -> list[Path]:
     return written
 
 
-def style(palette: Palette) -> dict[str, Any]:
+def style(palette: Palette) -> Any:
     """Return matplotlib's settings for a palette."""
     return {
         "font.family": "DejaVu Sans", "font.size": _SIZE, "axes.edgecolor": palette.grid, "axes.linewidth": 0.8,
@@ -45,7 +45,7 @@ def style(palette: Palette) -> dict[str, Any]:
 
 
 def overview(view: View, palette: Palette) -> Figure:
-    """Draw the story top to bottom: the beam, the excitation it had, how well that was known, where the ceiling went."""
+    """Draw the story top to bottom: the beam, its excitation, how well that was known, where the ceiling went."""
     panels = [(_beam, 3.4), (_excitation, 1.35), (_error, 1.0), (_ceiling, 1.5)]
     if not view.stages:
         panels = [panels[0], panels[3]]
@@ -93,7 +93,7 @@ def _beam(axes: Any, view: View, palette: Palette) -> None:
     if not alone:
         axes.plot(time, view.closed, color=palette.given, lw=0.6)
     axes.plot(time, view.beam, color=palette.given_text if view.always_closed else palette.own, lw=0.7)
-    reach = float(np.nanmax(np.abs(view.beam if alone else np.stack([view.beam, view.closed]))))
+    reach = view.reach
     axes.set_ylim(-1.08 * reach, 1.34 * reach if view.stages else 1.08 * reach)
     last = time > 0.9 * time[-1]
     own_top = float(np.nanmax(view.beam[last]))

@@ -11,10 +11,20 @@ from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed
 from atpid_control.report.view import View, headline
 
+_THESIS_NOTE = (
+    ' Beneath, in <b class="accent">orange</b>, what the thesis prints (section 4.3; read off figures, and sometimes '
+    "with the static deflection in it); in grey, the best that a search over all heights finds with this model."
+)
+_OPTIMAL_NOTE = (
+    "At the right height the grain meets floor and ceiling once each in every period, "
+    "each time against the motion of the "
+    "beam. Higher, and it misses the beat; lower, and it takes less."
+)
 _SEVERITIES = ("info", "warning", "alarm")
 
 
 def header(view: View) -> str:
+    """Return the result in one sentence, and what it is compared with."""
     run = view.run.bag.run
     parts = [run.get("scene", "no scene"), run.get("created", "")[:16].replace("T", " "), f"{view.run.duration:.4g} s"]
     eyebrow = " · ".join(escape(part) for part in parts if part)
@@ -26,7 +36,7 @@ def _lead(view: View) -> str:
         return ""
     if view.decrements is not None:
         return (
-            '<p>The beam is released and left alone. The <b class="own">damper</b> is compared with the same beam and its '
+            '<p>The beam is released and left alone. The <b class="own">damper</b> is compared with the same beam and a '
             '<b class="given">closed damper</b>, which can only swing as one mass.</p>'
         )
     moving = (
@@ -40,9 +50,10 @@ def _lead(view: View) -> str:
 
 
 def tiles(view: View) -> str:
+    """Return the numbers one remembers: one a stage, or the decrements of a free decay."""
     if view.always_closed:
         return ""
-    tiles = [
+    made = [
         f'<div class="tile"><div class="big">−{100.0 * stage.efficiency:.0f} %</div>'
         f'<div class="what">support ±{1e3 * stage.excitation_amplitude:.4g} mm</div>'
         f'<div class="sub">beam ±{stage.undamped_amplitude:.3f} m → ±{stage.amplitude:.3f} m</div></div>'
@@ -51,15 +62,16 @@ def tiles(view: View) -> str:
     ]
     if view.decrements is not None:
         own, closed = view.decrements
-        tiles = [
+        made = [
             f'<div class="tile"><div class="big">{value:.2f}</div><div class="what">{what}</div>'
             '<div class="sub">largest ratio of successive peaks</div></div>'
             for value, what in ((own, "with the grain free"), (closed, "damper closed"))
         ]
-    return f'<div class="tiles">{"".join(tiles)}</div>' if tiles else ""
+    return f'<div class="tiles">{"".join(made)}</div>' if made else ""
 
 
 def overview(view: View) -> str:
+    """Return the place of the main chart and how to read it."""
     said = []
     if view.windows:
         said.append("Shaded: where each stage is measured.")
@@ -76,15 +88,13 @@ def overview(view: View) -> str:
 
 
 def table(view: View) -> str:
+    """Return the stages' figures with the thesis's beneath."""
     if not view.stages:
         return ""
     heads = ("stage", "support amplitude", "identified", "error", "frequency", "ceiling height", "beam, closed", "beam",
              "left over")  # fmt: skip
     rows = [_row(stage, view.printed[n] if view.printed else None) for n, stage in enumerate(view.stages)]
-    thesis = (
-        ' Under each figure, in <b class="accent">orange</b>, what the thesis prints (section 4.3); its beam amplitudes were '
-        "read off figures and may include the static deflection." if view.printed else ""
-    )  # fmt: skip
+    thesis = _THESIS_NOTE if view.printed else ""
     head = "".join(f"<th>{name}</th>" for name in heads)
     return (
         "<h2>Stage by stage</h2>"
@@ -94,32 +104,35 @@ def table(view: View) -> str:
 
 
 def _row(stage: Stage, printed: Printed | None) -> str:
-    def cell(text: str, thesis: str = "") -> str:
-        beside = f'<span class="thesis">{thesis}</span>' if thesis else ""
-        return f"<td>{text}{beside}</td>"
-
     error = 100.0 * (stage.identified_amplitude / stage.excitation_amplitude - 1.0)
-    given = {"height": "", "closed": "", "beam": "", "left": ""}
+    thesis = best = {"height": "", "closed": "", "beam": "", "left": ""}
     if printed is not None:
-        given = {
-            "height": f"{printed.height_sign.replace('> ', '&gt; ')}{printed.height:.2f} m",
+        thesis = {
+            "height": f"{escape(printed.height_sign)}{printed.height:.2f} m",
             "closed": f"{printed.closed:.2f} m",
             "beam": f"{printed.amplitude:.2f} m",
             "left": f"{100.0 * printed.amplitude / printed.closed:.0f} %",
         }
+        best = best | {"height": f"{printed.best_height:.2f} m", "left": f"{100.0 * printed.best_left:.0f} %"}
     return "<tr>" + "".join(
         [
-            cell(f"{stage.t0:.4g} to {stage.t1:.4g} s"),
-            cell(_number(1e3 * stage.excitation_amplitude, ".4g", "mm")),
-            cell(_number(1e3 * stage.identified_amplitude, ".3f", "mm")),
-            cell(_number(error, "+.2f", "%")),
-            cell(_number(stage.identified_frequency, ".3f", "Hz")),
-            cell(_number(stage.height, ".3f", "m"), given["height"]),
-            cell(_number(stage.undamped_amplitude, ".3f", "m"), given["closed"]),
-            cell(_number(stage.amplitude, ".3f", "m"), given["beam"]),
-            cell(f"<b class='own'>{_number(100.0 * stage.left, '.1f', '%')}</b>", given["left"]),
+            _cell(f"{stage.t0:.4g} to {stage.t1:.4g} s"),
+            _cell(_number(1e3 * stage.excitation_amplitude, ".4g", "mm")),
+            _cell(_number(1e3 * stage.identified_amplitude, ".3f", "mm")),
+            _cell(_number(error, "+.3f", "%")),
+            _cell(_number(stage.identified_frequency, ".3f", "Hz")),
+            _cell(_number(stage.height, ".3f", "m"), thesis["height"], best["height"]),
+            _cell(_number(stage.undamped_amplitude, ".3f", "m"), thesis["closed"]),
+            _cell(_number(stage.amplitude, ".3f", "m"), thesis["beam"]),
+            _cell(f"<b class='own'>{_number(100.0 * stage.left, '.1f', '%')}</b>", thesis["left"], best["left"]),
         ]
     ) + "</tr>"  # fmt: skip
+
+
+def _cell(text: str, thesis: str = "", best: str = "") -> str:
+    beneath = f'<span class="thesis">{thesis}</span>' if thesis else ""
+    beneath += f'<span class="best">{best}</span>' if best else ""
+    return f"<td>{text}{beneath}</td>"
 
 
 def _number(value: float, form: str, unit: str) -> str:
@@ -127,34 +140,44 @@ def _number(value: float, form: str, unit: str) -> str:
 
 
 def grain(view: View) -> str:
+    """Return the place of the grain's chart."""
     if view.grain_window is None:
         return ""
+    said = "Where lines touch, the grain meets a wall; each meeting takes energy from the beam."
+    if view.own_name == "adaptive":
+        said = _OPTIMAL_NOTE
     return (
-        "<h2>Why it works</h2><p>At the right height the grain meets "
-        "floor and ceiling once each in every period, each time "
-        "against the motion of the beam. Much higher, and it misses the beat; lower, and it takes less.</p>"
-        '<figure><div class="chart" id="grain" role="img" aria-label="Motion of the grain between floor and ceiling"></div>'
-        "</figure>"
+        f"<h2>The grain</h2><p>{said}</p>"
+        '<figure><div class="chart" id="grain" role="img" aria-label="Motion of the grain between floor and ceiling">'
+        "</div></figure>"
     )
 
 
 def energy(ledger: Ledger | None) -> str:
+    """Return where the energy of the run went."""
     if ledger is None:
         return ""
-    parts = [("contacts of the grain", ledger.contact_loss, "own"), ("the beam's own damping", ledger.beam_loss, "given"),
-             ("still in motion", max(0.0, ledger.stored), "accent")]  # fmt: skip
+    parts = [
+        ("contacts of the grain", ledger.contact_loss, "own"),
+        ("the beam's own damping", ledger.beam_loss, "given"),
+        ("still in motion", max(0.0, ledger.stored), "accent"),
+    ]
     total = sum(value for _, value, _ in parts) or 1.0
     bar = "".join(f'<i style="flex:{value / total:.6f};background:var(--{colour})"></i>' for _, value, colour in parts)
     keys = "".join(
-        f'<li><i style="background:var(--{colour})"></i>{name} <b>{value:.4g} J</b> ({100.0 * value / total:.0f} %)</li>'
+        f'<li><i style="background:var(--{colour})"></i>{name} <b>{value:.4g} J</b> '
+        f"({100.0 * value / total:.0f} %)</li>"
         for name, value, colour in parts
     )
-    work = f"The support brought {ledger.input:.4g} J and the ceiling's motor {ledger.ceiling_work:.3g} J"
+    brought = [f"The support brought {ledger.input:.4g} J"] if ledger.input else []
+    if ledger.ceiling_work:
+        verb = "brought" if ledger.ceiling_work > 0.0 else "took"
+        brought.append(f"the ceiling's motor {verb} {abs(ledger.ceiling_work):.3g} J")
     if ledger.stored < 0.0:
-        work += f"; {-ledger.stored:.4g} J were there at the start"
+        brought.append(f"{-ledger.stored:.4g} J were there at the start")
     return (
-        f'<h2>Where the energy went</h2><p class="note">{work.replace("-", "−")}, in {ledger.impacts} impacts. '
-        f"The ledger closes to {_power(ledger.residual)}.</p>"
+        f'<h2>Where the energy went</h2><p class="note">{", ".join(brought)}; the grain met the walls {ledger.impacts} '
+        f"times. The ledger closes to {_power(ledger.residual)} of the energy that came in.</p>"
         f'<div class="bar" role="img" aria-label="Shares of the energy">{bar}</div><ul class="keys">{keys}</ul>'
     )
 
@@ -167,6 +190,7 @@ def _power(value: float) -> str:
 
 
 def events(events: list[Happening]) -> str:
+    """Return what the nodes said, in order."""
     if not events:
         return ""
     rows = "".join(
@@ -179,8 +203,9 @@ def events(events: list[Happening]) -> str:
 
 
 def facts(view: View) -> str:
+    """Return where the run comes from, what was lost, and what the scene leaves unsaid."""
     run, result, scene = view.run.bag.run, view.run.bag.result, view.run.scene
-    facts = {
+    known = {
         "scene": run.get("scene", "–"),
         "seed": str(scene.seed) if scene else "–",
         "run": run.get("run_id", "–"),
@@ -188,16 +213,13 @@ def facts(view: View) -> str:
         "clock": _clock(run.get("clock", "–"), result.get("real_time_factor")),
         "lost": f"{view.run.lost} scans of {len(view.run.motion.time)}, in {view.run.blocks} blocks",
         "answers": f"{len(view.run.estimates.time)} estimates, {len(view.run.ceiling.commanded_time)} commands",
-        "recording": "closed in order" if result.get("finished") == "yes" else "ended before the run did",
+        "recording": "whole" if result.get("finished") == "yes" else "ended before the run did",
     }
     if view.run.scene_problem:
-        facts["scene"] = view.run.scene_problem
-    rows = "".join(f"<dt>{name}</dt><dd>{escape(value)}</dd>" for name, value in facts.items())
+        known["scene"] = view.run.scene_problem
+    rows = "".join(f"<dt>{name}</dt><dd>{escape(value)}</dd>" for name, value in known.items())
     defaults = "".join(f"<li>{escape(line)}</li>" for line in scene.defaults()) if scene else ""
-    more = (
-        "<p class='note' style='margin-top:22px'>Values the scene "
-        f"leaves to defaults:</p><ul class='note'>{defaults}</ul>"
-    )
+    more = f"<p class='note defaults'>Values the scene leaves to defaults:</p><ul class='note'>{defaults}</ul>"
     text = view.run.bag.scene_text
     whole = f"<details><summary>The scene, word for word</summary><pre>{escape(text)}</pre></details>" if text else ""
     return f"<h2>The run</h2><dl>{rows}</dl>{more if defaults else ''}{whole}"

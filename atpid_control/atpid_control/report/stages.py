@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from atpid_control.bagread import Bag
 from atpid_control.report.comparison import Closed, closed_motion
@@ -111,8 +112,8 @@ def _height(run: Run, begin: float, end: float) -> float:
     return float(np.nanmedian(seen)) if np.isfinite(seen).any() else math.nan
 
 
-def _within(times: Array, begin: float, end: float) -> Array:
-    inside: Array = (times >= begin - 1e-9) & (times <= end + 1e-9)
+def _within(times: Array, begin: float, end: float) -> NDArray[np.bool_]:
+    inside: NDArray[np.bool_] = (times >= begin - 1e-9) & (times <= end + 1e-9)
     return inside
 
 

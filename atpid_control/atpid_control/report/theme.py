@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One grammar of colour for all pictures: grey is what was given or would have been, blue what the damper did.
 
-Orange is kept for the thesis's printed figures and for warnings. Contrast of text on paper is above 4.5 in both palettes.
+Orange is kept for the thesis's printed figures and for warnings. Text stands out of the paper by 4.5 to 1 or more.
 """
 
 from __future__ import annotations

@@ -19,13 +19,15 @@ class Printed:
     height: float  # [m]
     amplitude: float  # of the beam, adaptive [m]
     closed: float  # of the beam, closed damper [m]
+    best_height: float  # what a search over all heights finds with this model [m]
+    best_left: float  # share of the closed damper's amplitude left there [-]
     height_sign: str = ""  # "above", where the thesis says so
 
 
 SECTION_4_3 = (
-    Printed(0.015, 0.30, 0.07, 0.30),
-    Printed(0.040, 0.70, 0.17, 0.85, "> "),
-    Printed(0.030, 0.57, 0.13, 0.65),
+    Printed(0.015, 0.30, 0.07, 0.30, 0.29, 0.20),
+    Printed(0.040, 0.70, 0.17, 0.85, 0.76, 0.19, "> "),
+    Printed(0.030, 0.57, 0.13, 0.65, 0.57, 0.19),
 )
 MASS_FRACTION, STIFFNESS = 0.1, 427.6
 

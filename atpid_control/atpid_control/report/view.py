@@ -34,6 +34,12 @@ class View:
     decrements: tuple[float, float] | None  # free decay: largest ratio of successive peaks, damper and closed
 
     @property
+    def reach(self) -> float:
+        """How far the beam gets from rest, closed damper included [m]."""
+        both = [self.beam] if self.closed is None else [self.beam, self.closed]
+        return max(float(np.nanmax(np.abs(series))) for series in both)
+
+    @property
     def moving(self) -> bool:
         """Whether the ceiling moves in this run."""
         heights = self.run.ceiling.height
@@ -58,7 +64,7 @@ class View:
     @property
     def grain_window(self) -> tuple[float, float] | None:
         """Which periods of the grain's motion to show [s]; None where nobody knows it."""
-        if not self.run.simulated or self.run.scene is None:
+        if not self.run.simulated or self.run.scene is None or self.always_closed:
             return None
         length = _PERIODS / self.run.scene.frequency_hz
         if self.decrements is not None:

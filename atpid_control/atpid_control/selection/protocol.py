@@ -13,6 +13,16 @@ class SelectionError(ValueError):
 
 
 @dataclass(frozen=True)
+class Stage:
+    """One step on the way to a selection."""
+
+    name: str  # as the thesis calls it: SM, PM1, CM1, ..., tuning 1, ...
+    height: float  # [m], NaN: none yet
+    amplitude: float  # of the beam there [m], NaN: not computed
+    note: str  # what was found, in words
+
+
+@dataclass(frozen=True)
 class Selection:
     """A height, and what it is worth."""
 
@@ -23,6 +33,7 @@ class Selection:
     evaluations: int = 0  # simulations it took
     wall_s: float = 0.0  # [s]
     price: float = 0.0  # efficiency given up for the margin [-], NaN: unknown
+    stages: tuple[Stage, ...] = ()  # every iteration, where the method has any
 
 
 class HeightSelector(Protocol):

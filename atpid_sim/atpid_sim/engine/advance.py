@@ -34,7 +34,7 @@ def safe_step(gap, rate, acceleration, jerk, longest):  # type: ignore[no-untype
             return min(close, longest)
     discriminant = acceleration * acceleration + 2.0 * jerk * rate
     if rate >= 0.0:
-        left = (acceleration + math.sqrt(discriminant)) / jerk
+        left = max(0.0, (acceleration + math.sqrt(discriminant)) / jerk)
     elif discriminant >= 0.0:
         root = math.sqrt(discriminant)
         # lowest point of the cubic, in the form that does not cancel

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 from atpid_sim.engine.kernel import kernel
 
-#: Relative detuning used where an undamped beam is driven exactly at resonance, whose particular solution does not exist.
+#: Where an undamped beam is driven exactly at resonance there is no steady particular solution: it is then made stiffer
+#: by twice this share, which a swing of any feasible length does not show.
 _DETUNING = 1e-8
 
 
@@ -87,7 +88,8 @@ def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ig
         real = stiffness - mass * omega * omega
         imag = damping * omega
         if abs(real) + abs(imag) < _DETUNING * stiffness:
-            real = _DETUNING * stiffness
+            stiffness *= 1.0 + 2.0 * _DETUNING
+            real = stiffness - mass * omega * omega
         transfer = complex(real, imag)
         drive = complex(stiffness, omega * damping)
         q1 = drive * a1 / transfer

@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 #: Bounces that would all be over within this many radians of the fastest swing are taken as one: the grain sticks.
 _SETTLED = 0.01
 
+#: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
+_STILL = 1e-9
+
 
 def impact_stepper(system: System, contact: Contact) -> Stepper:
     """Return the stepper of this rung; a law with a force is represented by its restitution."""
@@ -63,7 +66,7 @@ def _collide(y, n, arc, tau, system, law, p, height_rate):  # type: ignore[no-un
     push = side * (beam_at(arc, tau)[2] + system.gravity)  # with which beam and grain press together
     fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
-    sticks = push > 0.0 and 2.0 * e * closing * fastest <= _SETTLED * push * (1.0 - e)
+    sticks = push > 0.0 and closing * fastest <= push * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
     if sticks:
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)

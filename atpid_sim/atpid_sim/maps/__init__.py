@@ -9,8 +9,11 @@ from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.header import header_text, write_header
 from atpid_sim.maps.height_map import HeightMap, MapEntry
 from atpid_sim.maps.rig import Response, Rig, Timing
+from atpid_sim.maps.ways import ALL_WAYS, FROM_CLOSED, Way, travelled
 
 __all__ = [
+    "ALL_WAYS",
+    "FROM_CLOSED",
     "Best",
     "HeightMap",
     "MapEntry",
@@ -18,8 +21,10 @@ __all__ = [
     "Response",
     "Rig",
     "Timing",
+    "Way",
     "best_height",
     "build_map",
     "header_text",
+    "travelled",
     "write_header",
 ]

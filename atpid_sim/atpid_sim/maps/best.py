@@ -2,8 +2,8 @@
 """The best height: the lowest at which the beam swings least, whichever way the ceiling came.
 
 The optimum stands at a cliff: above it the motion is irregular, and what a run shows there depends on the start. So a
-height counts with its *worst* amplitude over four ways of getting there (opened from closed at once, opened slowly,
-lowered from above, raised from below), where these disagree with a surcharge, and of heights that are equally good the
+height counts with its *worst* amplitude over several ways of getting there (opened from closed at once, opened slowly,
+raised from below, lowered from above), where these disagree with a surcharge, and of heights that are equally good the
 lowest is taken (docs/selection.md).
 """
 
@@ -16,7 +16,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from atpid_sim.maps.rig import Path, Rig, Timing
+from atpid_sim.maps.rig import Rig, Timing
+from atpid_sim.maps.ways import ALL_WAYS, Way
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
@@ -40,13 +41,7 @@ FLAT = 2e-3
 REPRODUCIBLE, _SURCHARGE = 1e-2, 1.05
 
 #: While not all ways are known, a height this much worse than the best so far is given up.
-_HOPELESS = 1.03
-
-#: Time the ceiling takes for slow travels [s]: the thesis's opening time.
-_TRAVEL = 1.0
-
-#: Where the ceiling stood before it was raised or lowered, as shares of the clearance.
-_BELOW, _ABOVE = 0.5, 1.25
+_HOPELESS = 1.08
 
 #: Heights tried between the best of the grid and the one below it.
 _BETWEEN = 4
@@ -76,33 +71,21 @@ class Best:
     evaluations: int
 
 
-@dataclass(frozen=True)
-class Present:
-    """Where the ceiling is, and how it moves: a fifth way to a height."""
-
-    height: float  # [m]
-    speed: float  # [m/s]
-
-    def path(self, height: float, rest: float) -> Path:
-        """Return the way from here to a height [m] after `rest` seconds."""
-        return (0.0, self.height), (rest, self.height), (rest + max(abs(height - self.height) / self.speed, 1e-6), height)
-
-
 def best_height(
     rig: Rig,
     amplitude: float,
     loyalty: float = 0.0,
     limits: tuple[float, float] = (0.0, math.inf),
-    present: Present | None = None,
+    ways: Sequence[Way] = ALL_WAYS,
     mapper: Mapper = map,
 ) -> Best:
     """Return the best height for a support amplitude [m]. Raises NumericalFailure where a run fails.
 
     loyalty: where there are several wells far apart, the lowest is kept unless another is better by more than this
     share; with 0 the deepest is taken. A map keeps to one well, because it is read between its points.
-    limits: lowest and highest height allowed [m]; present: where the ceiling is, if that counts.
+    limits: lowest and highest height allowed [m]; ways: how the ceiling may come to a height.
     """
-    search = Search(rig, amplitude, limits, present, mapper)
+    search = Search(rig, amplitude, limits, ways, mapper)
     coarse = _scan(search, rig.ballistic_clearance(amplitude))
     step = coarse[1][0] - coarse[0][0] if len(coarse) > 1 else 0.0
     wells = [search.nearby(coarse[k][0], step) for k in promising([value for _, value in coarse])]
@@ -137,25 +120,20 @@ class Search:
     """Rates heights at one amplitude and remembers what it found."""
 
     def __init__(
-        self, rig: Rig, amplitude: float, limits: tuple[float, float], present: Present | None, mapper: Mapper
+        self, rig: Rig, amplitude: float, limits: tuple[float, float], ways: Sequence[Way], mapper: Mapper
     ) -> None:
         """See `best_height`."""
-        self._rig, self._amplitude, self._present, self._map = rig, amplitude, present, mapper
+        self._rig, self._amplitude, self._paths, self._map = rig, amplitude, ways, mapper
         self._limits = max(limits[0], rig.diameter), limits[1]
         settle = rig.settling()
         self._short, self._long = Timing(0.8 * settle, 6.0), Timing(settle, 16.0)
         self._quick: dict[float, float] = {}
-        self._ways: dict[float, list[float]] = {}
+        self._found: dict[float, list[float]] = {}
 
     @property
     def evaluations(self) -> int:
         """Runs made so far."""
-        return len(self._quick) + sum(map(len, self._ways.values()))
-
-    @property
-    def ways(self) -> int:
-        """How many ways lead to a height."""
-        return 4 if self._present is None else 5
+        return len(self._quick) + sum(map(len, self._found.values()))
 
     def allowed(self, share: float, unit: float) -> float:
         """Return the height [m] at a share of a clearance [m], within the limits."""
@@ -179,11 +157,11 @@ class Search:
         """
         left = sorted(heights)
         rated = dict.fromkeys(left, math.inf)
-        for way in range(self.ways):
-            jobs = [(height, way) for height in left if len(self._ways.setdefault(height, [])) == way]
+        for way in range(len(self._paths)):
+            jobs = [(height, way) for height in left if len(self._found.setdefault(height, [])) == way]
             for (height, _), value in zip(jobs, self._map(self._by_way, jobs), strict=True):
-                self._ways[height].append(value)
-            worst = {height: max(self._ways[height][: way + 1]) for height in left}
+                self._found[height].append(value)
+            worst = {height: max(self._found[height][: way + 1]) for height in left}
             bound = min(limit, _HOPELESS * (1.0 + loyalty) * min(worst.values(), default=math.inf))
             left = [height for height in left if worst[height] <= bound]
         for height in left:
@@ -193,11 +171,11 @@ class Search:
 
     def worst(self, height: float) -> float:
         """Largest amplitude [m] over the ways to a rated height."""
-        return max(self._ways[height])
+        return max(self._found[height])
 
     def gap(self, height: float) -> float:
         """How far the ways differ, relative to the worst."""
-        return (max(self._ways[height]) - min(self._ways[height])) / self.worst(height)
+        return (max(self._found[height]) - min(self._found[height])) / self.worst(height)
 
     def _opened(self, height: float) -> float:
         response = self._rig.opened(self._amplitude, height, self._short)
@@ -205,13 +183,8 @@ class Search:
 
     def _by_way(self, job: tuple[float, int]) -> float:
         height, way = job
-        rig, a, long = self._rig, self._amplitude, self._long
-        if way < 2:
-            return rig.passed(a, height, long, _TRAVEL, (_BELOW, _ABOVE)[way]).amplitude
-        if way < 4:
-            return rig.opened(a, height, long, (_TRAVEL, 0.0)[way - 2]).amplitude
-        assert self._present is not None
-        return rig.follow(a, self._present.path(height, 0.5 * long.settle * rig.period), long).amplitude
+        path = self._paths[way](self._rig, height, 0.5 * self._long.settle * self._rig.period)
+        return self._rig.follow(self._amplitude, path, self._long).amplitude
 
 
 def _scan(search: Search, unit: float) -> list[Rated]:

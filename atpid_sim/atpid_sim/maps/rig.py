@@ -129,21 +129,42 @@ class Rig:
         """As `follow`, but return the last state; fill `out` (6, n) once a period and `log` (capacity, 3) with impacts."""
         begin = path[-1][0] + timing.settle * self.period
         end = begin + timing.window * self.period
-        rows = drive.cut(drive.harmonic_rows([(0.0, amplitude)], self.frequency, end), [begin])
         y, n = self.closed_state(amplitude)
-        table = drive.with_ceiling(rows, path)
-        outcome = self._run(table, y, n, (begin, end), (begin, self.period), out, log, _BUDGET)
-        if outcome != Outcome.DONE:
-            raise NumericalFailure(f"{Outcome(outcome).sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
+        self.advance(amplitude, y, n, path, begin, end, out=out, log=log)
         return y, n
 
+    def advance(
+        self,
+        amplitude: float,
+        y: Array,
+        n: NDArray[np.int64],
+        path: Path,
+        begin: float,
+        end: float,
+        *,
+        phase: float = 0.0,
+        out: Array = _NO_SAMPLES,
+        rate: float = 0.0,
+        log: Array = _NO_LOG,
+    ) -> None:
+        """Carry a state (`engine.state`) from its time to `end` [s] while the ceiling goes the path, in place.
+
+        The beam's range is taken afresh from `begin` [s] on, where samples begin too, at `rate` [Hz], 0: one a period.
+        phase: of the support's sine at time zero [rad]. Raises NumericalFailure.
+        """
+        rows = drive.harmonic_rows([(0.0, amplitude)], self.frequency, end)
+        rows[:, drive.PHASE] += phase
+        rows = drive.cut(drive.between(rows, float(y[state.TIME]), end), [begin])
+        y[state.LOWEST], y[state.HIGHEST], y[state.LONGEST] = np.inf, -np.inf, 0.0
+        n[[state.SAMPLE, state.EVENTS]] = 0
+        spacing = 1.0 / rate if rate > 0.0 else self.period
+        outcome = self._run(
+            drive.with_ceiling(rows, path), y, n, (begin, end), (begin, spacing), out, log, _BUDGET
+        )
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(f"{Outcome(outcome).sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
+
     def opened(self, amplitude: float, height: float, timing: Timing, travel: float = 0.0) -> Response:
-        """Return the response at a height reached from the closed damper in `travel` seconds (0: at once)."""
+        """Return the response at a height [m] reached from the closed damper in `travel` seconds (0: at once)."""
         path = ((0.0, height),) if travel == 0.0 else ((0.0, self.diameter), (travel, height))
         return self.follow(amplitude, path, timing)
-
-    def passed(self, amplitude: float, height: float, timing: Timing, travel: float, share: float) -> Response:
-        """Return the response at a height reached in `travel` seconds from `share` of its clearance, settled there."""
-        before = self.diameter + share * (height - self.diameter)
-        rest = 0.5 * timing.settle * self.period
-        return self.follow(amplitude, ((0.0, before), (rest, before), (rest + travel, height)), timing)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
-from atpid_sim.peers.run import PEERS, PeerError, PeerResult, run_peer
+from atpid_sim.peers.methods import PEERS
+from atpid_sim.peers.run import PeerResult, run_peer
+from atpid_sim.peers.task import PeerError
 
 __all__ = ["PEERS", "PeerError", "PeerResult", "run_peer"]

@@ -12,7 +12,7 @@
     const css = style();
     for (const [name, figure] of Object.entries(figures)) {
       const filled = coloured(figure, css);
-      Plotly.react(name, filled.data, filled.layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"] });
+      Plotly.react(name, filled.data, filled.layout, { responsive: true, displayModeBar: false });
     }
   };
   dark.addEventListener("change", draw);

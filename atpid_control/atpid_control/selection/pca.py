@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Predictive control algorithm (thesis section 4.4): guess a height, correct it by simulation, then tune it."""
+
+from __future__ import annotations
+
+import math
+import time
+
+from atpid_sim.maps import Rig, Timing
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.scene import Scene
+
+from atpid_control.selection.checks import check_excitation, rig_at
+from atpid_control.selection.complex_model import ComplexModel, Observed
+from atpid_control.selection.predictive import simplified
+from atpid_control.selection.protocol import Selection, SelectionError, Stage
+from atpid_control.selection.tuning import tune
+
+#: Iterations of Complex and Predictive Model before the last height is tuned whatever the criteria say.
+_ITERATIONS = 6
+
+#: Periods the grain gets to come back to the floor.
+_RETURN = 4.0
+
+#: Heights below this share of the ballistic clearance are nearly closed: no guess goes there.
+_LEAST_SHARE = 0.1
+
+#: Tolerance of the runs: what is told apart is 1 % of an amplitude.
+_RTOL = 1e-4
+
+
+class PcaSelector:
+    """The thesis's algorithm; `stages` of the result shows every iteration."""
+
+    method = "pca"
+
+    def __init__(self, scene: Scene, gravity: bool = True) -> None:
+        """Take the system of a scene; without gravity all models are computed as if there were none (Fig. 4.43)."""
+        self._scene = scene if gravity else scene.with_(gravity=0.0)
+        self._rig = Rig(self._scene, _RTOL)
+        self._rig.opened(1e-3, 4.0 * self._rig.diameter, Timing(1.0, 4.0))
+
+    def select(
+        self,
+        amplitude: float,
+        amplitude_std: float = 0.0,
+        frequency: float = math.nan,
+        *,
+        margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:
+        """Return the height for an excitation; see `HeightSelector.select`."""
+        del height  # the algorithm begins with the closed damper, wherever the ceiling is
+        check_excitation(amplitude, amplitude_std, frequency, margin)
+        begun = time.perf_counter()
+        # the best height grows with the amplitude, so the lower end of the error bar is safe for all of it
+        used = amplitude - margin * amplitude_std
+        if used <= 0.0:
+            raise SelectionError(f"amplitude: its error bar ({margin:g} x {amplitude_std:g} m) reaches below 0")
+        run = _Run(rig_at(self._rig, self._scene, frequency, _RTOL), used)
+        try:
+            best, observed = run.whole()
+        except NumericalFailure as error:
+            raise SelectionError(f"pca: {error}") from None
+        efficiency = 1.0 - observed / run.rig.closed_amplitude(amplitude)
+        return Selection(
+            best, observed, efficiency, self.method, run.evaluations, time.perf_counter() - begun,
+            0.0 if used == amplitude else math.nan, tuple(run.stages),
+        )  # fmt: skip
+
+
+class _Run:
+    """One run of the algorithm, keeping what each stage gave."""
+
+    def __init__(self, rig: Rig, amplitude: float) -> None:
+        self.rig, self.amplitude = rig, amplitude
+        self.stages: list[Stage] = []
+        self.evaluations = 0
+        self._lowest = rig.diameter + _LEAST_SHARE * rig.ballistic_clearance(amplitude)
+        self._highest = rig.diameter + rig.ballistic_clearance(amplitude)
+        settle = rig.settling()
+        self._settle, self._window = 0.6 * settle, 6.0
+
+    def whole(self) -> tuple[float, float]:
+        """Return the best height [m] and the beam's amplitude there [m]."""
+        model, observed = self._iterate()
+        height, amplitude = tune(self._probe(model), model.height, observed.amplitude, self._lowest, self._highest)
+        final = self.rig.opened(self.amplitude, height, Timing(self.rig.settling(), 16.0)).amplitude
+        self.evaluations += 1
+        self._tell("result", height, final, f"{amplitude:.5g} m while tuning")
+        return height, final
+
+    def _iterate(self) -> tuple[ComplexModel, Observed]:
+        """Simplified and Predictive Model, then Complex and Predictive Model until the criteria hold."""
+        sm = simplified(self.rig.system, self.rig.frequency, self.amplitude)
+        self._tell("SM", math.nan, sm.amplitude, f"V = {sm.top_speed:.2f} m/s")
+        guess = sm.first_height()
+        self._tell("SM + PM1", guess, math.nan, "first guess, equation 4.30")
+        t, start = sm.first_return(max(guess, self._lowest))
+        model = ComplexModel(self.rig, self.amplitude, t, start, self._within(guess))
+        for iteration in range(1, _ITERATIONS + 1):
+            impact = model.next_floor_impact(_RETURN)
+            if impact is None:
+                self._tell(f"CM{iteration}", model.height, math.nan, "the grain does not come back to the floor")
+                guess = model.height
+            else:
+                said = f"impact ends at {impact.beam:.4f} m, grain {impact.grain_rate:.2f} m/s"
+                self._tell(f"CM{iteration}", model.height, math.nan, said)
+                guess = sm.next_height(impact)
+            observed = model.observe(self._within(guess), self._settle, self._window)
+            self.evaluations += 1
+            broken = ", ".join(observed.verdict.broken)
+            said = f"criteria {broken} do not hold" if broken else "all criteria hold"
+            self._tell(f"PM{iteration + 1} + CM{iteration + 1}", model.height, observed.amplitude, said)
+            if observed.verdict.hold:
+                break
+        return model, observed
+
+    def _probe(self, model: ComplexModel):  # type: ignore[no-untyped-def]
+        def probe(height: float) -> float:
+            amplitude = model.observe(height, self._settle, self._window).amplitude
+            self.evaluations += 1
+            self._tell(f"tuning {sum(s.name.startswith('tuning') for s in self.stages) + 1}", height, amplitude, "")
+            return amplitude
+
+        return probe
+
+    def _within(self, height: float) -> float:
+        return min(max(height, self._lowest), self._highest)
+
+    def _tell(self, name: str, height: float, amplitude: float, note: str) -> None:
+        self.stages.append(Stage(name, height, amplitude, note))

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simplified and Predictive Model of the PCA (thesis section 4.4, equations 4.7 to 4.32): closed forms, no simulation.
+
+Displacements are measured from the bare beam's equilibrium. In the thesis's equation 4.11 m_b is m_g: the excitation is
+at the resonance of beam and grain together; here it is at whatever frequency is given.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from atpid_sim.system import System
+
+#: Halvings of half a period when the grain's return to the floor is sought.
+_BISECTIONS = 60
+
+
+@dataclass(frozen=True)
+class Impact:
+    """The moment after an impact on the floor, as the Predictive Model needs it."""
+
+    beam: float  # displacement [m]
+    beam_rate: float  # [m/s]
+    grain_rate: float  # [m/s]
+
+
+@dataclass(frozen=True)
+class Simplified:
+    """The bare beam's steady response x = A_pred sin(omega t) (equation 4.19)."""
+
+    amplitude: float  # A_pred [m]
+    omega: float  # of the excitation [rad/s]
+    gravity: float  # [m/s^2]
+    radius: float  # of the grain [m]
+
+    @property
+    def top_speed(self) -> float:
+        """V_k0 of the first iteration (equation 4.25 at t_c1 = 0) [m/s]."""
+        return self.omega * self.amplitude
+
+    def displacement(self, t: float) -> float:
+        """Displacement of the floor [m] at time t [s]."""
+        return self.amplitude * math.sin(self.omega * t)
+
+    def rate(self, t: float) -> float:
+        """Velocity of the floor [m/s] at time t [s]."""
+        return self.top_speed * math.cos(self.omega * t)
+
+    def height(self, floor: float, grain_rate: float, t_floor: float, t_ceiling: float) -> float:
+        """Return h_pred [m] for a grain that leaves the floor at `floor` [m] with `grain_rate` [m/s] (equation 4.29)."""
+        flight = t_ceiling - t_floor
+        risen = grain_rate * flight - 0.5 * self.gravity * flight**2
+        return 2.0 * self.radius + floor + risen - self.displacement(t_ceiling)
+
+    def first_height(self) -> float:
+        """Return the first guess [m]: floor struck at t = 0, ceiling half a period later, at top speed (equation 4.30)."""
+        return self.height(0.0, self.top_speed, 0.0, math.pi / self.omega)
+
+    def next_height(self, last: Impact) -> float:
+        """Return the next guess [m] from the end of the last impact on the floor (equations 4.31 and 4.32).
+
+        Equation 4.32 is solved within a quarter of a period around t = 0; where the beam is further out than the
+        Simplified Model ever goes, at the end of that range.
+        """
+        t_floor = math.asin(min(max(last.beam / self.amplitude, -1.0), 1.0)) / self.omega
+        return self.height(last.beam, last.grain_rate, t_floor, math.pi / self.omega)
+
+    def first_return(self, height: float) -> tuple[float, Impact]:
+        """Return when [s] and how a grain thrown down by the ceiling at `height` [m] meets the floor (Fig. 4.25).
+
+        Beyond the ceiling the grain has the beam's velocity, as it had beyond the floor.
+        """
+        start = math.pi / self.omega
+        room = height - 2.0 * self.radius
+
+        def gap(t: float) -> float:
+            fall = t - start
+            return room - self.top_speed * fall - 0.5 * self.gravity * fall**2 - self.displacement(t)
+
+        left, right = start, 2.0 * start
+        while gap(right) > 0.0:
+            right += start
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (left + right)
+            left, right = (middle, right) if gap(middle) > 0.0 else (left, middle)
+        return right, Impact(
+            self.displacement(right), self.rate(right), -self.top_speed - self.gravity * (right - start)
+        )
+
+
+def simplified(system: System, frequency: float, amplitude: float) -> Simplified:
+    """Return the Simplified Model for a support amplitude [m] at a frequency [Hz] (equations 4.13 to 4.20)."""
+    omega = 2.0 * math.pi * frequency
+    natural = math.sqrt(system.stiffness / system.beam_mass)
+    decay = 0.5 * system.damping / system.beam_mass
+    force = amplitude * math.hypot(system.stiffness, system.damping * omega)
+    stiffness = system.beam_mass * math.hypot(2.0 * decay * omega, omega**2 - natural**2)
+    return Simplified(force / stiffness, omega, system.gravity, system.radius)
+
+
+def response_lag(system: System, frequency: float) -> float:
+    """Return how far the bare beam's response lags behind the support [rad].
+
+    The thesis sets this phase to zero; the Complex Model needs the true one, or its first period is not a continuation.
+    """
+    omega = 2.0 * math.pi * frequency
+    force = complex(system.stiffness, system.damping * omega)
+    resistance = complex(system.stiffness - system.beam_mass * omega**2, system.damping * omega)
+    ratio = force / resistance
+    return -math.atan2(ratio.imag, ratio.real)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_driver reading`: the mean voltage of one input at a known position, a row for `calibrate`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+
+from atpid_driver.acquisition import BACKENDS, Acquisition, create
+from atpid_driver.calibration.fit import COLUMNS
+from atpid_driver.calibration.model import CalibrationError
+
+BLOCKS_PER_SECOND = 20.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("readings", type=Path, help="CSV file the row is added to")
+    parser.add_argument("--position", type=float, required=True, help="where the target is now (SI)")
+    parser.add_argument("--terminal", required=True, help="input, for example AIN0 or ai0")
+    parser.add_argument("--backend", choices=sorted(BACKENDS), default="labjack", help="default: labjack")
+    parser.add_argument("--kind", choices=("voltage", "iepe"), default="voltage", help="default: voltage")
+    parser.add_argument("--device", default="cDAQ1Mod1", help="NI module's name in NI MAX")
+    parser.add_argument("--grpc", default="", help="host:port of NI's gRPC device server")
+    parser.add_argument("--library", default="", help="path of the vendor's library")
+    parser.add_argument("--serial", type=int, default=0, help="serial number the device must have (default: any)")
+    parser.add_argument("--rate", type=float, default=1000.0, help="scans per second (default: 1000)")
+    parser.add_argument("--seconds", type=float, default=1.0, help="how long to average (default: 1)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, add the row, and say mean and scatter."""
+    if not math.isfinite(arguments.position) or not arguments.seconds > 0.0:
+        raise CalibrationError(
+            f"position {arguments.position}, seconds {arguments.seconds}: give finite, positive time"
+        )
+    volts = measure(_device(arguments), arguments.seconds)
+    append(arguments.readings, arguments.position, float(volts.mean()))
+    std = float(volts.std(ddof=1)) if len(volts) > 1 else math.nan
+    print(f"{arguments.position:g} at {volts.mean():.6f} V (scatter {1e3 * std:.3f} mV over {len(volts)} samples)")
+    return 0
+
+
+def measure(device: Acquisition, seconds: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the first channel's valid samples over `seconds` [s], (n,) [V]; AcquisitionError from the device."""
+    try:
+        device.open()
+        rate = device.start()
+        wanted = max(1, round(seconds * rate))
+        taken: list[np.ndarray[tuple[int], np.dtype[np.float64]]] = []
+        while sum(map(len, taken)) < wanted:
+            taken.append(device.read().volts[:, 0])
+    finally:
+        device.stop()
+        device.close()
+    volts = np.concatenate(taken)
+    valid = volts[np.isfinite(volts)]
+    if not len(valid):
+        raise CalibrationError("no valid sample: the device lost all scans; lower the rate")
+    return valid
+
+
+def append(path: Path, position: float, volts: float) -> None:
+    """Add a row; a new file gets its header first."""
+    new = not path.exists()
+    with path.open("a", encoding="utf-8") as file:
+        if new:
+            file.write(",".join(COLUMNS) + "\n")
+        file.write(f"{position!r},{volts:.7f}\n")
+
+
+def _device(arguments: argparse.Namespace) -> Acquisition:
+    values = {key: getattr(arguments, key) for key in ("device", "grpc", "library", "serial", "rate")}
+    channel = {"name": "reading", "terminal": arguments.terminal, "kind": arguments.kind}
+    scans = max(1, round(arguments.rate / BLOCKS_PER_SECOND))
+    return create(arguments.backend, values | {"channels": [channel], "scans_per_block": scans})

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the proof in docs/no_missed_impact.md rests on: the jerk and snap bounds hold, and a safe step never passes a root."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from atpid_sim.engine.advance import safe_rate_step, safe_step
+from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at, support_at
+
+
+
+def number(low: float, high: float) -> st.SearchStrategy[float]:
+    """Numbers between the two, those below a billionth taken as zero: the motion has no finer scale."""
+    return st.floats(low, high).map(lambda value: value if abs(value) > 1e-9 else 0.0)
+
+
+def segment_of(a0: float, a1: float, omega: float, phase: float, c2: float = 0.0, c3: float = 0.0) -> np.ndarray:
+    return np.array([0.0, 1.0, a0, a1, omega, phase, 0.002, -0.01, c2, c3, 0.1, 0.0])
+
+
+SEGMENTS = st.builds(
+    segment_of,
+    st.floats(0.0, 0.1),
+    st.floats(-0.05, 0.05),
+    st.floats(1.0, 200.0),
+    st.floats(0.0, 6.0),
+    st.floats(-1.0, 1.0),
+    st.floats(-5.0, 5.0),
+)
+BEAMS = st.tuples(st.floats(0.05, 2.0), st.floats(10.0, 2000.0), st.floats(0.0, 120.0))
+
+
+@given(segment=SEGMENTS, beam=BEAMS, x=st.floats(-0.3, 0.3), v=st.floats(-8.0, 8.0), at=st.floats(0.0, 0.9))
+@settings(max_examples=150, deadline=None)
+def test_jerk_and_snap_never_exceed_their_bounds(segment, beam, x, v, at):
+    mass, stiffness, damping = beam
+    arc = arc_from(mass, stiffness, damping, 9.81, segment, 0.0, x, v)
+    _, _, a0, jerk_bound = bounded_at(arc, at, 1.0)
+    *_, jerk0, snap_bound = snap_bounded_at(arc, at, 1.0)
+    times = np.linspace(at, 1.0, 400)
+    acceleration = np.array([beam_at(arc, t)[2] for t in times])
+    size = 1e-9 * (1.0 + np.abs(acceleration).max())
+    # bounded derivatives: the change of a over any span stays within bound times span, and to second order with jerk0
+    assert np.all(np.abs(np.diff(acceleration)) <= jerk_bound * np.diff(times) * (1 + 1e-6) + size)
+    straight = a0 + jerk0 * (times - at)
+    assert np.all(np.abs(acceleration - straight) <= 0.5 * snap_bound * (times - at) ** 2 * (1 + 1e-6) + size)
+
+
+@given(
+    gap=number(0.0, 1.0),
+    rate=number(-10.0, 10.0),
+    acceleration=number(-500.0, 500.0),
+    jerk=number(0.0, 1e5),
+    longest=st.floats(1e-4, 1.0),
+)
+@settings(max_examples=500, deadline=None)
+def test_a_safe_step_never_passes_a_root(gap, rate, acceleration, jerk, longest):
+    step = safe_step(gap, rate, acceleration, jerk, longest)
+    assert 0.0 <= step <= longest
+    s = np.linspace(0.0, step, 500)
+    worst = gap + s * (rate + s * (0.5 * acceleration - s * jerk / 6.0))
+    assert worst.min() >= -1e-9 * (gap + abs(rate) * step + abs(acceleration) * step**2 + jerk * step**3)
+
+
+@given(slack=st.floats(1e-9, 10.0), acceleration=st.floats(-500.0, 500.0), jerk=st.floats(0.0, 1e5))
+@settings(max_examples=200, deadline=None)
+def test_a_safe_rate_step_stays_below_its_limit(slack, acceleration, jerk):
+    step = safe_rate_step(slack, acceleration, jerk, 1.0)
+    s = np.linspace(0.0, step, 200)
+    assert (acceleration * s + 0.5 * jerk * s**2).max() <= slack * (1 + 1e-9) + 1e-13 * (abs(acceleration) + jerk)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.56, 2.0 * math.sqrt(427.6 * 0.3258), 60.0])
+def test_the_closed_form_solves_the_beam(damping):
+    segment = segment_of(0.01, 0.02, 34.4, 0.3, 0.2, -0.4)
+    arc = arc_from(0.3258, 427.6, damping, 9.81, segment, 0.0, 0.02, -0.5)
+
+    def slope(t, y):
+        u, w = support_at(*segment[2:10], t)
+        return [y[1], (427.6 * (u - y[0]) + damping * (w - y[1])) / 0.3258 - 9.81]
+
+    reference = solve_ivp(slope, (0.0, 1.0), [0.02, -0.5], method="DOP853", rtol=1e-12, atol=1e-14, dense_output=True)
+    for t in np.linspace(0.0, 1.0, 23):
+        x, v, *_ = beam_at(arc, t)
+        assert [x, v] == pytest.approx(list(reference.sol(t)), rel=1e-9, abs=1e-10)
+
+
+def test_an_undamped_beam_at_resonance_grows_linearly():
+    omega = math.sqrt(427.6 / 0.3258)
+    arc = arc_from(0.3258, 427.6, 0.0, 0.0, np.array([0, 2, 0.01, 0, omega, 0, 0, 0, 0, 0, 0.1, 0.0]), 0.0, 0.0, 0.0)
+    for t in (0.1, 0.7, 1.9):
+        expected = 0.5 * 0.01 * (math.sin(omega * t) - omega * t * math.cos(omega * t))
+        assert beam_at(arc, t)[0] == pytest.approx(expected, rel=1e-5, abs=1e-8)
