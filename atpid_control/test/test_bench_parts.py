@@ -136,3 +136,11 @@ def test_stopping_is_not_cut_short_by_a_second_interrupt(tmp_path):
                 assert nodes[name].status is None
     assert [nodes[name].status for name in "ab"] == [0, 0]
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_two_benches_do_not_share_a_folder(tmp_path):
+    said = "another bench is running"
+    with outdir.claimed(tmp_path), pytest.raises(BenchError, match=said), outdir.claimed(tmp_path):
+        pass
+    with outdir.claimed(tmp_path):
+        pass

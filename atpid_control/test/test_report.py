@@ -86,7 +86,7 @@ def test_the_closed_damper_is_the_one_mass_oscillator() -> None:
     scene = scene_from_mapping({**load_text(SHORT), "excitation": {"amplitude": 0.01, "frequency": "resonance"}})
     times = np.arange(0.0, 8.0, 1e-3)
     found, exact = closed_by_simulation(scene, times), one_mass(scene, times)
-    assert np.max(np.abs(found - exact)) < 1e-5 * np.ptp(exact)
+    assert np.max(np.abs(found - exact)) < 1e-9 * np.ptp(exact)
 
 
 def load_text(text: str) -> dict[str, Any]:
@@ -105,8 +105,8 @@ def test_stages_are_the_intervals_of_constant_amplitude(adaptive: Path) -> None:
         assert abs(stage.height - height) < 1e-9
         assert stage.efficiency == 1.0 - stage.amplitude / stage.undamped_amplitude
         assert 0.5 < stage.efficiency < 0.9
-    # the first: 0.01 m of the standard bench, where the best of all heights takes 79 %
-    assert found[0].amplitude < 0.06 and found[0].undamped_amplitude > 0.19
+    # the first: 0.01 m of the standard bench, where the best of all heights takes 79 % once transients have gone
+    assert found[0].amplitude < 0.07 and found[0].undamped_amplitude > 0.19
 
 
 def test_a_stage_has_the_keys_of_the_summary(adaptive: Path) -> None:
@@ -161,7 +161,7 @@ def test_peaks_of_a_damped_cosine() -> None:
 
 def test_energy_adds_up(adaptive: Path) -> None:
     ledger = read_run(adaptive).ledger
-    assert ledger is not None and ledger.residual < 1e-4 and ledger.contact_loss > 0.0
+    assert ledger is not None and ledger.residual < 1e-3 and ledger.contact_loss > 0.0
 
 
 def test_the_thesis_stands_beside_its_own_bench_only(adaptive: Path) -> None:

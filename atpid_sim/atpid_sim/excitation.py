@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,11 @@ def support_rows(scene: Scene) -> Array:
 def amplitude_points(scene: Scene) -> list[tuple[float, float]]:
     """Return ((t [s], A [m]), ...) of a tone: one point where the amplitude is constant."""
     amplitude = getattr(scene.excitation, "amplitude", 0.0)
-    return [(0.0, float(amplitude))] if isinstance(amplitude, int | float) else [(float(t), float(a)) for t, a in amplitude]
+    return (
+        [(0.0, float(amplitude))]
+        if isinstance(amplitude, int | float)
+        else [(float(t), float(a)) for t, a in amplitude]
+    )
 
 
 def amplitude_at(scene: Scene, t: float) -> float:
@@ -101,20 +106,28 @@ def read_series(scene: Scene) -> tuple[Array, Array]:
     """
     series = scene.excitation.series  # type: ignore[union-attr]
     names = (series.time, series.displacement)
-    table = np.load(series.file) if series.file.suffix.lower() == ".npz" else _read_csv(series.file)
-    have = list(table.keys())
+    table = _read_npz(series.file) if series.file.suffix.lower() == ".npz" else _read_csv(series.file)
+    have = list(table)
     for name in names:
         if name not in have:
             raise SceneError(f"{series.file}: no column '{name}'; it has {', '.join(have)}")
     times, values = (np.asarray(table[name], dtype=np.float64) for name in names)
     if len(times) < 4 or not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise SceneError(f"{series.file}: needs at least 4 finite samples with rising times; cut or repair the gaps first")
+        raise SceneError(
+            f"{series.file}: needs at least 4 finite samples with rising times; cut or repair the gaps first"
+        )
     times = times - times[0]
     if times[-1] < scene.duration * (1.0 - 1e-9):
         raise SceneError(f"{series.file}: lasts {times[-1]:g} s, the scene {scene.duration:g} s; shorten the duration")
     return times, values
 
 
-def _read_csv(path: object) -> dict[str, Array]:
-    table = np.genfromtxt(str(path), delimiter=",", names=True, dtype=np.float64)
-    return {name: table[name] for name in table.dtype.names or ()}
+def _read_npz(path: Path) -> dict[str, Array]:
+    with np.load(path) as arrays:
+        return {name: np.asarray(arrays[name], dtype=np.float64) for name in arrays.files}
+
+
+def _read_csv(path: Path) -> dict[str, Array]:
+    names = path.read_text(encoding="utf-8").partition("\n")[0].replace(" ", "").split(",")
+    columns = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, dtype=np.float64)
+    return dict(zip(names, columns.T, strict=True))

@@ -44,12 +44,13 @@ def run(args: argparse.Namespace) -> int:
     if isinstance(scene.ceiling, ControlledCeiling):
         # refused here, before an earlier run is moved or a node started, and in one line
         make_selector(scene.ceiling.controller, scene, height_map)
-    moved = outdir.prepare(out)
-    outdir.mark(out, scene_file)
-    if moved:
-        print(f"an earlier run was moved to {moved}", file=sys.stderr)
-    _run_graph(args, scene, scene_file, height_map, out)
-    return _conclude(scene, out, "real time" if args.real_time else "lockstep")
+    with outdir.claimed(out):
+        moved = outdir.prepare(out)
+        outdir.mark(out, scene_file)
+        if moved:
+            print(f"an earlier run was moved to {moved}", file=sys.stderr)
+        _run_graph(args, scene, scene_file, height_map, out)
+        return _conclude(scene, out, "real time" if args.real_time else "lockstep")
 
 
 def _run_graph(args: argparse.Namespace, scene: Scene, scene_file: Path, height_map: Path | None, out: Path) -> None:

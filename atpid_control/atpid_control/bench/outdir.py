@@ -3,13 +3,28 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from atpid_control.bench.errors import BenchError
 
 #: Written first: it says that what lies beside it was made by the bench.
 MARKER = "bench.json"
+
+
+@contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """Keep other benches of this machine out of the folder; raise BenchError where one is at work there."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as holder:
+        try:
+            holder.bind(f"\0atpid/bench/out/{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}")
+        except OSError:
+            raise BenchError(f"--out: given {out}, where another bench is running; give another folder") from None
+        yield
 
 
 def prepare(out: Path) -> Path | None:

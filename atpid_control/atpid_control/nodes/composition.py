@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from atpid_control.bench.errors import BenchError, PlantFailedError
+from atpid_control.bench.errors import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
 
@@ -96,13 +96,16 @@ def run_lockstep(
 ) -> None:
     """Run the graph until the plant is done; `progress` is told the simulated time [s].
 
-    Raises PlantFailedError where the plant fails, BenchError where handshake or loop stops, with what is missing.
+    Raises PlantFailedError where the plant fails, NodeDiedError where another node gives up, BenchError where handshake
+    or loop stops, with what is missing.
     """
     with Composition(parts, parameters) as graph:
         plant: Any = graph.nodes["plant_node"]
+        others = {name: node for name, node in graph.nodes.items() if node is not plant and hasattr(node, "done")}
         computed, since = -1, time.monotonic()
         while not plant.done.done():
             graph.executor.spin_once(timeout_sec=0.1)
+            _check(others)
             if plant.stream.computed_ticks != computed:
                 computed, since = plant.stream.computed_ticks, time.monotonic()
                 progress(computed / plant.stream.rate)
@@ -110,6 +113,14 @@ def run_lockstep(
                 raise BenchError(_stopped(plant, computed))
         if plant.failure:
             raise PlantFailedError(plant.failure)
+
+
+def _check(nodes: Mapping[str, Any]) -> None:
+    """Raise NodeDiedError where a node has given up: the recorder on a full disk, say."""
+    for name, node in nodes.items():
+        if node.done.done():
+            said = getattr(node, "error", "") or f"status {node.done.result()}; see log/"
+            raise NodeDiedError(f"{name} gave up: {said}")
 
 
 def _stopped(plant: Any, computed: int) -> str:

@@ -39,9 +39,9 @@ def _place(which: Any, block: Array) -> int:
 
 def overview(view: View) -> Figure:
     """Return the panels over the run's time, one time axis for all."""
-    panels = [(_beam, 3.4), (_excitation, 1.4), (_error, 1.0), (_ceiling, 1.6)]
-    if not view.stages:
-        panels = [panels[0], panels[3]]
+    panels = [(_beam, 3.4)]
+    panels += [(_excitation, 1.4), (_error, 1.0)] if view.stages else []
+    panels += [(_ceiling, 1.6)] if view.knows_ceiling else []
     total = sum(share for _, share in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
     figure: Figure = {"data": [], "layout": _layout(800 if view.stages else 520)}

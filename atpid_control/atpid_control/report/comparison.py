@@ -9,6 +9,7 @@ import numpy as np
 
 from atpid_control.report.run import Array, Run
 from atpid_sim.outcome import NumericalFailure
+from atpid_sim.run import is_closed
 from atpid_sim.scene import Scene
 from atpid_sim.simulate import trajectory
 
@@ -24,12 +25,13 @@ def closed_height(scene: Scene) -> float:
 def closed_by_simulation(scene: Scene, times: Array) -> Array:
     """Simulate the scene with the ceiling held closed; return the beam's displacement (n,) [m] at `times` (n,) [s].
 
+    Beam and grain as one mass where the ceiling touches the grain, as `simulate` takes it for `undamped_amplitude`.
     Raises NumericalFailure as `atpid_sim.simulate` does.
     """
     rate = max(scene.sensors.laser.rate, 100.0 * scene.frequency_hz)
     duration = max(scene.duration, float(times[-1]) + 1.0 / rate)
     held = scene.with_(height=closed_height(scene), duration=duration, steady_window=[0.0, duration])
-    found = trajectory(held, rate)
+    found = trajectory(held, rate, "simplified" if is_closed(held) else "auto")
     return np.asarray(np.interp(times, found.time, found.beam))
 
 

@@ -46,14 +46,14 @@ def style(palette: Palette) -> Any:
 
 def overview(view: View, palette: Palette) -> Figure:
     """Draw the story top to bottom: the beam, its excitation, how well that was known, where the ceiling went."""
-    panels = [(_beam, 3.4), (_excitation, 1.35), (_error, 1.0), (_ceiling, 1.5)]
-    if not view.stages:
-        panels = [panels[0], panels[3]]
+    panels = [(_beam, 3.4)]
+    panels += [(_excitation, 1.35), (_error, 1.0)] if view.stages else []
+    panels += [(_ceiling, 1.5)] if view.knows_ceiling else []
     with matplotlib.rc_context(style(palette)):
         height = 1.0 + 1.15 * sum(share for _, share in panels)
         figure = Figure(figsize=(11.0, height))
         grid = figure.add_gridspec(
-            len(panels), height_ratios=[share for _, share in panels], hspace=0.42 if view.stages else 0.28,
+            len(panels), height_ratios=[share for _, share in panels], hspace=0.42 if view.stages else 0.3,
             left=0.065, right=0.895, top=1.0 - 0.38 / height, bottom=0.55 / height,
         )  # fmt: skip
         first = None

@@ -36,7 +36,8 @@ def _lead(view: View) -> str:
         return ""
     if view.decrements is not None:
         return (
-            '<p>The beam is released and left alone. The <b class="own">damper</b> is compared with the same beam and a '
+            '<p>The beam is released and left alone. The <b class="own">damper</b> is compared with the same beam and '
+            "a "
             '<b class="given">closed damper</b>, which can only swing as one mass.</p>'
         )
     moving = (

@@ -47,6 +47,11 @@ class View:
         return bool(len(seen)) and float(np.ptp(seen)) > 1e-6
 
     @property
+    def knows_ceiling(self) -> bool:
+        """Whether anybody said where the ceiling was."""
+        return self.run.simulated or bool(np.isfinite(self.run.ceiling.height).any())
+
+    @property
     def always_closed(self) -> bool:
         """Whether the damper is closed all the time, so that there is nothing to compare."""
         scene, heights = self.run.scene, self.run.ceiling.height

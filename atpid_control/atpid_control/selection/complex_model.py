@@ -5,13 +5,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from atpid_sim.engine import state
 from atpid_sim.maps import Rig
+from numpy.typing import NDArray
 
 from atpid_control.selection.criteria import Verdict, judge
 from atpid_control.selection.predictive import Impact, response_lag
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 #: Samples a period from which velocities at impacts are read.
 _SAMPLES = 128
@@ -20,8 +25,8 @@ _LOG = 4000
 #: The grain starts this far above the floor, so that the impact begins in flight [m].
 _JUST_ABOVE = 1e-9
 
-#: How far the simulation goes between looks for the end of an impact, in periods; and how long an impact may last.
-_LOOK, _LONGEST_IMPACT = 5e-4, 0.5
+#: How long an impact may last, in periods, and how finely its end is looked for.
+_LONGEST_IMPACT, _LOOKS = 0.6, 600
 
 
 @dataclass(frozen=True)
@@ -56,20 +61,17 @@ class ComplexModel:
     def next_floor_impact(self, periods: float) -> Impact | None:
         """Go on past the next upward and downward flight and return the end of the impact on the floor (Fig. 4.29).
 
-        None, and no time passed, where within `periods` none comes.
+        Where the grain meets the floor several times before it reaches the ceiling again, the last meeting counts: it
+        is the one that throws it up. None, and no time passed, where within `periods` it does not come back.
         """
-        begun = self.time
         y, n = self._y.copy(), self._n.copy()
         log = np.zeros((_LOG, state.COLUMNS))
-        end = begun + periods * self._rig.period
-        self._advance(y, n, end, end, log=log)
-        impacts = log[: n[state.EVENTS]]
-        after_ceiling = np.flatnonzero(impacts[:, 1] < 0.0)
-        first = after_ceiling[0] if len(after_ceiling) else 0
-        floors = impacts[first:][(impacts[first:, 1] > 0.0) & (impacts[first:, 0] > begun + 0.1 * self._rig.period)]
-        if not len(floors):
+        end = self.time + periods * self._rig.period
+        self._advance(y, n, end, log=log)
+        throw = _throw(log[: n[state.EVENTS]], self.time + 0.1 * self._rig.period)
+        if throw is None:
             return None
-        self._advance(self._y, self._n, float(floors[0, 0]), float(floors[0, 0]))
+        self._advance(self._y, self._n, throw)
         self._leave_floor()
         return self._impact()
 
@@ -92,17 +94,20 @@ class ComplexModel:
         verdict = judge(impacts, times, out[state.S_RATE], longest, rig.period)
         return Observed(float(0.5 * (self._y[state.HIGHEST] - self._y[state.LOWEST])), verdict)
 
-    def _advance(self, y, n, begin: float, end: float, log=None) -> None:  # type: ignore[no-untyped-def]
+    def _advance(self, y: Array, n: Counts, end: float, **extra: Any) -> None:
         path = ((float(y[state.TIME]), self.height),)
-        extra = {} if log is None else {"log": log}
+        begin = float(y[state.TIME]) if "out" in extra else end
         self._rig.advance(self._amplitude, y, n, path, begin, end, phase=self._phase, **extra)
 
     def _leave_floor(self) -> None:
-        step = _LOOK * self._rig.period
-        for _ in range(int(_LONGEST_IMPACT / _LOOK)):
-            self._advance(self._y, self._n, self.time + step, self.time + step)
-            if self._n[state.MODE] != state.ON_FLOOR:
-                return
+        """Go on until floor and grain no longer overlap, at most for the longest time an impact may last."""
+        length = _LONGEST_IMPACT * self._rig.period
+        out = np.zeros((state.ROWS, _LOOKS))
+        self._advance(self._y.copy(), self._n.copy(), self.time + length, out=out, rate=_LOOKS / length)
+        apart = np.flatnonzero(out[state.S_GRAIN] > out[state.S_BEAM])
+        apart = apart[apart > 0]
+        looks = int(apart[0]) if len(apart) else _LOOKS
+        self._advance(self._y, self._n, self.time + looks * length / _LOOKS)
 
     def _impact(self) -> Impact:
         y, s = self._y, self._rig.system
@@ -110,3 +115,16 @@ class ComplexModel:
         return Impact(
             float(y[state.BEAM]) + equilibrium, float(y[state.BEAM_RATE]), float(y[state.GRAIN_RATE])
         )
+
+
+def _throw(impacts: Array, since: float) -> float | None:
+    """Return when [s] the grain, back from its first visit to the ceiling, last meets the floor before the next one."""
+    late = impacts[impacts[:, 0] > since]
+    ceilings = late[late[:, 1] < 0.0, 0]
+    first = ceilings[0] if len(ceilings) else since
+    floors = late[(late[:, 1] > 0.0) & (late[:, 0] > first), 0]
+    if not len(floors):
+        return None
+    again = ceilings[ceilings > floors[0]]
+    before = floors[floors < again[0]] if len(again) else floors[:1]
+    return float(before[-1])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from math import isfinite, isnan
 from typing import Any
 
@@ -17,7 +16,6 @@ import rclpy
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import ExternalShutdownException
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -25,6 +23,7 @@ from std_srvs.srv import Trigger
 from atpid_driver.motor import CommandStaleError, HeightRefusedError, Mode, MotorError, Reading, actuator_of, in_words
 from atpid_driver.motor.faults import NO_FAULT
 from atpid_driver.nodes.motor_diagnostics import status_of
+from atpid_driver.nodes.motor_life import MotorLife
 from atpid_driver.nodes.motor_parameters import declare
 from atpid_driver.nodes.twice import claim, namesakes
 
@@ -34,7 +33,7 @@ SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
 
 
-class MotorNode(LifecycleNode):
+class MotorNode(MotorLife):
     """Moves the ceiling where `ceiling/command` says; see the module's text for its two ways to run."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -47,7 +46,6 @@ class MotorNode(LifecycleNode):
         self._initial: float | None = None
         self._last_refused: object = None
         self._last_faults = NO_FAULT
-        self._last_error = ""
         self._open_topics()
         self._start_timers()
 
@@ -66,45 +64,7 @@ class MotorNode(LifecycleNode):
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start)
 
-    # -- lifecycle -------------------------------------------------------------------------------------------------
-
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open and identify; motor off."""
-        return self._transition("configure", self._configure)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Arm and home; motor on while it moves."""
-        return self._transition("activate", self._activate)
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop and disarm; motor off."""
-        return self._transition("deactivate", self._deactivate)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the port; motor off."""
-        return self._transition("clean up", self._let_go)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the port from any state; motor off."""
-        return self._transition("shut down", self._let_go)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Return to unconfigured with the motor off, so that the node stays alive and can be configured again."""
-        self._let_go()
-        return TransitionCallbackReturn.SUCCESS
-
-    def _transition(self, verb: str, act: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do `act`; what it refuses is logged and fails the transition, what it breaks is logged and is an error."""
-        try:
-            act()
-        except MotorError as error:
-            self._complain(f"cannot {verb}: {error}")
-            return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy drops exceptions of transitions without a word
-            self.get_logger().fatal(f"cannot {verb}: {type(error).__name__}: {error}")
-            return TransitionCallbackReturn.ERROR
-        self._last_error = ""
-        return TransitionCallbackReturn.SUCCESS
+    # -- life ------------------------------------------------------------------------------------------------------
 
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
@@ -261,22 +221,9 @@ class MotorNode(LifecycleNode):
         header = Header(stamp=stamp.to_msg(), frame_id=self.get_name())
         self._events.publish(Event(header=header, severity=severity, kind=kind, value=value, text=text))
 
-    def _complain(self, text: str) -> None:
-        """Log a complaint once, not at every retry."""
-        if text != self._last_error:
-            self.get_logger().error(text)
-        self._last_error = text
-
     def _now(self) -> int:
         """Return the time the ceiling moves by [ns]: the last command's stamp in lockstep, else the steady clock."""
         return self._stamp if self.settings.lockstep else time.monotonic_ns()
-
-    def destroy_node(self) -> None:
-        """Motor off, port closed, then the node's own end."""
-        self._let_go()
-        super().destroy_node()
-        # rclpy leaves the state machine alive, and with it the node's name in the graph.
-        self._state_machine.destroy_when_not_in_use()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -30,7 +30,7 @@ from atpid_sim.nodes.messages import (
     time_of,
     truth_message,
 )
-from atpid_sim.nodes.twice import StartedTwiceError, check_alone
+from atpid_sim.nodes.twice import StartedTwiceError, check_alone, is_alone
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene, load_scene
@@ -122,6 +122,8 @@ class PlantNode(Node):
 
     def waiting_for(self) -> str:
         """What the handshake still lacks, in words; empty: nothing."""
+        if not is_alone(self):
+            return "another node of this name to leave"
         if not self._answered:
             return "hello to come round on ceiling/state (identifier, selector and motor answer it one after the other)"
         if self._expect_recorder and not self._recorded_all():

@@ -5,8 +5,15 @@ from __future__ import annotations
 
 import os
 import socket
+import time
+from weakref import WeakKeyDictionary
 
 from rclpy.node import Node
+
+
+#: How long a namesake may be in the graph before it counts: discovery keeps one that has just left for a moment [s].
+_PASSING = 2.0
+_seen: WeakKeyDictionary[Node, float] = WeakKeyDictionary()
 
 
 class StartedTwiceError(ValueError):
@@ -28,10 +35,19 @@ def claim(name: str) -> socket.socket:
     return holder
 
 
+def is_alone(node: Node) -> bool:
+    """Whether discovery shows no other node of this name now, other machines included."""
+    return bool(node.get_node_names_and_namespaces().count((node.get_name(), node.get_namespace())) <= 1)
+
+
 def check_alone(node: Node) -> None:
-    """Raise `StartedTwiceError` where discovery shows another node of this name, other machines included."""
-    own = (node.get_name(), node.get_namespace())
-    if node.get_node_names_and_namespaces().count(own) > 1:
+    """Raise `StartedTwiceError` where another node of this name stays in the graph; to be called now and then.
+
+    One that was started on this machine is refused its claim and leaves at once, so it must not drive this one out.
+    """
+    if is_alone(node):
+        _seen.pop(node, None)
+    elif time.monotonic() - _seen.setdefault(node, time.monotonic()) > _PASSING:
         raise StartedTwiceError(_said(node.get_fully_qualified_name()))
 
 

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated stand's wires: what a simulated plant's sensors see becomes the voltages of a stand-in device.
+
+It listens to a plant node whose sensor topic is remapped to `emulated/...` and writes a `Feed`. Until the plant starts
+it writes a body at rest, paced by the clock, as a sensor would see one.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from atpid_interfaces.msg import SampleBlock
+from numpy.typing import NDArray
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_driver.calibration import load, volts_of
+from atpid_driver.errors import DriverError
+from atpid_driver.nodes.acquisition_node import BLOCKS
+from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
+from atpid_driver.nodes.blocks import HELLO
+from atpid_driver.nodes.twice import StartedTwiceError, claim
+from atpid_driver.standins import Feed
+
+IDLE_S = 0.01
+PARAMETERS: tuple[tuple[str, Any, str], ...] = (
+    ("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
+    ("topic", "emulated/sensors/laser", "the plant's sensor topic, remapped"),
+    ("rate", 1000.0, "scans per second of that topic [Hz]"),
+    ("calibrations", Parameter.Type.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
+    ("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
+)
+
+
+class FeedNode(Node):
+    """Converts metres to volts with the same calibration files the acquisition node converts back with."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Make the feed; DriverError for a parameter that cannot be."""
+        super().__init__("feed_node", **kwargs)
+        values = {
+            name: self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True)).value
+            for name, default, text in PARAMETERS
+        }
+        if not values["feed"] or not values["calibrations"]:
+            raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
+        folder = Path(values["calibration_folder"]) if values["calibration_folder"] else shipped_calibrations()
+        self._calibrations = tuple(load(folder / name) for name in values["calibrations"])
+        self._rate = float(values["rate"])
+        self.feed = Feed(Path(values["feed"]), len(self._calibrations), self._rate)
+        self._next: int | None = None
+        self.create_subscription(SampleBlock, values["topic"], self._on_block, BLOCKS)
+        self._began, self._idle = time.monotonic(), 0
+        self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _on_block(self, block: SampleBlock) -> None:
+        if block.header.frame_id == HELLO:
+            return
+        names = [calibration.channel for calibration in self._calibrations]
+        if list(block.channels) != names or block.rate != self._rate:
+            given = f"{list(block.channels)} at {block.rate:g} Hz"
+            self.get_logger().error(f"the plant gives {given}, expected {names} at {self._rate:g} Hz", once=True)
+            return
+        self._timer.cancel()
+        if self._next is not None and block.first_index != self._next:
+            self.get_logger().error(f"{block.first_index - self._next} scans of the plant are missing")
+        values = np.frombuffer(block.data).reshape(-1, len(names))
+        self._next = block.first_index + len(values)
+        self._write(values)
+
+    def _rest(self) -> None:
+        due = int((time.monotonic() - self._began) * self._rate)
+        self._write(np.zeros((due - self._idle, len(self._calibrations))))
+        self._idle = due
+
+    def _write(self, values: NDArray[np.float64]) -> None:
+        columns = []
+        for column, calibration in enumerate(self._calibrations):
+            volts = volts_of(calibration, values[:, column])
+            low, high = calibration.limits_volts
+            columns.append(np.nan_to_num(volts, nan=high + 0.01 * (high - low)))  # saturated: beyond the limit
+        self.feed.write(np.column_stack(columns))
+
+    def destroy_node(self) -> None:
+        """Remove the feed, then the node's own end."""
+        self.feed.close()
+        super().destroy_node()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is interrupted. Returns 0, or 2 for bad parameters or a node started twice."""
+    rclpy.init(args=args)
+    node: FeedNode | None = None
+    try:
+        node = FeedNode()
+        with claim(node.get_fully_qualified_name()):
+            rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except (DriverError, StartedTwiceError) as error:
+        print(f"feed_node: {error}", file=sys.stderr)
+        return 2
+    finally:
+        for act in (*((node.destroy_node,) if node else ()), rclpy.try_shutdown):
+            try:
+                act()
+            except KeyboardInterrupt:
+                act()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant node at its ends: a plant that fails, a machine too slow, and a recorder that is waited for."""
+
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rclpy
+from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
+from graph_runs import scene_file
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_sim.nodes.messages import BLOCKS, EVENTS, HELLO, STATES, STATUS, nanoseconds_of, time_of
+from atpid_sim.nodes.plant_node import PlantNode
+from atpid_sim.outcome import NumericalFailure, Outcome
+
+FIELDS = ("excitation_amplitude", "excitation_frequency", "input_energy", "beam_loss", "contact_loss",
+          "ceiling_work", "stored_energy")  # fmt: skip
+
+
+class Oscillator:
+    """A stand-in for the plant in closed form: no grain, one tone."""
+
+    def __init__(self, scene, fails_at=np.inf, seconds_a_block=0.0):
+        self.height, self.ticks = 0.017, 0
+        self.fails_at, self.delay = fails_at, seconds_a_block
+        self.told = []
+
+    def advance(self, duration_ticks, rate, target, speed):
+        until = time.monotonic() + self.delay
+        t = (self.ticks + np.arange(duration_ticks)) / rate
+        self.ticks += duration_ticks
+        self.told.append((target, speed))
+        if self.ticks / rate > self.fails_at:
+            raise NumericalFailure(Outcome.ESCAPED.sentence)
+        while time.monotonic() < until:
+            continue
+        wave = np.sin(2.0 * np.pi * 5.47 * t)
+        series = {name: wave for name in ("support", "beam", "beam_acceleration", "grain", "ceiling")}
+        return SimpleNamespace(**series, **dict.fromkeys(FIELDS, 0.0), impacts=0, outcome=Outcome.DONE)
+
+
+class Peer(Node):
+    """Identifier, selector and motor in one: answers each block with a state."""
+
+    def __init__(self):
+        super().__init__("peer")
+        self.blocks, self.events, self.heard = [], [], 0
+        self.states = self.create_publisher(CeilingState, "ceiling/state", STATES)
+        self.status = self.create_publisher(RecorderStatus, "recorder/status", STATUS)
+        self.create_subscription(SampleBlock, "sensors/laser", self.on_block, BLOCKS)
+        self.create_subscription(Event, "events", self.on_event, EVENTS)
+
+    def on_block(self, block):
+        state = CeilingState(mode=CeilingState.MOVING, height=0.1, target=0.3, speed=0.25)
+        state.header.frame_id = block.header.frame_id
+        if block.header.frame_id == HELLO:
+            self.heard += 1
+        else:
+            self.blocks.append(block)
+            last = (len(block.data) // 2 - 1) / block.rate
+            state.header.stamp = time_of(nanoseconds_of(block.header.stamp) + round(1e9 * last))
+        self.states.publish(state)
+
+    def on_event(self, event):
+        if event.kind != HELLO:
+            self.events.append(event)
+
+
+@pytest.fixture
+def graph(scenes, tmp_path):
+    """Make a plant node beside a peer; spin both until a condition holds."""
+    rclpy.init()
+    made, executor = [], SingleThreadedExecutor()
+
+    def start(make_plant, *, lockstep=True, expect_recorder=False, duration=0.5):
+        changes = {"duration": duration, "steady_window": [0.1, duration], "ceiling": {
+            "closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}}  # fmt: skip
+        path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes)
+        given = {"scene": str(path), "lockstep": lockstep, "expect_recorder": expect_recorder}
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        plant, peer = PlantNode(parameter_overrides=overrides, make_plant=make_plant), Peer()
+        made.extend([plant, peer])
+        for node in made:
+            executor.add_node(node)
+
+        def spin(until):
+            deadline = time.monotonic() + 60.0
+            while not until():
+                assert time.monotonic() < deadline
+                executor.spin_once(timeout_sec=0.1)
+
+        return plant, peer, spin
+
+    yield start
+    for node in made:
+        node.destroy_node()
+    executor.shutdown()
+    rclpy.try_shutdown()
+
+
+def test_each_block_waits_for_its_answer_and_the_ceiling_goes_where_the_state_says(graph):
+    plants = []
+    plant, peer, spin = graph(lambda scene: plants.append(Oscillator(scene)) or plants[-1])
+    spin(plant.done.done)
+    spin(lambda: bool(peer.events))
+    assert plant.done.result() == 0
+    assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
+    assert peer.blocks[1].header.frame_id == "plant:laser"
+    assert plants[-1].told == [(0.017, 0.0)] + [(0.3, 0.25)] * 9
+    assert [(event.kind, event.severity) for event in peer.events] == [("finished", Event.INFO)]
+
+
+def test_a_plant_that_fails_alarms_and_ends_with_status_3(graph):
+    plant, peer, spin = graph(lambda scene: Oscillator(scene, fails_at=0.2))
+    spin(plant.done.done)
+    spin(lambda: len(peer.events) == 2)
+    assert plant.done.result() == 3
+    assert [(event.kind, event.severity) for event in peer.events] == [
+        ("failed", Event.ALARM),
+        ("finished", Event.ALARM),
+    ]
+    assert plant.failure == f"the plant stopped at 0.2 s: {Outcome.ESCAPED.sentence}"
+    assert peer.events[0].text == plant.failure
+
+
+def test_a_machine_too_slow_for_real_time_is_said_once_and_nothing_is_left_out(graph):
+    plant, peer, spin = graph(lambda scene: Oscillator(scene, seconds_a_block=0.07), lockstep=False)
+    spin(plant.done.done)
+    spin(lambda: len(peer.blocks) == 10 and len(peer.events) == 2)
+    assert [event.kind for event in peer.events] == ["behind", "finished"]
+    assert peer.events[0].value > 0.05
+    assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
+
+
+def test_in_real_time_stamps_are_the_start_plus_index_over_rate(graph):
+    begun = time.time_ns()
+    plant, peer, spin = graph(Oscillator, lockstep=False)
+    spin(plant.done.done)
+    spin(lambda: len(peer.blocks) == 10)
+    stamps = [nanoseconds_of(block.header.stamp) for block in peer.blocks]
+    assert stamps[0] >= begun
+    assert np.diff(stamps).tolist() == [50_000_000] * 9
+    assert time.time_ns() - stamps[0] >= 500_000_000
+
+
+def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_for_its_bag(graph):
+    plant, peer, spin = graph(Oscillator, expect_recorder=True)
+    spin(lambda: peer.heard > 3)
+    assert not peer.blocks
+    assert "recorder" in plant.waiting_for()
+    topics = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
+    status = RecorderStatus(recording=True, topics=topics, received=[1] * len(topics))
+    peer.status.publish(status)
+    spin(lambda: bool(peer.events))
+    assert not plant.done.done()
+    status.recording = False
+    peer.status.publish(status)
+    spin(plant.done.done)
+    assert plant.done.result() == 0

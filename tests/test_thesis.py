@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The thesis's figures and tables, and the only measurements there are: what the model must give without any fitting."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from atpid_sim.batch import on_all_cores
+from atpid_sim.scene import Scene, load_scene
+from atpid_sim.simulate import simulate, trajectory
+
+SCENES = Path(__file__).parents[1] / "scenes"
+
+#: Section 2.3.1, measured on the stand: mass fraction, height [m], largest ratio of successive amplitudes, tolerance.
+DECREMENTS = [
+    (0.1, 0.017, 1.31, 0.01),
+    (0.025, 0.05, 1.345, 0.03),
+    (0.025, 0.10, 1.38, 0.03),
+    (0.025, 0.15, 1.40, 0.03),
+    (0.025, 0.20, 1.42, 0.03),
+    (0.05, 0.20, 1.52, 0.03),
+    (0.1, 0.20, 1.8, 0.05),
+    (0.2, 0.20, 2.5, 0.05),
+]
+
+#: Fig. 3.11 and section 3.5.1: height [m], reduction of the amplitude [%], as a converged reference computes them.
+REDUCTIONS = [(0.04, 9.0), (0.08, 35.0), (0.12, 59.0), (0.16, 71.0), (0.20, 79.0)]
+
+#: Sections 3.7 and 4.3: mass fraction, support amplitude [m], best height [m], what is left [%].
+BEST = [
+    (0.1, 0.015, 0.29, 20.0),
+    (0.1, 0.03, 0.57, 19.0),
+    (0.1, 0.04, 0.76, 19.0),
+    (0.2, 0.03, 0.32, 11.0),
+    (0.3, 0.03, 0.21, 10.0),
+]
+
+
+def standard(**changes: object) -> Scene:
+    return load_scene(SCENES / "standard.yaml").with_(**changes)
+
+
+def largest_decrement(scene: Scene) -> float:
+    """Largest ratio of successive upper peaks above the static equilibrium, as long as they exceed 2 mm."""
+    motion = trajectory(scene, 5000.0)
+    v = motion.beam_velocity
+    tops = np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))
+    # between two samples the velocity falls almost straight to zero
+    share = v[tops] / (v[tops] - v[tops + 1])
+    peaks = motion.beam[tops] + 0.5 * v[tops] * share / 5000.0 + scene.static_deflection
+    peaks = peaks[peaks > 0.002]
+    return float(np.max(peaks[:-1] / peaks[1:]))
+
+
+@pytest.mark.parametrize(("phi", "height", "measured", "tolerance"), DECREMENTS)
+def test_decrements_measured_on_the_real_stand(phi: float, height: float, measured: float, tolerance: float) -> None:
+    scene = load_scene(SCENES / "free_decay.yaml").with_(mass_fraction=phi, height=height, duration=8.0)
+    assert largest_decrement(scene) == pytest.approx(measured, rel=tolerance)
+
+
+def test_a_heavy_grain_stops_the_free_beam_at_once() -> None:
+    scene = load_scene(SCENES / "free_decay.yaml").with_(mass_fraction=0.3, duration=8.0)
+    assert largest_decrement(scene) > 3.0
+
+
+@pytest.mark.parametrize(("height", "reduction"), REDUCTIONS)
+def test_reductions_of_the_standard_bench(height: float, reduction: float) -> None:
+    result = simulate(standard(height=height))
+    assert 100.0 * result.efficiency == pytest.approx(reduction, abs=1.0)
+    assert result.reproducible
+    assert abs(result.energy_residual) <= 1e-6
+
+
+@pytest.mark.parametrize(("phi", "amplitude", "height", "left"), BEST)
+def test_best_heights(phi: float, amplitude: float, height: float, left: float) -> None:
+    scene = standard(mass_fraction=phi, amplitude=amplitude, duration=20.0, steady_window=[18.0, 20.0])
+    heights = [float(h) for h in np.linspace(0.85, 1.15, 25) * height]
+    runs = on_all_cores(lambda h: simulate(scene, height=h, check=False), heights)
+    best, result = min(runs, key=lambda run: run[1].amplitude)
+    assert best == pytest.approx(height, rel=0.05)
+    assert 100.0 * (1.0 - result.efficiency) == pytest.approx(left, abs=1.0)
+
+
+def test_the_standard_task_to_eight_digits() -> None:
+    # half the distance between the true turning points, which LSODA at 1e-11 and Cash-Karp at 1e-12 agree on
+    result = simulate(standard(), fidelity="soft", rtol=1e-10)
+    assert result.amplitude == pytest.approx(0.0456498937, abs=1e-10)
+
+
+def test_natural_frequencies() -> None:
+    scene = standard()
+    assert scene.frequency_hz == pytest.approx(5.469, abs=1e-3)
+    open_frequency = np.sqrt(scene.beam.stiffness / scene.beam.mass) / (2.0 * np.pi)
+    assert open_frequency == pytest.approx(5.77, abs=0.01)
