@@ -18,23 +18,28 @@ LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkse
 PATIENCE = 5.0  # [s] for a thread or process that has been told to end
 
 
-def free_domain() -> int:
-    """Return a ROS domain nobody on this machine uses: its first ports are free.
+def claim_domain() -> tuple[int, socket.socket]:
+    """Return a ROS domain nobody on this machine uses, and the socket that keeps it for this session.
 
-    Domain d has its ports from 7400 + 250 d on; up to 101 they lie below the system's own ephemeral ports.
+    Domain d has its ports from 7400 + 250 d on; up to 101 they lie below the system's own ephemeral ports. The socket's
+    name is the one a bench claims its domain by, so benches and test sessions keep out of each other's way.
     """
     for domain in random.Random(os.getpid()).sample(range(1, 102), 101):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
+        holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            holder.bind(f"\0atpid/bench/domain/{domain}")
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
                 probe.bind(("", 7410 + 250 * domain))
-            except OSError:
-                continue
-            return domain
+        except OSError:
+            holder.close()
+            continue
+        return domain, holder
     raise RuntimeError("no free ROS domain between 1 and 101: end the ROS programs that run here")
 
 
 # Before anything imports rclpy, and for every process a test starts.
-os.environ["ROS_DOMAIN_ID"] = str(free_domain())
+DOMAIN, DOMAIN_HOLDER = claim_domain()
+os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 

@@ -18,6 +18,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.*"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{NAME}/config/maps", sorted(glob("config/maps/*.npz"))),
     ],
     zip_safe=False,
     maintainer="ATPID maintainers",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thesis's figures and tables, and the only measurements there are: what the model must give without any fitting."""
+"""The thesis's figures and tables, and the only measurements there are: what the model gives without any fitting."""
 
 from pathlib import Path
 

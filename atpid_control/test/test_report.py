@@ -25,7 +25,7 @@ from atpid_control.report.decay import largest_decrement, peaks
 from atpid_control.report.picture import rounded_up
 from atpid_control.report.stages import intervals
 from atpid_control.report.theme import DARK, LIGHT, Palette
-from atpid_control.report.thesis import beside
+from atpid_control.report.thesis import beside, measured_decrement
 from atpid_control.report.view import headline, view_of
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 
@@ -149,6 +149,9 @@ def test_free_decay_is_told_by_its_decrements(free: Path) -> None:
     # thesis section 2.3.1: measured 1.8 and 1.31
     assert abs(own / 1.8 - 1.0) < 0.05 and abs(closed / 1.31 - 1.0) < 0.01
     assert "1.31" in headline(view)
+    assert view.run.scene is not None
+    assert (measured_decrement(view.run.scene, 0.2), measured_decrement(view.run.scene, 0.017)) == (1.8, 1.31)
+    assert measured_decrement(view.run.scene, 0.21) is None
 
 
 def test_peaks_of_a_damped_cosine() -> None:

@@ -16,7 +16,7 @@ from atpid_driver.emulator.client import SteppedHost
 from atpid_driver.emulator.fuzz import fuzz
 from atpid_driver.motor import Fault, Mode, MotorSettings
 from atpid_driver.motor.faults import WORDS
-from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, REFUSALS, Refusal, StateReply
+from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, REFUSALS, Refusal, StateReply, decode
 
 DRIVER = Path(__file__).resolve().parents[1]
 PROTOCOL_TEXT = DRIVER.parent / "docs" / "motor_protocol.md"
@@ -52,6 +52,13 @@ def test_lookup_takes_the_nearest_amplitude(tmp_path: Path, amplitude: int, heig
         state = host.ask("LOOKUP", amplitude)
         assert isinstance(state, StateReply)
         assert state.target == height
+
+
+def test_every_frame_in_the_document_has_its_right_check_sum() -> None:
+    frames = re.findall(r"`(\$\d+,[A-Z]+\*[0-9A-F]{4})`", PROTOCOL_TEXT.read_text())
+    assert len(frames) == 2
+    for frame in frames:
+        decode(frame.encode())
 
 
 def constants(name: str) -> dict[str, str]:

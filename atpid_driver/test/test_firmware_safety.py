@@ -121,6 +121,16 @@ def test_lost_heartbeat_switches_off_within_500_ms(moving: SteppedHost) -> None:
     assert (state.mode, state.faults) == (Mode.FAULT, Fault.HEARTBEAT)
 
 
+@pytest.mark.parametrize("flood", [b"$", b"noise ", b"$1,STATE*0000\n", bytes(range(256))])
+def test_a_flood_does_not_keep_the_motor_running(moving: SteppedHost, flood: bytes) -> None:
+    began = moving.emulator.state().ms
+    moving.emulator.send((flood * 25_000)[:25_000])  # one second of the line
+    moving.emulator.drain(0.05)
+    assert moving.emulator.state().motor_off_ms - began <= 500.0
+    moving.emulator.received()
+    assert moving.state().faults == Fault.HEARTBEAT
+
+
 def test_looking_is_no_heartbeat(moving: SteppedHost) -> None:
     for _ in range(12):
         moving.ask("STATE", seconds=0.05)

@@ -131,14 +131,27 @@ def test_rearm_needs_an_active_node(stand: Stand) -> None:
     assert (answer.success, answer.message) == (False, "motor node is not active: activate it instead")
 
 
-def test_a_namesake_in_the_graph_switches_the_motor_off(stand: Stand) -> None:
+def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:
     node = stand.motor()
     stand.hello()
-    stand.executor.add_node(Node("motor_node", context=stand.context))
+    other = Node("motor_node", context=stand.context)
     stand.until(lambda: stand.states[-1].mode == CeilingState.DISARMED and stand.events)
     assert [event.kind for event in stand.events] == ["twice"]
     assert not node._active
     assert isnan(stand.states[-1].target)
+    other.destroy_node()
+    stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING)
+
+
+def test_a_namesake_that_comes_later_is_told_but_stops_nothing(stand: Stand) -> None:
+    node = stand.motor()
+    stand.hello()
+    node._born -= 60.0
+    other = Node("motor_node", context=stand.context)
+    stand.until(lambda: stand.events)
+    assert "this one stays" in stand.events[0].text
+    assert node._active
+    other.destroy_node()
 
 
 def test_a_name_can_be_claimed_once() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.report.picture import estimate_errors, grain_lines, moved, rounded_up
+from atpid_control.report.picture import apart, estimate_errors, grain_lines, moved, rounded_up
 from atpid_control.report.run import Array
 from atpid_control.report.view import View
 
@@ -41,7 +41,7 @@ def overview(view: View) -> Figure:
     """Return the panels over the run's time, one time axis for all."""
     panels = [(_beam, 3.4)]
     panels += [(_excitation, 1.4), (_error, 1.0)] if view.stages else []
-    panels += [(_ceiling, 1.6)] if view.knows_ceiling else []
+    panels += [(_ceiling, 1.6)] if view.moving else []
     total = sum(share for _, share in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
     figure: Figure = {"data": [], "layout": _layout(800 if view.stages else 520)}
@@ -73,16 +73,19 @@ def grain(view: View) -> Figure | None:
     """Return the grain between floor and ceiling over the last periods; None where nobody knows where it was."""
     if view.grain_window is None:
         return None
-    begin, end = view.grain_window
+    begin, until = view.grain_window
     time = view.run.motion.time
-    inside = (time >= begin) & (time <= end)
+    inside = (time >= begin) & (time <= until)
     figure: Figure = {"data": [], "layout": _layout(360)}
-    figure["layout"]["xaxis"] = {**_axis(), "range": [begin, end], "title": {"text": "time, s"}}
+    figure["layout"]["xaxis"] = {**_axis(), "range": [begin, until], "title": {"text": "time, s"}}
     figure["layout"]["yaxis"] = _axis()
-    names = (("floor", "@given_text", 1.6), ("ceiling", "@given_text", 1.6), ("grain", "@own", 2.4))
-    for (name, colour, width), line in zip(names, grain_lines(view), strict=True):
-        _line(figure, "y", time[inside], line[inside], name, colour, width, "%{y:.4f} m")
-        _label(figure, "y", float(line[inside][-1]), name, colour, 12.0 if name == "grain" else 0.0)
+    floor, ceiling, ball = (line[inside] for line in grain_lines(view))
+    lines, reach = (floor, ball, ceiling), float(ceiling.max() - floor.min())
+    ends = apart([float(line[-1]) for line in lines], 0.07 * reach)
+    names = (("floor", "@given_text", 1.6), ("grain", "@own", 2.4), ("ceiling", "@given_text", 1.6))
+    for (name, colour, width), line, end in zip(names, lines, ends, strict=True):
+        _line(figure, "y", time[inside], line, name, colour, width, "%{y:.4f} m")
+        _label(figure, "y", end, name, colour)
     _title(figure, 1.0, "The grain between floor and ceiling", "m")
     return figure
 
@@ -161,7 +164,7 @@ def _excitation(figure: Figure, view: View, axis: str, top: float) -> None:
 
 
 def _error(figure: Figure, view: View, axis: str, top: float) -> None:
-    _title(figure, top, "Error of the identified amplitude, ±2σ, where the estimate is called steady", "%")
+    _title(figure, top, "Error of the identified amplitude, ±2σ", "%")
     found = estimate_errors(view)
     if found is None:
         return
@@ -185,9 +188,8 @@ def _ceiling(figure: Figure, view: View, axis: str, top: float) -> None:
               "%{y:.4f} m", shape="hv")  # fmt: skip
         _label(figure, axis, float(ceiling.commanded[told][-1]), "commanded", "@given_text", 8.0)
     time, height = moved(view)
-    name = "moved" if view.moving else "fixed"
-    _line(figure, axis, time, height, name, "@own", 1.8, "%{y:.4f} m")
-    _label(figure, axis, float(height[-1]), name, "@own", -8.0 if view.own_name == "adaptive" else 0.0)
+    _line(figure, axis, time, height, "moved", "@own", 1.8, "%{y:.4f} m")
+    _label(figure, axis, float(height[-1]), "moved", "@own", -8.0 if view.own_name == "adaptive" else 0.0)
     for number, (begin, end) in enumerate(view.windows if view.printed else []):
         printed = view.printed[number] if view.printed else None
         if printed:

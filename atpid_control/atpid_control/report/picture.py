@@ -48,7 +48,7 @@ def overview(view: View, palette: Palette) -> Figure:
     """Draw the story top to bottom: the beam, its excitation, how well that was known, where the ceiling went."""
     panels = [(_beam, 3.4)]
     panels += [(_excitation, 1.35), (_error, 1.0)] if view.stages else []
-    panels += [(_ceiling, 1.5)] if view.knows_ceiling else []
+    panels += [(_ceiling, 1.5)] if view.moving else []
     with matplotlib.rc_context(style(palette)):
         height = 1.0 + 1.15 * sum(share for _, share in panels)
         figure = Figure(figsize=(11.0, height))
@@ -130,7 +130,7 @@ def _excitation(axes: Any, view: View, palette: Palette) -> None:
 
 
 def _error(axes: Any, view: View, palette: Palette) -> None:
-    _title(axes, "Error of the identified amplitude, ±2σ, where the estimate is called steady", "%", palette)
+    _title(axes, "Error of the identified amplitude, ±2σ", "%", palette)
     found = estimate_errors(view)
     if found is None:
         return
@@ -168,7 +168,7 @@ def _ceiling(axes: Any, view: View, palette: Palette) -> None:
         _beside(axes, float(ceiling.commanded[told][-1]), "commanded", palette.given_text, 7.0)
     time, height = moved(view)
     axes.plot(time, height, color=palette.own, lw=1.6)
-    _beside(axes, float(height[-1]), "moved" if view.moving else "fixed", palette.own, -7.0 if told.any() else 0.0)
+    _beside(axes, float(height[-1]), "moved", palette.own, -7.0 if told.any() else 0.0)
     top = float(np.nanmax(height))
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)
@@ -217,10 +217,19 @@ def grain(view: View, palette: Palette) -> Figure | None:
         axes.set_xlim(0.0, end - begin)
         axes.set_ylim(low - space, high + space)
         axes.set_xlabel(f"time since {begin:.2f} s, s")
-        _beside(axes, float(floor[inside][-1]), "floor", palette.given_text)
-        _beside(axes, float(ceiling[inside][-1]), "ceiling", palette.given_text)
-        _beside(axes, float(ball[inside][-1]), "grain", palette.own, 12.0)
+        ends = [float(line[inside][-1]) for line in (floor, ball, ceiling)]
+        names = (("floor", palette.given_text), ("grain", palette.own), ("ceiling", palette.given_text))
+        for (name, colour), height in zip(names, apart(ends, 0.07 * (high - low)), strict=True):
+            _beside(axes, height, name, colour)
     return figure
+
+
+def apart(heights: list[float], least: float) -> list[float]:
+    """Return rising heights, moved so that neighbours are at least `least` apart: places for labels."""
+    low, middle, high = heights
+    if middle - low < least:
+        return [middle - least, middle, high]
+    return [low, middle, max(high, middle + least)]
 
 
 def grain_lines(view: View) -> tuple[Any, Any, Any]:

@@ -101,8 +101,9 @@ class Run:
 
     @property
     def duration(self) -> float:
-        """Length of the motion [s]."""
-        return float(self.motion.time[-1])
+        """Length of the motion, to the end of its last sample's interval [s]."""
+        time = self.motion.time
+        return float(time[-1] + (np.median(np.diff(time)) if len(time) > 1 else 0.0))
 
     def true_amplitude(self) -> Array | None:
         """Return the excitation's true amplitude (n,) [m] at the motion's times, None where nobody knows it."""

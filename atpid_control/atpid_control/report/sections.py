@@ -8,7 +8,7 @@ from html import escape
 
 from atpid_control.report.run import Happening, Ledger
 from atpid_control.report.stages import Stage
-from atpid_control.report.thesis import Printed
+from atpid_control.report.thesis import Printed, measured_decrement
 from atpid_control.report.view import View, headline
 
 _THESIS_NOTE = (
@@ -63,12 +63,24 @@ def tiles(view: View) -> str:
     ]
     if view.decrements is not None:
         own, closed = view.decrements
-        made = [
-            f'<div class="tile"><div class="big">{value:.2f}</div><div class="what">{what}</div>'
-            '<div class="sub">largest ratio of successive peaks</div></div>'
-            for value, what in ((own, "with the grain free"), (closed, "damper closed"))
-        ]
+        scene = view.run.scene
+        made = (
+            [
+                _decrement(own, "with the grain free", measured_decrement(scene, scene.ceiling.heights[0][1]), ""),
+                _decrement(closed, "with the damper closed", measured_decrement(scene, 0.0), " reference"),
+            ]
+            if scene is not None
+            else []
+        )
     return f'<div class="tiles">{"".join(made)}</div>' if made else ""
+
+
+def _decrement(value: float, what: str, measured: float | None, kind: str) -> str:
+    beside = f', <b class="accent">measured on the stand: {measured:.4g}</b>' if measured else ""
+    return (
+        f'<div class="tile{kind}"><div class="big">{value:.2f}</div><div class="what">{what}</div>'
+        f'<div class="sub">largest ratio of successive peaks{beside}</div></div>'
+    )
 
 
 def overview(view: View) -> str:
@@ -80,6 +92,8 @@ def overview(view: View) -> str:
         said.append("The error of an estimate is shown where the identifier calls it steady.")
     if view.printed:
         said.append('<b class="accent">Orange</b>: heights the thesis prints (Fig. 4.6).')
+    if view.standing is not None:
+        said.append(f"The ceiling stands at {view.standing:.4g} m.")
     if not view.run.simulated:
         said.append("Displacements as the laser measured them.")
     return (
@@ -164,6 +178,7 @@ def energy(ledger: Ledger | None) -> str:
         ("still in motion", max(0.0, ledger.stored), "accent"),
     ]
     total = sum(value for _, value, _ in parts) or 1.0
+    parts = [part for part in parts if part[1] > 0.0]
     bar = "".join(f'<i style="flex:{value / total:.6f};background:var(--{colour})"></i>' for _, value, colour in parts)
     keys = "".join(
         f'<li><i style="background:var(--{colour})"></i>{name} <b>{value:.4g} J</b> '

@@ -60,7 +60,7 @@ def intervals(run: Run) -> list[tuple[float, float]]:
     if run.scene is None or run.scene.excitation.kind != "harmonic":
         return []
     points = amplitude_points(run.scene)
-    end = min(run.scene.duration, run.duration + 1e-2)
+    end = min(run.scene.duration, run.duration)
     bounds = [*points, (end, points[-1][1])]
     if points[0][0] > 0.0:
         bounds.insert(0, (0.0, points[0][1]))

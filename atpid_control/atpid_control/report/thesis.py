@@ -9,6 +9,7 @@ import numpy as np
 
 from atpid_control.report.run import Run
 from atpid_control.report.stages import Stage
+from atpid_sim.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -41,3 +42,32 @@ def beside(run: Run, stages: list[Stage]) -> list[Printed] | None:
     given = [stage.excitation_amplitude for stage in stages]
     same_stages = np.allclose(given, [printed.excitation for printed in SECTION_4_3], rtol=1e-6)
     return list(SECTION_4_3) if same_system and same_stages else None
+
+
+#: Largest ratio of successive peaks measured on the stand (section 2.3.1), by mass fraction and height [m].
+MEASURED_DECREMENTS = {
+    (0.025, 0.05): 1.345, (0.025, 0.10): 1.38, (0.025, 0.15): 1.40, (0.025, 0.20): 1.42,
+    (0.05, 0.20): 1.52, (0.1, 0.20): 1.8, (0.2, 0.20): 2.5,
+}  # fmt: skip
+MEASURED_CLOSED = 1.31
+MEASURED_STIFFNESS, MEASURED_DEFLECTION = 117.6, 0.2
+
+
+def measured_decrement(scene: Scene, height: float) -> float | None:
+    """Return what the stand showed for a free decay like the scene's with the ceiling at `height` [m], 0 for closed.
+
+    None where that was not measured.
+    """
+    if scene.excitation.kind != "free":
+        return None
+    given = (scene.beam.stiffness, scene.excitation.free.deflection)
+    if not np.allclose(given, (MEASURED_STIFFNESS, MEASURED_DEFLECTION)):
+        return None
+    if height <= 2.0 * scene.grain.radius:
+        return MEASURED_CLOSED
+    near = (
+        value
+        for (fraction, at), value in MEASURED_DECREMENTS.items()
+        if np.allclose((fraction, at), (scene.grain.mass_fraction, height))
+    )
+    return next(near, None)

@@ -41,28 +41,27 @@ class View:
 
     @property
     def moving(self) -> bool:
-        """Whether the ceiling moves in this run."""
-        heights = self.run.ceiling.height
-        seen = heights[np.isfinite(heights)]
-        return bool(len(seen)) and float(np.ptp(seen)) > 1e-6
+        """Whether the ceiling is known to move in this run."""
+        return self.standing is None and (self.run.simulated or bool(np.isfinite(self.run.ceiling.height).any()))
 
     @property
-    def knows_ceiling(self) -> bool:
-        """Whether anybody said where the ceiling was."""
-        return self.run.simulated or bool(np.isfinite(self.run.ceiling.height).any())
+    def standing(self) -> float | None:
+        """Height of a ceiling that stands still [m]; None where it moves, or nobody said where it was."""
+        seen = self.run.motion.ceiling if self.run.simulated else self.run.ceiling.height
+        seen = seen[np.isfinite(seen)]
+        return float(seen[-1]) if len(seen) and float(np.ptp(seen)) <= 1e-6 else None
 
     @property
     def always_closed(self) -> bool:
         """Whether the damper is closed all the time, so that there is nothing to compare."""
-        scene, heights = self.run.scene, self.run.ceiling.height
-        seen = heights[np.isfinite(heights)]
-        return scene is not None and len(seen) > 0 and bool(np.all(seen <= closed_height(scene) + 1e-9))
+        scene, height = self.run.scene, self.standing
+        return scene is not None and height is not None and height <= closed_height(scene) + 1e-9
 
     @property
     def own_name(self) -> str:
         """What to call the run beside the closed damper."""
         if self.always_closed:
-            return "closed damper"
+            return "closed"
         scene = self.run.scene
         return "adaptive" if scene is not None and scene.ceiling.kind == "controlled" else "damper"
 
@@ -105,7 +104,7 @@ def headline(view: View) -> str:
         return "The closed damper: the beam as it is without an impact damper."
     if view.decrements is not None:
         own, closed = view.decrements
-        return f"Released, each swing falls by up to {own:.2f} times; with the damper closed by {closed:.2f}."
+        return f"Released, the beam falls by up to {own:.2f} times a swing; with the damper closed by {closed:.2f}."
     shares = [stage.efficiency for stage in view.stages if math.isfinite(stage.efficiency)]
     if not shares:
         return "The recorded run."

@@ -11,10 +11,10 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
 from atpid_control.selection.checks import check_excitation, rig_at
-from atpid_control.selection.complex_model import ComplexModel, Observed
+from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import simplified
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
-from atpid_control.selection.tuning import tune
+from atpid_control.selection.tuning import Probe, tune
 
 #: Iterations of Complex and Predictive Model before the last height is tuned whatever the criteria say.
 _ITERATIONS = 6
@@ -27,6 +27,9 @@ _LEAST_SHARE = 0.1
 
 #: Tolerance of the runs: what is told apart is 1 % of an amplitude.
 _RTOL = 1e-4
+
+
+Start = tuple[float, float]  # amplitude of the beam [m], height [m]
 
 
 class PcaSelector:
@@ -83,21 +86,26 @@ class _Run:
 
     def whole(self) -> tuple[float, float]:
         """Return the best height [m] and the beam's amplitude there [m]."""
-        model, observed = self._iterate()
-        height, amplitude = tune(self._probe(model), model.height, observed.amplitude, self._lowest, self._highest)
+        model, (least, height) = self._iterate()
+        self._tell("PCA", height, least, "before tuning")
+        height, amplitude = tune(self._probe(model), height, least, self._lowest, self._highest)
         final = self.rig.opened(self.amplitude, height, Timing(self.rig.settling(), 16.0)).amplitude
         self.evaluations += 1
         self._tell("result", height, final, f"{amplitude:.5g} m while tuning")
         return height, final
 
-    def _iterate(self) -> tuple[ComplexModel, Observed]:
-        """Simplified and Predictive Model, then Complex and Predictive Model until the criteria hold."""
+    def _iterate(self) -> tuple[ComplexModel, Start]:
+        """Simplified and Predictive Model, then Complex and Predictive Model until the criteria hold.
+
+        Where they never do, the iteration with the least amplitude is what tuning starts from.
+        """
         sm = simplified(self.rig.system, self.rig.frequency, self.amplitude)
         self._tell("SM", math.nan, sm.amplitude, f"V = {sm.top_speed:.2f} m/s")
         guess = sm.first_height()
         self._tell("SM + PM1", guess, math.nan, "first guess, equation 4.30")
         t, start = sm.first_return(max(guess, self._lowest))
         model = ComplexModel(self.rig, self.amplitude, t, start, self._within(guess))
+        seen: list[Start] = []
         for iteration in range(1, _ITERATIONS + 1):
             impact = model.next_floor_impact(_RETURN)
             if impact is None:
@@ -112,11 +120,12 @@ class _Run:
             broken = ", ".join(observed.verdict.broken)
             said = f"criteria {broken} do not hold" if broken else "all criteria hold"
             self._tell(f"PM{iteration + 1} + CM{iteration + 1}", model.height, observed.amplitude, said)
+            seen.append((observed.amplitude, model.height))
             if observed.verdict.hold:
-                break
-        return model, observed
+                return model, seen[-1]
+        return model, min(seen)
 
-    def _probe(self, model: ComplexModel):  # type: ignore[no-untyped-def]
+    def _probe(self, model: ComplexModel) -> Probe:
         def probe(height: float) -> float:
             amplitude = model.observe(height, self._settle, self._window).amplitude
             self.evaluations += 1

@@ -8,6 +8,7 @@ The heartbeat goes on only while somebody reads: a node that hangs lets the firm
 from __future__ import annotations
 
 from concurrent.futures import TimeoutError
+from contextlib import suppress
 from math import isfinite, isnan
 
 from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
@@ -50,9 +51,9 @@ class SerialActuator:
             raise
 
     def deactivate(self, now: int) -> None:
-        """Stop and disarm: motor off. Without a link the firmware has done so by itself."""
+        """Stop and disarm: motor off. Where the link fails the firmware does so by itself within 500 ms."""
         self._active = self._link.beating = False
-        if self._link.reading.mode is not Mode.UNCONFIGURED:
+        with suppress(LinkError):
             self._do(Job((("DISARM", ()),)))
 
     def move(self, height: float, sequence: int, now: int) -> None:

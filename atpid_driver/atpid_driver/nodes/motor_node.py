@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
-from math import isfinite, isnan
+from math import isfinite, isnan, nan
 from typing import Any
 
 import rclpy
@@ -29,6 +29,7 @@ from atpid_driver.nodes.twice import claim, namesakes
 
 HELLO = "hello"
 RETRY = 1.0
+NEWCOMER = 3.0  # discovery takes this long at most: a node of this name seen within it was there before [s]
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
 
@@ -42,6 +43,7 @@ class MotorNode(MotorLife):
         self.settings = declare(self)
         self._actuator = actuator_of(self.settings)
         self._connected = self._active = self._doubled = False
+        self._born = time.monotonic()
         self._stamp = 0
         self._initial: float | None = None
         self._last_refused: object = None
@@ -73,7 +75,7 @@ class MotorNode(MotorLife):
 
     def _activate(self) -> None:
         if self._doubled:
-            raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop one; nothing moves")
+            raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
         self._actuator.activate(self._now())
         self._active = True
         wanted = self.settings.initial_height
@@ -91,7 +93,7 @@ class MotorNode(MotorLife):
         """Configure until something answers, then activate once: a refused motor waits for a person."""
         if not self._connected:
             self.trigger_configure()
-        if self._connected:
+        if self._connected and not self._doubled:
             self.destroy_timer(self._starter)
             self.trigger_activate()
         elif self._starter.timer_period_ns < RETRY * 1e9:
@@ -156,7 +158,7 @@ class MotorNode(MotorLife):
     def _read(self) -> Reading:
         reading = self._actuator.read(self._now())
         for text in self._actuator.news():
-            self._tell(Event.WARNING, "link", float("nan"), text)
+            self._tell(Event.WARNING, "link", nan, text)
         if reading.faults != self._last_faults:
             self._last_faults = reading.faults
             if reading.faults:
@@ -191,14 +193,28 @@ class MotorNode(MotorLife):
             self._diagnostics.publish(array)
 
     def _watch_namesakes(self) -> None:
-        """Stand still while another node of this name, on whatever machine, could move the same ceiling."""
+        """Stand still while a node of this name that was here before, on whatever machine, is in the graph.
+
+        One that comes later stands still itself; so of two that start together neither moves. One that was killed stays in
+        the graph for some seconds: once it is gone an automatic start goes on.
+        """
         doubled = namesakes(self) > 0
-        if doubled and not self._doubled:
-            text = f"{self.get_fully_qualified_name()} runs twice in this ROS graph: motor off; stop one, then activate"
-            self._tell(Event.ALARM, "twice", float("nan"), text)
-            if self._active:
-                self.trigger_deactivate()
-        self._doubled = doubled
+        newcomer = time.monotonic() - self._born < NEWCOMER
+        name = self.get_fully_qualified_name()
+        if doubled and not self._doubled and newcomer:
+            self._tell(
+                Event.ALARM, "twice", nan, f"{name} is already running in this ROS graph: motor off until it is gone"
+            )
+            self._withdraw()
+        elif doubled and not self._doubled:
+            self._tell(Event.WARNING, "twice", nan, f"another {name} was started in this ROS graph; this one stays")
+        self._doubled = doubled and (newcomer or self._doubled)
+
+    def _withdraw(self) -> None:
+        if self._active:
+            self.trigger_deactivate()
+            if self.settings.autostart:
+                self._starter = self.create_timer(RETRY, self._start)
 
     def _on_rearm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Clear latched faults whose cause is gone, arm and home: a person's explicit word."""

@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stiffness, damping and mass of the beam from a recorded decay or sweep (the thesis leaves this as future work).
+
+Support and beam displacement tell how fast the beam swings and how fast it calms down: the ratios k/m and c/m, never the
+three apart. One mass has to be known: all that swings, or one that was added for a second recording.
+"""
+
+from atpid_control.beam_calibration.errors import CalibrationError
+from atpid_control.beam_calibration.fit import BeamFit, fit_beam
+from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
+from atpid_control.beam_calibration.recording import Recording, read_recording
+
+__all__ = [
+    "BeamFit", "BeamParameters", "CalibrationError", "Recording", "fit_beam", "from_added_mass", "from_known_mass",
+    "read_recording",
+]  # fmt: skip

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""k/m and c/m by output error: the model's motion, driven by the measured support, laid through the measured beam.
+
+Start and rest position enter linearly and are solved for exactly, so only two numbers are searched.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from atpid_control.beam_calibration.errors import CalibrationError
+from atpid_control.beam_calibration.response import forced, free_columns
+from atpid_control.identification.seed import seed_frequency
+
+Array = NDArray[np.float64]
+TAU = 2.0 * math.pi
+
+#: A residual above this share of the motion's own size means that the beam did not move as one mass.
+MISFIT = 0.1
+#: Damping ratios the search starts from and is held between.
+START, LEAST, MOST = 0.02, 1e-6, 0.7
+#: Periods a recording must last for its decay to be told.
+PERIODS = 5.0
+
+
+@dataclass(frozen=True)
+class BeamFit:
+    """What one recording tells of the beam, per unit of the mass that swung."""
+
+    stiffness: float  # k/m [1/s^2]
+    damping: float  # c/m [1/s]
+    covariance: Array  # of these two (2, 2)
+    residual: float  # root mean square of measured minus modelled motion [m]
+    amplitude: float  # root mean square of the measured motion [m]
+    driven: bool  # the support's motion was needed to explain the beam's
+    samples: int
+
+    @property
+    def frequency(self) -> float:
+        """Natural frequency sqrt(k/m)/2 pi [Hz]."""
+        return math.sqrt(self.stiffness) / TAU
+
+    @property
+    def damping_ratio(self) -> float:
+        """Damping ratio c/(2 sqrt(k m)) [-]."""
+        return 0.5 * self.damping / math.sqrt(self.stiffness)
+
+
+def fit_beam(beam: Array, support: Array | None, rate: float) -> BeamFit:
+    """Fit one recording: `beam` and `support` (n,) [m], None where not measured, at `rate` [Hz].
+
+    A support that explains nothing (a decay recorded with its sensor's noise) is left out. Raises CalibrationError for a
+    recording that is too short, has gaps in the support, or is no motion of one mass.
+    """
+    valid = ~np.isnan(beam)
+    lowest = PERIODS * rate / beam.size
+    if valid.sum() < 50 or lowest > 0.1 * rate:
+        raise CalibrationError(f"recording: given {int(valid.sum())} valid samples; needed: {PERIODS:g} periods of the beam")
+    if support is not None and np.isnan(support).any():
+        raise CalibrationError("support: given a recording with gaps; choose a part without any with --from and --to")
+    seed = seed_frequency(beam, rate, lowest, 0.2 * rate)
+    if math.isnan(seed):
+        raise CalibrationError(f"recording: the beam does not move between {lowest:.3g} and {0.2 * rate:.3g} Hz")
+    candidates = [_search(beam, valid, source, rate, seed) for source in ((None, support) if support is not None else (None,))]
+    best = min(candidates, key=lambda fit: fit.residual)
+    if not best.residual < MISFIT * best.amplitude:
+        raise CalibrationError(
+            f"recording: {best.residual / best.amplitude:.0%} of the motion is none of one mass on a spring; close the "
+            "damper, and choose the part after the release with --from and --to"
+        )
+    return best
+
+
+def _search(beam: Array, valid: NDArray[np.bool_], support: Array | None, rate: float, seed: float) -> BeamFit:
+    model = _Model(beam, valid, support, rate)
+    omega = TAU * seed
+    # logarithms: both are positive, and their relative errors are what matters
+    bounds = ([math.log(0.25 * omega**2), math.log(LEAST * omega)], [math.log(4.0 * omega**2), math.log(MOST * omega)])
+    starts = [np.log([omega**2, 2.0 * ratio * omega]) for ratio in (START, 0.2 * START, 5.0 * START)]
+    start = min(starts, key=lambda at: float(np.sum(model.residual(at) ** 2)))
+    found = least_squares(model.residual, start, bounds=bounds, x_scale=[1e-3, 1e-1], xtol=1e-12, ftol=1e-12)
+    stiffness, damping = (float(value) for value in np.exp(found.x))
+    left = model.residual(found.x)
+    variance = float(left @ left) / max(left.size - 5, 1)
+    # the Jacobian of the projected problem has the linear parameters already taken out
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * variance * _colour(left, rate, math.sqrt(stiffness) / TAU)
+    scale = np.diag([stiffness, damping])
+    moving = beam[valid]
+    return BeamFit(
+        stiffness, damping, scale @ covariance @ scale, math.sqrt(variance), float(np.std(moving)), support is not None, left.size
+    )
+
+
+class _Model:
+    """The projected residual as a function of log k/m and log c/m."""
+
+    def __init__(self, beam: Array, valid: NDArray[np.bool_], support: Array | None, rate: float) -> None:
+        self._beam, self._valid, self._support, self._step = beam, valid, support, 1.0 / rate
+
+    def residual(self, logarithms: Array) -> Array:
+        """Return measured minus best modelled motion at the valid samples (n,) [m]."""
+        stiffness, damping = (float(value) for value in np.exp(logarithms))
+        target = self._beam
+        if self._support is not None:
+            target = target - forced(self._support, self._step, stiffness, damping)
+        columns = free_columns(target.size, self._step, stiffness, damping)[:, self._valid]
+        target = target[self._valid]
+        coefficients, *_ = np.linalg.lstsq(columns.T, target, rcond=None)
+        return np.asarray(target - coefficients @ columns, dtype=np.float64)
+
+
+def _colour(left: Array, rate: float, frequency: float) -> float:
+    """Return by how much the residual's power near resonance exceeds white noise of the same variance, one at least.
+
+    The support's own noise, and whatever the model leaves out, reach the beam through its resonance.
+    """
+    power = np.abs(np.fft.rfft(left - left.mean())) ** 2
+    f = np.arange(power.size) * rate / left.size
+    near = np.abs(f - frequency) < 0.1 * frequency
+    return max(1.0, float(power[near].mean() / power[1:].mean())) if near.any() else 1.0

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Search on the running damper (thesis section 4.2): step the ceiling up, watch the beam, go back when it gets worse."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from atpid_sim.maps import Rig
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.plant import Plant
+from atpid_sim.scene import Scene
+
+from atpid_control.selection.checks import check_excitation
+from atpid_control.selection.protocol import Selection, SelectionError, Stage
+
+
+class SearchError(ValueError):
+    """A search that cannot be made with the limits or steps given."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How the ceiling is stepped."""
+
+    step: float  # change of height each time [m]
+    dwell: float  # time to watch the beam after each move [s]
+    lowest: float  # [m]
+    highest: float  # [m]
+
+    def __post_init__(self) -> None:
+        """Raise SearchError for a plan that goes nowhere."""
+        if not (self.step > 0.0 and math.isfinite(self.step)):
+            raise SearchError(f"step: given {self.step:g} m; allowed is a number above 0")
+        if not (self.dwell > 0.0 and math.isfinite(self.dwell)):
+            raise SearchError(f"dwell: given {self.dwell:g} s; allowed is a time above 0")
+        if not 0.0 < self.lowest < self.highest < math.inf:
+            raise SearchError(f"limits: given {self.lowest:g} to {self.highest:g} m; allowed are two rising heights above 0")
+
+
+class StepSearch:
+    """The thesis's algorithm as a state machine: it says where to go, and is told the amplitude seen there."""
+
+    def __init__(self, plan: Plan) -> None:
+        """Begin at the plan's lowest height."""
+        self._plan = plan
+        self.target = plan.lowest
+        self.best_height, self.best_amplitude = math.nan, math.inf
+        self.iterations = 0
+        self.done = False
+
+    def observe(self, amplitude: float) -> float:
+        """Take the beam's settled amplitude [m] at `target`; return where to go now [m]. Raises SearchError for NaN."""
+        if self.done:
+            return self.target
+        if not (math.isfinite(amplitude) and amplitude >= 0.0):
+            raise SearchError(f"amplitude: given {amplitude:g} m; the beam must be seen, so the search stops here")
+        self.iterations += 1
+        if amplitude > self.best_amplitude:
+            self.target, self.done = self.best_height, True
+            return self.target
+        self.best_height, self.best_amplitude = self.target, amplitude
+        self.done = self.target >= self._plan.highest
+        self.target = min(self.target + self._plan.step, self._plan.highest)
+        return self.target
+
+
+#: Where no plan is given: steps of a twentieth of the ballistic clearance, and the thesis's 3 s of watching at rest.
+_STEPS, _DWELL, _WATCHED = 20, 3.0, 1.0
+
+#: Rate at which the plant is watched [Hz], and the block it is advanced by [s].
+_RATE = 1000.0
+
+#: Speed of the ceiling where the scene gives none: a step in the thesis's opening time of 1 s.
+_TRAVEL = 1.0
+
+
+class SearchSelector:
+    """The search, made on a simulated plant; `stages` of the result shows every step."""
+
+    method = "search"
+
+    def __init__(self, scene: Scene, plan: Plan | None = None) -> None:
+        """Take the plant of a scene, and the ceiling's range and speed where it is controlled."""
+        self._scene, self._plan = scene, plan
+        self._rig = Rig(scene, scene.tolerance)
+        self._limits = getattr(scene.ceiling, "range", (self._rig.diameter, math.inf))
+        self._speed = getattr(scene.ceiling, "speed", None)
+
+    def select(
+        self,
+        amplitude: float,
+        amplitude_std: float = 0.0,
+        frequency: float = math.nan,
+        *,
+        margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:
+        """Return the height the search ends at, begun with the closed damper; see `HeightSelector.select`."""
+        del height  # it begins with the closed damper, as the thesis does
+        check_excitation(amplitude, amplitude_std, frequency, margin)
+        begun = time.perf_counter()
+        plan = self._plan or self._scaled(amplitude)
+        search = StepSearch(plan)
+        plant = self._plant(amplitude, frequency, plan)
+        stages: list[Stage] = []
+        try:
+            while not search.done:
+                here = search.target
+                seen = self._watch(plant, here, plan)
+                search.observe(seen)
+                note = "worse: back" if search.done and search.target != here else ""
+                stages.append(Stage(f"step {search.iterations}", here, seen, note))
+            seen = self._watch(plant, search.target, plan)
+        except NumericalFailure as error:
+            raise SelectionError(f"search: {error}") from None
+        stages.append(Stage("result", search.target, seen, f"{plant.time:.0f} s on the plant"))
+        efficiency = 1.0 - seen / self._rig.closed_amplitude(amplitude)
+        wall = time.perf_counter() - begun
+        return Selection(
+            search.target, seen, efficiency, self.method, search.iterations, wall, math.nan if margin else 0.0, tuple(stages)
+        )
+
+    def _scaled(self, amplitude: float) -> Plan:
+        step = self._rig.ballistic_clearance(amplitude) / _STEPS
+        highest = min(self._limits[1], self._rig.diameter + 1.4 * _STEPS * step)
+        return Plan(step, max(_DWELL, 4.0 * self._rig.decay_periods * self._rig.period), self._limits[0], highest)
+
+    def _plant(self, amplitude: float, frequency: float, plan: Plan) -> Plant:
+        steps = math.ceil((plan.highest - plan.lowest) / plan.step) + 3
+        travel = plan.step / self._speed if self._speed else _TRAVEL
+        back = (plan.highest - plan.lowest) / (self._speed or plan.step / _TRAVEL)
+        changes: dict[str, float] = {} if math.isnan(frequency) else {"frequency": frequency}
+        duration = steps * (travel + plan.dwell + 1.0) + back
+        scene = self._scene.with_(
+            amplitude=amplitude, height=plan.lowest, duration=duration, steady_window=[0.0, duration], **changes
+        )
+        return Plant(scene)
+
+    def _watch(self, plant: Plant, height: float, plan: Plan) -> float:
+        """Move the ceiling to a height [m], wait, and return half the beam's range in the last second of the dwell."""
+        speed = self._speed or plan.step / _TRAVEL
+        travel = math.ceil(abs(height - plant.height) / speed * _RATE) + 1
+        plant.advance(travel, _RATE, height, speed)
+        watched = min(_WATCHED, plan.dwell)
+        if plan.dwell > watched:
+            plant.advance(math.ceil((plan.dwell - watched) * _RATE), _RATE, height, 0.0)
+        beam = plant.advance(math.ceil(watched * _RATE), _RATE, height, 0.0).beam
+        return float(0.5 * np.ptp(beam))
