@@ -158,7 +158,7 @@ def grain(view: View) -> str:
     """Return the place of the grain's chart."""
     if view.grain_window is None:
         return ""
-    said = "Where lines touch, the grain meets a wall; each meeting takes energy from the beam."
+    said = "Where lines touch, the grain meets a wall; each meeting turns motion into heat."
     if view.own_name == "adaptive":
         said = _OPTIMAL_NOTE
     return (

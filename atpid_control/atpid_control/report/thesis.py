@@ -9,7 +9,7 @@ import numpy as np
 
 from atpid_control.report.run import Run
 from atpid_control.report.stages import Stage
-from atpid_sim.scene import Scene
+from atpid_sim.scene import FreeExcitation, Scene
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def measured_decrement(scene: Scene, height: float) -> float | None:
 
     None where that was not measured.
     """
-    if scene.excitation.kind != "free":
+    if not isinstance(scene.excitation, FreeExcitation):
         return None
     given = (scene.beam.stiffness, scene.excitation.free.deflection)
     if not np.allclose(given, (MEASURED_STIFFNESS, MEASURED_DEFLECTION)):

@@ -30,7 +30,34 @@ def _fixed(scene: Scene, height_map: Path | None) -> HeightSelector:
     return FixedSelector(scene.ceiling.heights[-1][1])
 
 
-METHODS: dict[str, Factory] = {"lookup": _lookup, "fixed": _fixed}
+def _pca(scene: Scene, height_map: Path | None) -> HeightSelector:
+    from atpid_control.selection.pca import PcaSelector
+
+    del height_map
+    return PcaSelector(scene)
+
+
+def _direct(scene: Scene, height_map: Path | None) -> HeightSelector:
+    from atpid_control.selection.direct import DirectSelector
+
+    del height_map
+    return DirectSelector(scene)
+
+
+def _search(scene: Scene, height_map: Path | None) -> HeightSelector:
+    from atpid_control.selection.search import SearchSelector
+
+    del height_map
+    return SearchSelector(scene)
+
+
+METHODS: dict[str, Factory] = {
+    "lookup": _lookup,
+    "pca": _pca,
+    "direct": _direct,
+    "search": _search,
+    "fixed": _fixed,
+}
 
 
 def make_selector(method: str, scene: Scene, height_map: Path | None = None) -> HeightSelector:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated stand's wires: what a simulated plant's sensors see becomes the voltages of a stand-in device.
 
-It listens to a plant node whose sensor topic is remapped to `emulated/...` and writes a `Feed`. Until the plant starts
-it writes a body at rest, paced by the clock, as a sensor would see one.
+It listens to a plant node whose sensor topic is remapped to `emulated/...` and writes a `Feed`; until the plant starts
+it writes a body at rest, paced by the clock, as a sensor would see one. The plant's `ceiling/state` is remapped too:
+this node passes the motor's states on and answers the plant's hello, but not before the real device streams, so that
+the stand sees the run from its first instant.
 """
 
 from __future__ import annotations
@@ -14,13 +16,14 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from atpid_interfaces.msg import SampleBlock
+from atpid_interfaces.msg import CeilingState, SampleBlock
 from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from atpid_driver.calibration import load, volts_of
 from atpid_driver.errors import DriverError
@@ -30,10 +33,12 @@ from atpid_driver.nodes.blocks import HELLO
 from atpid_driver.nodes.twice import StartedTwiceError, claim
 from atpid_driver.standins import Feed
 
+EMULATED = "emulated"
 IDLE_S = 0.01
+STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
-    ("topic", "emulated/sensors/laser", "the plant's sensor topic, remapped"),
+    ("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
     ("rate", 1000.0, "scans per second of that topic [Hz]"),
     ("calibrations", Parameter.Type.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
     ("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
@@ -57,12 +62,27 @@ class FeedNode(Node):
         self._rate = float(values["rate"])
         self.feed = Feed(Path(values["feed"]), len(self._calibrations), self._rate)
         self._next: int | None = None
+        self._live = False  # whether the device that reads the feed streams
+        self._states = self.create_publisher(CeilingState, f"{EMULATED}/ceiling/state", STATES)
+        self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
+        self.create_subscription(SampleBlock, "sensors/laser", self._on_device, BLOCKS)
         self.create_subscription(SampleBlock, values["topic"], self._on_block, BLOCKS)
         self._began, self._idle = time.monotonic(), 0
         self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def _on_device(self, block: SampleBlock) -> None:
+        self._live = self._live or block.header.frame_id != HELLO
+
+    def _on_state(self, state: CeilingState) -> None:
+        if state.header.frame_id != HELLO:
+            self._states.publish(state)
+
     def _on_block(self, block: SampleBlock) -> None:
         if block.header.frame_id == HELLO:
+            if self._live:
+                answer = CeilingState()
+                answer.header.frame_id = HELLO
+                self._states.publish(answer)
             return
         names = [calibration.channel for calibration in self._calibrations]
         if list(block.channels) != names or block.rate != self._rate:

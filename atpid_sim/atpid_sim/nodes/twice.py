@@ -10,7 +10,6 @@ from weakref import WeakKeyDictionary
 
 from rclpy.node import Node
 
-
 #: How long a namesake may be in the graph before it counts: discovery keeps one that has just left for a moment [s].
 _PASSING = 2.0
 _seen: WeakKeyDictionary[Node, float] = WeakKeyDictionary()
