@@ -25,6 +25,10 @@ setup: ## set up what is missing (PYTHON=python3.12 names the interpreter)
 bench: setup ## the adaptive bench of thesis section 4.3: table, bag and report in out/bench
 	@$(IN_WORKSPACE) python -m atpid_control bench scenes/thesis_4_3.yaml --out out/bench
 
+.PHONY: stand-emulated
+stand-emulated: setup ## the whole stand without hardware: LabJack's package, real firmware, simulated physics
+	@$(IN_WORKSPACE) python -m atpid_control bench scenes/thesis_4_3.yaml --out out/stand --emulated-stand
+
 .PHONY: test
 test: setup ## format, types, import rules, then all tests; stops at the first that fails
 	@$(IN_WORKSPACE) \
@@ -33,6 +37,11 @@ test: setup ## format, types, import rules, then all tests; stops at the first t
 	$(call stage,mypy,mypy --strict); \
 	$(call stage,import rules,lint-imports --no-logo); \
 	echo "== pytest"; exec python -m pytest -q
+
+.PHONY: firmware
+firmware: ## build the motor's firmware (needs the AVR tools)
+	@command -v avr-g++ > /dev/null || { echo "the firmware needs the AVR tools: sudo make avr-tools" >&2; exit 2; }
+	@$(MAKE) --no-print-directory -C atpid_driver/firmware
 
 .PHONY: lock
 lock: ## resolve requirements/*.in again (UPGRADE=--upgrade for the newest of everything)

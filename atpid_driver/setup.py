@@ -7,7 +7,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "atpid_driver"
-NODES = ["labjack_node", "motor_node", "ni_node"]
+NODES = ["feed_node", "labjack_node", "motor_node", "ni_node"]
 
 
 def firmware_files() -> list[tuple[str, list[str]]]:

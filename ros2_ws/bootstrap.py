@@ -129,9 +129,10 @@ def make_environment(python: Interpreter, ros: Ros) -> None:
             shutil.rmtree(VENV)
         shared = ["--system-site-packages"] if ros.source == "sourced" else []
         run([python.path, "-m", "venv", *shared, VENV], "venv", environment)
-    install: list[str | Path] = [VENV / "bin/python", "-m", "pip", "install", "--retries=2", "--require-hashes", "-r"]
+    install: list[str | Path] = [VENV / "bin/python", "-m", "pip", "install", "--require-hashes", "-r"]
     with step("installing the locked packages (a minute or two the first time)"):
-        run([*install, "requirements/backend.txt"], "pip", environment)
+        # the first is small, so a missing index is noticed soon
+        run([*install, "requirements/backend.txt", "--retries=1"], "pip", environment)
         run([*install, f"requirements/{ros.source}.txt", "--no-build-isolation"], "pip", environment)
     if ros.source == "wheels":
         repair_wheels(VENV)

@@ -145,9 +145,10 @@ def digest(parts: Iterable[str | bytes]) -> str:
 
 
 def files_of(package: Path, patterns: Iterable[str]) -> Iterator[Path]:
-    """Yield a package's files that match, in a fixed order."""
+    """Yield a package's files that match, in a fixed order, without what other builds leave beside them."""
     for pattern in patterns:
-        yield from sorted(path for path in package.glob(pattern) if path.is_file())
+        found = (path for path in package.glob(pattern) if path.is_file())
+        yield from sorted(path for path in found if "build" not in path.relative_to(package).parts)
 
 
 def environment_key(root: Path, python: Interpreter, ros: Ros) -> str:

@@ -16,7 +16,7 @@ from atpid_control.bench.domain import own_domain
 from atpid_control.bench.graph import parameters_for, write_parameters
 from atpid_control.bench.lockstep import run_lockstep
 from atpid_control.bench.maps import map_for
-from atpid_control.bench.realtime import run_realtime
+from atpid_control.bench.realtime import commands_of, run_realtime
 from atpid_sim.scene import Scene, load_scene
 
 
@@ -34,11 +34,11 @@ def parameters(path: Path, out: Path, *, lockstep: bool) -> tuple[Scene, dict[st
     return scene, parameters_for(scene, path.resolve(), map_for(scene), out / "bag", lockstep=lockstep)
 
 
-def in_lockstep(path: Path, out: Path) -> Bag:
+def in_lockstep(path: Path, out: Path, progress: Callable[[float], None] = lambda _: None) -> Bag:
     """Run the graph in this process; return its bag."""
     _, started = parameters(path, out, lockstep=True)
     with own_domain():
-        run_lockstep(started, lambda _: None)
+        run_lockstep(started, progress)
     return open_bag(out / "bag")
 
 
@@ -47,7 +47,7 @@ def in_real_time(path: Path, out: Path) -> Bag:
     _, started = parameters(path, out, lockstep=False)
     write_parameters(started, out / "parameters.yaml")
     with own_domain():
-        run_realtime(out / "parameters.yaml", out, lambda _: None)
+        run_realtime(commands_of(out / "parameters.yaml"), out, lambda _: None)
     return open_bag(out / "bag")
 
 

@@ -8,7 +8,9 @@ import yaml
 from graph_runs import parameters, scene_file
 
 from atpid_control.bench.domain import own_domain
+from atpid_control.bench.errors import PlantFailedError
 from atpid_control.bench.graph import PARTS, write_parameters
+from atpid_control.bench.lockstep import run_lockstep
 from atpid_control.bench.maps import map_for
 from atpid_control.cli import main
 from atpid_sim.maps import HeightMap
@@ -95,6 +97,8 @@ def test_a_folder_with_something_else_in_it(scenes, tmp_path, capsys):
     ("node", "changes", "words"),
     [
         ("plant_node", {"scene": "none.yaml"}, "cannot be read"),
+        ("plant_node", {"scene": ""}, "parameter scene of plant_node is not set"),
+        ("plant_node", {"scene": 3}, "expecting type 'STRING'"),
         ("selector_node", {"method": "guess"}, "method: given 'guess'; allowed: "),
         ("selector_node", {"dead_band": -1.0}, "dead_band: given -1.0; allowed: "),
         ("selector_node", {"map": "none.npz"}, "no such file"),
@@ -113,6 +117,15 @@ def test_a_node_with_a_bad_parameter(scenes, tmp_path, node, changes, words):
     assert len(lines) == 1 and words in lines[0], lines
 
 
+def test_a_parameter_file_that_is_not_there(tmp_path):
+    part = next(part for part in PARTS if part.name == "plant_node")
+    command = [str(part.executable), "--ros-args", "--params-file", str(tmp_path / "none.yaml")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "none.yaml" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
 def test_a_selector_without_its_parameter_file(scenes, tmp_path):
     part = next(part for part in PARTS if part.name == "selector_node")
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path)
@@ -121,3 +134,19 @@ def test_a_selector_without_its_parameter_file(scenes, tmp_path):
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert "is not set: start with --ros-args --params-file selector.yaml" in ended.stderr
+
+
+def test_a_plant_that_fails_is_status_3_and_one_line(scenes, tmp_path, capsys, monkeypatch):
+    def fails(*_):
+        raise PlantFailedError("the plant stopped at 1 s: the grain left the container")
+
+    monkeypatch.setattr("atpid_control.bench.command.run_lockstep", fails)
+    assert main(["bench", str(scenes / "thesis_4_3.yaml"), "--out", str(tmp_path)]) == 3
+    assert capsys.readouterr().err == "error: the plant stopped at 1 s: the grain left the container\n"
+
+
+def test_a_recorder_that_cannot_write_stops_the_run(scenes, tmp_path):
+    _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=True)
+    given["recorder_node"]["bag"] = "/dev/full/bag"
+    with own_domain(), pytest.raises(ValueError, match="/dev/full"):
+        run_lockstep(given, lambda _: None)

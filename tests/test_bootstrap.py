@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set-up as pure functions and with its steps recorded instead of run; the real run comes before these tests."""
 
+import ast
 import os
 import re
 import sys
@@ -25,6 +26,18 @@ def fake_rclpy(folder: Path) -> Path:
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("")
     return package / "__init__.py"
+
+
+def imports_of(package: Path) -> set[str]:
+    """Return the top-level names a package imports from elsewhere, its launch files included."""
+    found = set()
+    for path in [*(package / package.name).rglob("*.py"), *package.glob("launch/*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.partition(".")[0])
+    return found - set(sys.stdlib_module_names) - {package.name}
 
 
 @pytest.fixture
@@ -118,6 +131,14 @@ def test_a_new_launch_file_is_linked_by_a_short_build(steps: Steps, project: Pat
     bootstrap.set_up(None)
     assert steps.done == [*FULL, "colcon build"]
     assert kept.exists()
+
+
+def test_built_firmware_is_no_change(steps: Steps, project: Path) -> None:
+    bootstrap.set_up(None)
+    (project / "atpid_driver/firmware/build").mkdir(parents=True)
+    (project / "atpid_driver/firmware/build/motor.elf").write_text("")
+    bootstrap.set_up(None)
+    assert steps.done == FULL
 
 
 def test_a_new_lock_makes_a_new_environment(steps: Steps, project: Path) -> None:
@@ -257,3 +278,19 @@ def test_package_files_agree(root: Path, package: str) -> None:
         setup = (root / package / "setup.py").read_text()
         assert f'version="{version}"' in setup
         assert (root / package / "resource" / package).exists()
+
+
+# rosdep's names where they differ, and what comes with another dependency.
+ROSDEP = {"yaml": "python3-yaml", "serial": "python3-serial", "pydantic_core": "python3-pydantic"}
+PART_OF = {"grpc": "nidaqmx"}
+
+
+@pytest.mark.parametrize("package", [name for name in PACKAGES if name != "atpid_interfaces"])
+def test_every_import_is_a_dependency(root: Path, package: str) -> None:
+    text = (root / package / "package.xml").read_text()
+    declared = set(re.findall(r"<(?:exec_)?depend>(.+)</", text))
+    pip_only = re.search(r"<!-- Without a rosdep key.*: (.+)\. -->", text)
+    assert pip_only
+    for name in imports_of(root / package):
+        known = {name, f"python3-{name}", ROSDEP.get(name, name)}
+        assert known & declared or PART_OF.get(name, name) in pip_only.group(1), f"package.xml lacks {name}"

@@ -55,6 +55,8 @@ def generate_launch_description() -> LaunchDescription:
                 parameters=[
                     {
                         "bag": text("bag"),
+                        # no motor here: where the ceiling was comes from the bag as well
+                        "topics": ["sensors/*", "ceiling/state"],
                         "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float),
                         "expect_recorder": ParameterValue(recording, value_type=bool),
                     }

@@ -15,6 +15,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from recorded import SHORT, block, make, record
+from rosbags.rosbag2 import Reader
 
 from atpid_control.recording import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
 from atpid_control.recording import __main__ as command
@@ -101,6 +102,14 @@ def test_in_lockstep_log_times_are_stamps_in_order(bag: Path) -> None:
     for topic in {channel.topic for _, channel, _ in messages}:
         sequences = [message.sequence for _, channel, message in messages if channel.topic == topic]
         assert sequences == list(range(len(sequences)))
+
+
+def test_another_implementation_reads_it(bag: Path) -> None:
+    with Reader(bag) as reader:
+        assert reader.message_count == verify(bag).messages == sum(1 for _ in reader.messages())
+        for connection in reader.connections:
+            (offered,) = connection.ext.offered_qos_profiles
+            assert offered.depth == Qos().depth and connection.digest == message_type(connection.msgtype).hash
 
 
 def test_definition_names_every_type_inside() -> None:

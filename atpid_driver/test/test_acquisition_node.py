@@ -4,86 +4,26 @@
 from __future__ import annotations
 
 import math
-import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
-from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
-from diagnostic_msgs.msg import DiagnosticArray
+from acquisition_bench import PATIENCE, Bench
+from atpid_interfaces.msg import CeilingState, RecorderStatus
 from lifecycle_msgs.msg import State
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
-from atpid_driver.nodes.handshake import STATUS
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.nodes.ni_node import NiNode
 from atpid_driver.standins import Control, build
 
-PATIENCE = 20.0
 LIBRARIES = build()
-
-
-class Bench:
-    """One context and executor, with a node that listens to what a source says."""
-
-    def __init__(self) -> None:
-        self.context = Context()
-        rclpy.init(args=[], context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.ears = Node("ears", context=self.context)
-        self.blocks: list[SampleBlock] = []
-        self.hellos: list[SampleBlock] = []
-        self.events: list[Event] = []
-        self.diagnostics: list[Any] = []
-        for topic in ("sensors/laser", "sensors/accelerometer"):
-            self.ears.create_subscription(SampleBlock, topic, self._on_block, 1000)
-        self.ears.create_subscription(Event, "events", self.events.append, 100)
-        self.ears.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
-        self.state = self.ears.create_publisher(CeilingState, "ceiling/state", 100)
-        self.recorder = self.ears.create_publisher(RecorderStatus, "recorder/status", STATUS)
-        self.executor.add_node(self.ears)
-        self.nodes: list[AcquisitionNode] = []
-
-    def _on_block(self, block: SampleBlock) -> None:
-        (self.hellos if block.header.frame_id == "hello" else self.blocks).append(block)
-
-    def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        self.diagnostics.append(array.status[0])
-
-    def start(self, kind: type[AcquisitionNode], **values: object) -> AcquisitionNode:
-        overrides = [Parameter(name, value=value) for name, value in values.items()]
-        node = kind(context=self.context, parameter_overrides=overrides)
-        self.nodes.append(node)
-        self.executor.add_node(node)
-        return node
-
-    def until(self, what: Callable[[], object]) -> None:
-        """Spin until something has happened."""
-        deadline = time.monotonic() + PATIENCE
-        while not what():
-            assert time.monotonic() < deadline, "it did not happen"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def said(self, words: str) -> bool:
-        return any(words in event.text for event in self.events)
-
-    def close(self) -> None:
-        for node in [*self.nodes, self.ears]:
-            self.executor.remove_node(node)
-            node.destroy_node()
-        self.executor.shutdown()
-        rclpy.shutdown(context=self.context)
 
 
 @pytest.fixture
@@ -293,6 +233,38 @@ def test_wrong_serial_number_then_the_right_one(bench: Bench, t7: Control) -> No
     bench.until(lambda: bench.blocks)
 
 
+def test_a_library_that_is_missing_then_installed(bench: Bench, t7: Control, tmp_path: Path) -> None:
+    library = tmp_path / "libLabJackM.so"
+    node = bench.start(LabJackNode, **laser(library=str(library)))
+    bench.until(lambda: bench.said("install LJM from labjack.com"))
+    assert label(node) == "unconfigured"
+    shutil.copy(LIBRARIES / "libLabJackM.so", library)
+    bench.until(lambda: bench.blocks)
+    assert len({event.text for event in bench.events if event.kind == "fault"}) == 1
+
+
+def test_configured_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
+    t7.unplug()
+    node = bench.start(LabJackNode, **laser())
+    bench.until(lambda: bench.said("cannot configure"))
+    t7.replug()
+    node.trigger_configure()
+    bench.until(lambda: node._starter is None)  # the next attempt sees that it need not
+    assert label(node) == "inactive"
+    node.trigger_shutdown()
+    assert label(node) == "finalized"
+
+
+def test_shut_down_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
+    t7.unplug()
+    node = bench.start(LabJackNode, **laser())
+    bench.until(lambda: bench.said("cannot configure"))
+    node.trigger_shutdown()
+    seen = len(bench.diagnostics)
+    bench.until(lambda: len(bench.diagnostics) > seen + 1)
+    assert label(node) == "finalized"
+
+
 def test_a_set_up_the_device_refuses_leaves_the_node_alive(bench: Bench, t7: Control) -> None:
     bench.start(LabJackNode, **laser(rate=90_000.0))
     bench.until(lambda: bench.said("a scan takes longer than the scan period"))
@@ -341,6 +313,20 @@ def test_bad_parameters_end_the_process_with_status_2_and_one_line() -> None:
         "labjack_node: parameter channels of labjack_node is not given: names of the channels in the messages; "
         "set it in the parameter file"
     ]
+
+
+def test_a_node_started_twice_is_refused_with_status_2(bench: Bench) -> None:
+    simulated = ["backend:=simulated", "handshake:=false", "rate:=1000.0"]
+    wiring = ["channels:=[support_displacement]", "terminals:=[x]", "calibrations:=[laser_support.yaml]"]
+    first = run_node(*simulated, *wiring)
+    bench.until(lambda: bench.blocks)
+    second = run_node(*simulated, *wiring)
+    said, _ = second.communicate(timeout=PATIENCE)
+    first.send_signal(signal.SIGINT)
+    first.communicate(timeout=PATIENCE)
+    assert (first.returncode, second.returncode) == (0, 2)
+    assert "already running" in said
+    assert len(said.splitlines()) == 1
 
 
 def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:

@@ -22,7 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("recording", type=Path, help="a decay or sweep with the damper closed or empty: bag or .csv (time, channels)")
     add("--moving-mass", type=float, metavar="KG", help="all that swings: reduced beam mass, container, grain [kg]")
     add("--moving-mass-std", type=float, default=0.0, metavar="KG", help="its standard deviation [kg]")
-    add("--grain-mass", type=float, default=0.0, metavar="KG", help="the grain's part of it; a scene's beam is without [kg]")
+    add(
+        "--grain-mass",
+        type=float,
+        default=0.0,
+        metavar="KG",
+        help="the grain's part of it; a scene's beam is without [kg]",
+    )
     add("--added-mass", type=float, metavar="KG", help="mass added to the beam for the second recording [kg]")
     add("--with-added", type=Path, metavar="RECORDING", help="the second recording")
     add("--from", dest="begin", type=float, default=0.0, metavar="S", help="begin of the part used [s]")
@@ -89,6 +95,8 @@ def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:
         f"# natural frequency {fit.frequency:.5f} Hz, damping ratio {fit.damping_ratio:.5f}",
     ]
     if parameters is None:
-        lines.append("# stiffness, damping and mass cannot be told apart without a known mass: --moving-mass or --added-mass")
+        lines.append(
+            "# stiffness, damping and mass cannot be told apart without a known mass: --moving-mass or --added-mass"
+        )
         return "\n".join(lines)
     return "\n".join(lines) + "\n" + parameters.to_yaml().rstrip()

@@ -20,8 +20,11 @@ from atpid_control.identification.seed import seed_frequency
 Array = NDArray[np.float64]
 TAU = 2.0 * math.pi
 
-#: A residual above this share of the motion's own size means that the beam did not move as one mass.
-MISFIT = 0.1
+#: A residual above this share of the motion's own size means that the beam did not move as one mass; of the residual
+#: only what lies below so many natural frequencies counts, since a sensor's noise is no motion.
+MISFIT, MISFIT_BAND = 0.05, 3.0
+#: A support that lowers the residual by less than this explains nothing but noise.
+EXPLAINS = 0.02
 #: Damping ratios the search starts from and is held between.
 START, LEAST, MOST = 0.02, 1e-6, 0.7
 #: Periods a recording must last for its decay to be told.
@@ -36,6 +39,7 @@ class BeamFit:
     damping: float  # c/m [1/s]
     covariance: Array  # of these two (2, 2)
     residual: float  # root mean square of measured minus modelled motion [m]
+    misfit: float  # the part of it that is as slow as the beam itself [m]
     amplitude: float  # root mean square of the measured motion [m]
     driven: bool  # the support's motion was needed to explain the beam's
     samples: int
@@ -54,23 +58,27 @@ class BeamFit:
 def fit_beam(beam: Array, support: Array | None, rate: float) -> BeamFit:
     """Fit one recording: `beam` and `support` (n,) [m], None where not measured, at `rate` [Hz].
 
-    A support that explains nothing (a decay recorded with its sensor's noise) is left out. Raises CalibrationError for a
-    recording that is too short, has gaps in the support, or is no motion of one mass.
+    A support that explains nothing (a decay recorded with its sensor's noise) is left out. Raises CalibrationError for
+    a recording that is too short, has gaps in the support, or is no motion of one mass.
     """
     valid = ~np.isnan(beam)
     lowest = PERIODS * rate / beam.size
     if valid.sum() < 50 or lowest > 0.1 * rate:
-        raise CalibrationError(f"recording: given {int(valid.sum())} valid samples; needed: {PERIODS:g} periods of the beam")
+        raise CalibrationError(
+            f"recording: given {int(valid.sum())} valid samples; needed: {PERIODS:g} periods of the beam"
+        )
     if support is not None and np.isnan(support).any():
         raise CalibrationError("support: given a recording with gaps; choose a part without any with --from and --to")
     seed = seed_frequency(beam, rate, lowest, 0.2 * rate)
     if math.isnan(seed):
         raise CalibrationError(f"recording: the beam does not move between {lowest:.3g} and {0.2 * rate:.3g} Hz")
-    candidates = [_search(beam, valid, source, rate, seed) for source in ((None, support) if support is not None else (None,))]
-    best = min(candidates, key=lambda fit: fit.residual)
-    if not best.residual < MISFIT * best.amplitude:
+    candidates = [
+        _search(beam, valid, source, rate, seed) for source in ((None, support) if support is not None else (None,))
+    ]
+    best = candidates[0] if candidates[-1].residual > (1.0 - EXPLAINS) * candidates[0].residual else candidates[-1]
+    if not best.misfit < MISFIT * best.amplitude:
         raise CalibrationError(
-            f"recording: {best.residual / best.amplitude:.0%} of the motion is none of one mass on a spring; close the "
+            f"recording: {best.misfit / best.amplitude:.0%} of the motion is none of one mass on a spring; close the "
             "damper, and choose the part after the release with --from and --to"
         )
     return best
@@ -88,12 +96,14 @@ def _search(beam: Array, valid: NDArray[np.bool_], support: Array | None, rate: 
     left = model.residual(found.x)
     variance = float(left @ left) / max(left.size - 5, 1)
     # the Jacobian of the projected problem has the linear parameters already taken out
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * variance * _colour(left, rate, math.sqrt(stiffness) / TAU)
+    natural, ratio = math.sqrt(stiffness) / TAU, 0.5 * damping / math.sqrt(stiffness)
+    colour, misfit = _spectrum(left, rate, natural, ratio)
     scale = np.diag([stiffness, damping])
-    moving = beam[valid]
+    covariance = scale @ np.linalg.pinv(found.jac.T @ found.jac) @ scale * variance * colour
     return BeamFit(
-        stiffness, damping, scale @ covariance @ scale, math.sqrt(variance), float(np.std(moving)), support is not None, left.size
-    )
+        stiffness, damping, covariance, math.sqrt(variance), misfit, float(np.std(beam[valid])),
+        driven=support is not None, samples=left.size,
+    )  # fmt: skip
 
 
 class _Model:
@@ -114,12 +124,15 @@ class _Model:
         return np.asarray(target - coefficients @ columns, dtype=np.float64)
 
 
-def _colour(left: Array, rate: float, frequency: float) -> float:
-    """Return by how much the residual's power near resonance exceeds white noise of the same variance, one at least.
+def _spectrum(left: Array, rate: float, frequency: float, ratio: float) -> tuple[float, float]:
+    """Return how coloured the residual is at resonance, one at least, and its slow part's root mean square [m].
 
-    The support's own noise, and whatever the model leaves out, reach the beam through its resonance.
+    The support's own noise, and whatever the model leaves out, reach the beam through its resonance: there the residual's
+    power exceeds that of white noise of the same variance, and the parameters' variance with it.
     """
     power = np.abs(np.fft.rfft(left - left.mean())) ** 2
     f = np.arange(power.size) * rate / left.size
-    near = np.abs(f - frequency) < 0.1 * frequency
-    return max(1.0, float(power[near].mean() / power[1:].mean())) if near.any() else 1.0
+    near = np.abs(f - frequency) < max(2.0 * ratio * frequency, 3.0 * rate / left.size)
+    colour = float(power[near].mean() / power[1:].mean()) if near.any() else 1.0
+    slow = power[(f > 0.0) & (f < MISFIT_BAND * frequency)].sum()
+    return max(1.0, colour), math.sqrt(2.0 * float(slow)) / left.size

@@ -32,7 +32,9 @@ class BeamParameters:
         )
 
 
-def from_known_mass(fit: BeamFit, moving_mass: float, moving_mass_std: float = 0.0, grain_mass: float = 0.0) -> BeamParameters:
+def from_known_mass(
+    fit: BeamFit, moving_mass: float, moving_mass_std: float = 0.0, grain_mass: float = 0.0
+) -> BeamParameters:
     """Return the parameters where all that swung weighs `moving_mass` [kg], `grain_mass` [kg] of it the grain's.
 
     Raises CalibrationError for masses that cannot be.
@@ -84,7 +86,9 @@ def _check(moving: float, grain: float) -> None:
     if not (math.isfinite(moving) and moving > 0.0):
         raise CalibrationError(f"moving mass: given {moving:g} kg; allowed: above 0")
     if not 0.0 <= grain < moving:
-        raise CalibrationError(f"grain mass: given {grain:g} kg; allowed: at least 0 and below the moving {moving:g} kg")
+        raise CalibrationError(
+            f"grain mass: given {grain:g} kg; allowed: at least 0 and below the moving {moving:g} kg"
+        )
 
 
 def _number(value: float) -> str:

@@ -38,7 +38,7 @@ def damped_frequency(stiffness: float, damping: float) -> float:
 
 
 def _difference_equation(step: float, stiffness: float, damping: float) -> tuple[Array, Array]:
-    """Return numerator and denominator of the first-order-hold equivalent of (k + c s) / (s^2 + c s + k), per unit mass.
+    """Return numerator and denominator of the first-order-hold equivalent of (k + c s) / (s^2 + c s + k) for m = 1.
 
     With H(s)/s^2 expanded in partial fractions 1/s^2 + free motion, its samples' z transform times (1 - z)^2/(z T).
     """

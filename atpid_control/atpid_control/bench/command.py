@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import signal
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -17,11 +19,12 @@ from rich.console import Console
 from atpid_control.bagread import open_bag
 from atpid_control.bench import outdir
 from atpid_control.bench.domain import own_domain
-from atpid_control.bench.graph import parameters_for, write_parameters
+from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
+from atpid_control.bench.graph import Parameters, parameters_for, write_parameters
 from atpid_control.bench.lockstep import run_lockstep
 from atpid_control.bench.maps import map_for
 from atpid_control.bench.progress import shown
-from atpid_control.bench.realtime import run_realtime
+from atpid_control.bench.realtime import commands_of, run_realtime
 from atpid_control.selection import make_selector
 from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
@@ -33,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, required=True, help="folder for bag, summary and report; an earlier run is kept"
     )
     parser.add_argument("--real-time", action="store_true", help="every node its own process, paced by the clock")
+    parser.add_argument(
+        "--emulated-stand",
+        action="store_true",
+        help="real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board",
+    )
     parser.add_argument("--domain", type=int, help="ROS domain to use; default: a free one")
 
 
@@ -50,19 +58,45 @@ def run(args: argparse.Namespace) -> int:
         if moved:
             print(f"an earlier run was moved to {moved}", file=sys.stderr)
         _run_graph(args, scene, scene_file, height_map, out)
-        return _conclude(scene, out, "real time" if args.real_time else "lockstep")
+        return _conclude(scene, out, _mode(args))
+
+
+def _mode(args: argparse.Namespace) -> str:
+    if args.emulated_stand:
+        return "emulated stand"
+    return "real time" if args.real_time else "lockstep"
 
 
 def _run_graph(args: argparse.Namespace, scene: Scene, scene_file: Path, height_map: Path | None, out: Path) -> None:
-    parameters = parameters_for(scene, scene_file, height_map, out / "bag", lockstep=not args.real_time)
+    if not args.emulated_stand:
+        parameters = parameters_for(scene, scene_file, height_map, out / "bag", lockstep=not args.real_time)
+        _run_nodes(args, scene, out, parameters, commands_of)
+        return
+    missing = missing_tools()
+    if missing:
+        needs = f"it needs {' '.join(missing)} (sudo make avr-tools)"
+        print(f"left out: the firmware on its emulated board, a simulated ceiling stands in; {needs}", file=sys.stderr)
+    with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder:
+        place, board = Path(folder), not missing
+        parameters = parameters_emulated(scene, scene_file, height_map, out / "bag", place, board=board)
+        _run_nodes(args, scene, out, parameters, lambda file: commands_emulated(file, place, board=board))
+
+
+def _run_nodes(
+    args: argparse.Namespace,
+    scene: Scene,
+    out: Path,
+    parameters: Parameters,
+    commands: Callable[[Path], list[tuple[str, list[str]]]],
+) -> None:
     parameter_file = out / "parameters.yaml"
     parameters["recorder_node"]["files"] = [str(parameter_file)]
     write_parameters(parameters, parameter_file)
     os.environ["ROS_LOG_DIR"] = str(out / "log")
     with own_domain(args.domain), _stoppable(), shown(scene.duration, args.scene.name) as progress:
         try:
-            if args.real_time:
-                run_realtime(parameter_file, out / "log", progress)
+            if args.real_time or args.emulated_stand:
+                run_realtime(commands(parameter_file), out / "log", progress)
             else:
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:
@@ -80,7 +114,7 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
     measured = stages(done)
     summary = summary_of(bag, measured, scene, mode)
     write_summary(summary, out / "summary.json")
-    show(summary, done, measured, Console(width=None if sys.stdout.isatty() else 160))
+    show(summary, done, measured, Console(width=max(100, shutil.get_terminal_size().columns), highlight=False))
     made = report(out / "bag", out)
     print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
     return 0

@@ -100,5 +100,5 @@ def write_parameters(parameters: Parameters, path: Path) -> None:
 def _found(where: Any, package: str) -> str:
     try:
         return str(where(package))
-    except PackageNotFoundError:
+    except (PackageNotFoundError, OSError):
         raise BenchError(f"package {package} is not on the path: `make setup`, then `. ros2_ws/activate`") from None

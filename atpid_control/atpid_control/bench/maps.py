@@ -58,7 +58,7 @@ def amplitudes_of(scene: Scene) -> tuple[float, float]:
 def _known(cache: Path) -> Iterator[Path]:
     # as installed, and as it lies in a checkout whose workspace was built before the map was added
     folders = [Path(__file__).resolve().parents[2] / "config" / "maps", cache]
-    with suppress(PackageNotFoundError):
+    with suppress(PackageNotFoundError, OSError):
         folders.insert(0, Path(get_package_share_directory("atpid_control")) / "config" / "maps")
     for folder in folders:
         yield from sorted(folder.glob("*.npz"))

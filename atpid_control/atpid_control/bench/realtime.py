@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from atpid_control.bench.errors import BenchError, PlantFailedError
@@ -19,15 +19,17 @@ _LOOP_PATIENCE = 20.0
 _FAILED = 3
 
 
-def run_realtime(parameter_file: Path, logs: Path, progress: Callable[[float], None]) -> None:
+def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
+    """Return (name, command) of every node of the simulated stand, in the order of stopping."""
+    return [(part.name, [str(part.executable), "--ros-args", "--params-file", str(parameter_file)]) for part in PARTS]
+
+
+def run_realtime(commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None]) -> None:
     """Run the graph until the plant has finished; `progress` is told the data time [s].
 
     Raises NodeDiedError where a node ends early, PlantFailedError where the plant does, BenchError where data stop.
     KeyboardInterrupt passes through after all nodes have been stopped and the bag is closed.
     """
-    commands = [
-        (part.name, [str(part.executable), "--ros-args", "--params-file", str(parameter_file)]) for part in PARTS
-    ]
     # nodes/ alone imports rclpy; by name, so that this module can be read, tested and linted without it
     watching = importlib.import_module("atpid_control.nodes.bench_watch").watching
     with Processes(commands, logs) as nodes, watching() as (watch, listen):

@@ -11,8 +11,10 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from atpid_control.bagread import Bag
 from atpid_control.report.run import Run
@@ -108,26 +110,33 @@ def show(summary: Mapping[str, Any], run: Run, stages: list[Stage], console: Con
         )
     for kind, text in notable(run.bag):
         console.print(f"{kind}: {text}", soft_wrap=True, markup=False)
-    for line in summary["defaults"]:
-        console.print(f"default {line}", style="dim", soft_wrap=True, markup=False, highlight=False)
+    left_open = "; ".join(line.split(":", 1)[0] for line in summary["defaults"])
+    if left_open:
+        console.print(f"left to defaults: {left_open}", style="dim", soft_wrap=True, markup=False, highlight=False)
 
 
 def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> Table:
     """Return the table, with what the thesis prints beside where it is the thesis's scene."""
-    table = Table(title="stages (amplitudes: half peak-to-peak, at the end of each)", title_justify="left")
+    table = Table(
+        title="at the end of each stage; amplitudes are half peak-to-peak",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
     for name in (
-        "time [s]",
-        "excitation [m]",
-        "identified [m]",
-        "f [Hz]",
-        "height [m]",
-        "beam [m]",
-        "closed [m]",
+        "time\n[s]",
+        "excited\n[m]",
+        "identified\n[m]",
+        "f\n[Hz]",
+        "height\n[m]",
+        "beam\n[m]",
+        "closed\n[m]",
         "left",
     ):
-        table.add_column(name, justify="right", no_wrap=True)
-    for name in ("thesis: height", "beam", "closed", "left") if printed else ():
-        table.add_column(name, justify="right", no_wrap=True, style="dim")
+        table.add_column(Text(name), justify="right", no_wrap=True)
+    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\nleft") if printed else ():
+        table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
     for stage, other in zip_longest(stages, printed or ()):
         table.add_row(*_row(stage), *(_printed(other) if other else ()))
     return table

@@ -22,7 +22,7 @@ HEIGHT_STEP = 0.005
 PERIODS, LOOKED_AT = 60, 16
 #: Samples a period of a simulated trajectory.
 SAMPLES = 40
-POINTS = 24
+POINTS = 40
 
 
 class SimulatedRelation:

@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 OK, AMPLITUDE, A_STD, OMEGA, O_STD, PHASE, P_STD = 0, 1, 2, 3, 4, 5, 6
-OFFSET, RESIDUAL, CONTENT, USED, CHANGE, SLOPE_STD = 7, 8, 9, 10, 11, 12
-RESULTS = 13
+OFFSET, RESIDUAL, CONTENT, SLOPE, SLOPE_STD, USED, CHANGE = 7, 8, 9, 10, 11, 12, 13
+RESULTS = 14
 
 
 @compiled
@@ -50,8 +50,29 @@ def report(out: Array, columns: Array, y: Array, tone: Array, scale: float, cent
     out[RESIDUAL] = np.sqrt(variance)
     out[CONTENT] = _harmonic_content(columns, left, tone, active, variance)
     out[USED] = n
-    out[SLOPE_STD] = np.sqrt(variance * 6.0 / n) / amplitude
+    out[SLOPE], out[SLOPE_STD] = _slope(columns, left, active, variance)
+    out[SLOPE] /= amplitude
+    out[SLOPE_STD] /= amplitude
     out[OK] = 1.0
+
+
+@compiled
+def _slope(columns: Array, left: Array, active: Flags, variance: float) -> tuple[float, float]:
+    """Return the change of amplitude over half the window [m] and its standard deviation, phase and rest fitted too."""
+    base = chosen_columns(active)
+    chosen = np.empty(base.size + 1, dtype=np.int64)
+    chosen[0] = col.SLOPE
+    chosen[1:] = base
+    matrix, vector = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
+    lower, solution = np.zeros((col.COUNT, col.COUNT)), np.zeros(col.COUNT)
+    gram(columns, chosen, matrix)
+    project(columns, chosen, left, vector)
+    if not factor(matrix, chosen, lower):
+        return 0.0, np.inf
+    for i in range(chosen.size):
+        solution[i] = vector[chosen[i]]
+    substitute(lower, chosen.size, solution)
+    return solution[0], np.sqrt(variance * inverse_corner(lower, chosen.size, 1)[0, 0])
 
 
 @compiled

@@ -46,3 +46,5 @@ class Estimate:
     used: int = 0  # valid samples in the fit
     lost: int = 0  # samples missing from the window (gaps by index, NaN, saturated)
     beam_amplitude: float = nan  # half peak-to-peak of the beam in the window [m]
+    growth: float = nan  # relative change of amplitude, mean over the window [1/s]; not in the message
+    growth_std: float = nan  # [1/s]

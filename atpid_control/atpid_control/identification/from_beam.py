@@ -3,13 +3,15 @@
 
 Closed damper: beam and grain are one mass, and the transfer function of the simplified model is divided out
 (thesis equation 3.43). Open damper: through a table of simulated steady amplitudes at the present height. Either way
-the error bar grows by what is not known of the model, and only a steady beam tells: it takes its own time to settle.
+the error bar grows by what is not known of the model. The closed beam need not have settled: what its amplitude still
+gains is counted.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -25,6 +27,10 @@ Array = NDArray[np.float64]
 CLOSED_GAP = 0.02
 #: Standard deviation of stiffness and damping where nobody gives one: a calibrated beam's, with room [-].
 MODEL_ERROR = (0.005, 0.05)
+#: Estimates agree within this many standard deviations.
+AGREE = 3.0
+#: A beam this regular is on no branch of the table that scatters more [-].
+REGULAR = 0.02
 
 
 class AmplitudeRelation(Protocol):
@@ -43,27 +49,13 @@ class ClosedBeam:
     stiffness: float  # [N/m]
     damping: float  # [N s/m]
 
-    def transfer(self, omega: float) -> complex:
-        """Return beam over support displacement at `omega` [rad/s] (equation 3.43)."""
-        force = self.stiffness + 1j * self.damping * omega
-        return force / (force - self.mass * omega * omega)
+    def inverse(self, omega: float, growth: float = 0.0) -> complex:
+        """Return support over beam displacement at `omega` [rad/s] (equation 3.43).
 
-    def gain_error(self, omega: float, omega_std: float, model_error: tuple[float, float]) -> float:
-        """Return the relative standard deviation of the gain [-].
-
-        Differences over one standard deviation of each cause, not derivatives: at resonance those vanish.
+        A beam still swinging up, by `growth` [1/s] of its amplitude, needs the support also for that.
         """
-        gain = abs(self.transfer(omega))
-        stiffness, damping = model_error
-        others = (
-            (self, omega + omega_std), (self, omega - omega_std),
-            (replace(self, stiffness=self.stiffness * (1.0 + stiffness)), omega),
-            (replace(self, stiffness=self.stiffness * (1.0 - stiffness)), omega),
-            (replace(self, damping=self.damping * (1.0 + damping)), omega),
-            (replace(self, damping=self.damping * (1.0 - damping)), omega),
-        )  # fmt: skip
-        off = [abs(abs(beam.transfer(at)) / gain - 1.0) for beam, at in others]
-        return math.hypot(*(max(off[i], off[i + 1]) for i in (0, 2, 4)))
+        force = self.stiffness + 1j * self.damping * omega
+        return (force - self.mass * omega**2 + growth * (2j * self.mass * omega + self.damping)) / force
 
 
 class ModelInverse:
@@ -81,6 +73,7 @@ class ModelInverse:
         `model_error`: relative standard deviations of stiffness and damping [-].
         """
         self._beam, self._closed, self._relation, self._error = beam, closed_height, relation, model_error
+        self._past: deque[tuple[float, float, float]] = deque()  # time, amplitude, its std by chance
 
     @classmethod
     def of_scene(cls, scene: Scene, model_error: tuple[float, float] = MODEL_ERROR) -> ModelInverse:
@@ -103,23 +96,62 @@ class ModelInverse:
         return self._through_relation(beam, height)
 
     def _through_one_mass(self, beam: Estimate) -> Estimate:
-        omega = 2.0 * math.pi * beam.frequency
-        transfer = self._beam.transfer(omega)
-        model = self._beam.gain_error(omega, 2.0 * math.pi * beam.frequency_std, self._error)
-        relative = math.hypot(beam.amplitude_std / beam.amplitude, model)
-        amplitude = beam.amplitude / abs(transfer)
-        phase = math.remainder(beam.phase - cmath.phase(transfer), 2.0 * math.pi)
-        return replace(
+        omega, growth = 2.0 * math.pi * beam.frequency, beam.growth
+        inverse = self._beam.inverse(omega, growth)
+        chance, model = self._errors(beam, abs(inverse))
+        amplitude = beam.amplitude * abs(inverse)
+        support = replace(
             beam,
             amplitude=amplitude,
-            amplitude_std=relative * amplitude,
-            phase=phase,
-            phase_std=math.hypot(beam.phase_std, model),
+            amplitude_std=amplitude * math.hypot(chance, model),
+            phase=math.remainder(beam.phase + cmath.phase(inverse), 2.0 * math.pi),
+            phase_std=math.hypot(beam.phase_std, chance, model),
         )
+        return replace(support, quality=self._steadiness(support, amplitude * chance))
+
+    def _errors(self, beam: Estimate, gain: float) -> tuple[float, float]:
+        """Return relative standard deviations of the support's amplitude: by chance, and by the model [-].
+
+        Differences over one standard deviation of each cause, not derivatives: at resonance those may vanish.
+        """
+        omega, growth = 2.0 * math.pi * beam.frequency, beam.growth
+        omega_std = 2.0 * math.pi * beam.frequency_std
+
+        def off(*cases: tuple[ClosedBeam, float, float]) -> float:
+            return max(abs(abs(model.inverse(at, rate)) / gain - 1.0) for model, at, rate in cases)
+
+        closed, (stiffness, damping) = self._beam, self._error
+        chance = math.hypot(
+            beam.amplitude_std / beam.amplitude,
+            off((closed, omega + omega_std, growth), (closed, omega - omega_std, growth)),
+            off((closed, omega, growth + beam.growth_std), (closed, omega, growth - beam.growth_std)),
+        )
+        softer, stiffer = (replace(closed, stiffness=closed.stiffness * (1.0 + s * stiffness)) for s in (-1, 1))
+        freer, damped = (replace(closed, damping=closed.damping * (1.0 + s * damping)) for s in (-1, 1))
+        model = math.hypot(
+            off((softer, omega, growth), (stiffer, omega, growth)), off((freer, omega, growth), (damped, omega, growth))
+        )
+        return chance, model
+
+    def _steadiness(self, support: Estimate, chance: float) -> Quality:
+        """Steady, if the support's estimates agree over a whole window, whatever the beam still does meanwhile."""
+        while self._past and self._past[0][0] < support.time - support.window:
+            self._past.popleft()
+        whole = bool(self._past) and self._past[0][0] <= support.time - 0.8 * support.window
+        same = all(
+            abs(amplitude - support.amplitude) <= AGREE * math.hypot(chance, std) for _, amplitude, std in self._past
+        )
+        self._past.append((support.time, support.amplitude, chance))
+        if support.quality == Quality.POOR:
+            return Quality.POOR
+        return Quality.STEADY if whole and same else Quality.TRANSIENT
 
     def _through_relation(self, beam: Estimate, height: float) -> Estimate:
         support, response, spread = self._relation.at(height)
-        ends = crossings(support, response, spread, beam.amplitude, beam.amplitude_std)
+        # a beam that swings regularly is not on a rumbling branch
+        smooth = regular_branch(response, spread) if beam.quality == Quality.STEADY else response
+        ends = crossings(support, smooth, spread, beam.amplitude, beam.amplitude_std)
+        ends = ends or crossings(support, response, spread, beam.amplitude, beam.amplitude_std)
         if not ends:
             return replace(
                 beam,
@@ -140,6 +172,18 @@ class ModelInverse:
         )  # fmt: skip
 
 
+def regular_branch(response: Array, spread: Array) -> Array:
+    """Return the responses (n,) [m] with NaN where they scatter; a regular stretch is carried on for one point."""
+    regular = spread <= REGULAR * response
+    found = np.where(regular, response, np.nan)
+    for here in np.flatnonzero(~regular):
+        for step in (1, -1):
+            near, far = here + step, here + 2 * step
+            if 0 <= far < response.size and regular[near] and regular[far]:
+                found[here] = 2.0 * response[near] - response[far]
+    return found
+
+
 def crossings(
     support: Array, response: Array, spread: Array, amplitude: float, std: float
 ) -> list[tuple[float, float]]:
@@ -150,7 +194,8 @@ def crossings(
     fine = np.linspace(support[0], support[-1], 20 * support.size)
     middle = np.interp(fine, support, response)
     width = np.hypot(np.interp(fine, support, spread), std) + np.abs(np.gradient(middle))
-    inside = np.flatnonzero(np.abs(middle - amplitude) <= width)
+    with np.errstate(invalid="ignore"):
+        inside = np.flatnonzero(np.abs(middle - amplitude) <= width)
     if inside.size == 0:
         return []
     parts = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)

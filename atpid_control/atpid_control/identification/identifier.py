@@ -118,6 +118,8 @@ class Identifier:
             harmonics=fit.harmonics,
             used=fit.used,
             lost=tone.lost,
+            growth=fit.slope * 2.0 / tone.window,
+            growth_std=fit.slope_std * 2.0 / tone.window,
         )
 
     def _beam_amplitude(self, estimate: Estimate, measured: bool) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from atpid_control.identification import columns as col
 from atpid_control.identification.choice import best_group, chosen_columns, without_spikes
 from atpid_control.identification.compiled import compiled
-from atpid_control.identification.covariance import CHANGE, OK, RESULTS, SLOPE_STD, USED, report
+from atpid_control.identification.covariance import CHANGE, OK, RESULTS, USED, report
 from atpid_control.identification.linear import factor, gram, project, substitute
 
 Array = NDArray[np.float64]
@@ -43,9 +43,10 @@ class SineFit:
     offset: float  # [m]
     residual: float  # root mean square, degrees of freedom accounted for [m]
     harmonics: float  # [-]
+    slope: float  # relative change of amplitude over half the window [-]
+    slope_std: float  # [-]
     used: int
     change: float  # log-likelihood by which a changing tone describes the window better; 0: steady
-    slope_std: float  # relative change of amplitude over half the window that noise could hide, standard deviation [-]
 
 
 def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: float) -> SineFit | None:
@@ -57,11 +58,8 @@ def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: flo
     out = _fit(tau, signal, omega, hum, threshold)
     if out[OK] == 0.0 or not np.all(np.isfinite(out)):
         return None
-    amplitude, amplitude_std, omega, omega_std, phase, phase_std, offset, residual, harmonics = map(float, out[1:USED])
-    return SineFit(
-        amplitude, amplitude_std, omega, omega_std, phase, phase_std, offset, residual, harmonics,
-        used=int(out[USED]), change=float(out[CHANGE]), slope_std=float(out[SLOPE_STD]),
-    )  # fmt: skip
+    values = [float(value) for value in out[1:USED]]
+    return SineFit(*values, used=int(out[USED]), change=float(out[CHANGE]))
 
 
 @compiled

@@ -188,9 +188,13 @@ def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
     return Event.WARNING, "rumble", state.scatter, text
 
 
+#: What an estimate holds and the message does not.
+_NOT_SAID = ("time", "growth", "growth_std")
+
+
 def _fields(estimate: Estimate) -> dict[str, Any]:
     """Return the estimate as the message's fields."""
-    fields = {name: value for name, value in vars(estimate).items() if name != "time"}
+    fields = {name: value for name, value in vars(estimate).items() if name not in _NOT_SAID}
     return fields | {"quality": int(estimate.quality), "origin": int(estimate.origin)}
 
 

@@ -93,7 +93,11 @@ class RecorderNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         for topic in self.topics:
             self.create_subscription(
-                _class_of(topic.type), topic.name, partial(self._on_message, topic.name), _qos_for(topic), raw=True
+                _class_of(topic.type),
+                topic.name,
+                partial(self._on_message, topic.name),
+                _qos_for(topic),
+                raw=True,
             )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timers = [

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,10 @@ from rclpy.task import Future
 from atpid_control.controller import Command, Controller, ProfileController, SelectingController
 from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
 from atpid_control.selection import SelectionError, make_selector
-from atpid_sim.nodes.life import run
+from atpid_sim.nodes.life import run, scene_given
 from atpid_sim.nodes.messages import HELLO, STATES, nanoseconds_of
 from atpid_sim.nodes.twice import StartedTwiceError, check_alone
-from atpid_sim.scene import ControlledCeiling, Scene, load_scene
+from atpid_sim.scene import ControlledCeiling, Scene
 
 BAD_INPUT = 2
 #: A command answers each block; a gap this long means that the controller or the sensors are gone [s].
@@ -56,7 +57,7 @@ class SelectorNode(Node):
         super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
         for name, default, text in PARAMETERS:
             self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
-        scene = load_scene(self._value("scene"))
+        scene = scene_given(self)
         self._block = scene.recording.block
         self._margin = float(self._value("margin"))
         self._selector = make_selector(self._method(scene), scene, self._map_file(scene))
@@ -85,6 +86,9 @@ class SelectorNode(Node):
     def _make_controller(self, scene: Scene) -> Controller:
         if not isinstance(scene.ceiling, ControlledCeiling):
             return ProfileController(scene.ceiling.heights)
+        # once for nothing: a method that simulates loads its kernels now, not while the structure vibrates
+        with suppress(SelectionError):
+            self._selector.select(scene.grain.radius, frequency=scene.frequency_hz)
         settings = Settings(
             dead_band=float(self._value("dead_band")),
             sigmas=float(self._value("sigmas")),

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import shutil
 import subprocess
 from pathlib import Path
 from typing import Final
 
 SOURCE: Final = Path(__file__).resolve().parent / "data"
-FIRMWARE: Final = Path(__file__).resolve().parents[2] / "firmware"
 PACKAGES: Final = "gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev"
 
 _NEEDED: Final[dict[str, Path]] = {
@@ -37,16 +37,35 @@ def build_firmware(table: Path | None = None, folder: Path | None = None) -> Pat
 
     Raises `EmulatorUnavailableError` where the tools are missing or the build fails.
     """
-    build = folder or FIRMWARE / "build"
-    _make(FIRMWARE, build, *([f"TABLE={table}"] if table else []))
+    source = _firmware_source()
+    build = folder or _build_folder(source)
+    _make(source, build, *([f"TABLE={table}"] if table else []))
     return build / "atpid_motor.elf"
 
 
 def build_emulator() -> Path:
     """Build the emulator and return its executable. Raises `EmulatorUnavailableError` as `build_firmware`."""
-    build = SOURCE.parent / "build"
+    build = _build_folder(SOURCE.parent)
     _make(SOURCE, build)
     return build / "emulator"
+
+
+def _firmware_source() -> Path:
+    """Return the firmware's folder: beside the package in a checkout, in the package's share folder once installed."""
+    beside = Path(__file__).resolve().parents[2] / "firmware"
+    if beside.is_dir():
+        return beside
+    from ament_index_python.packages import get_package_share_directory
+
+    return Path(get_package_share_directory("atpid_driver")) / "firmware"
+
+
+def _build_folder(source: Path) -> Path:
+    """Return where to build: beside the source, or in the user's cache where that cannot be written."""
+    if os.access(source, os.W_OK):
+        return source / "build"
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "atpid" / source.name
 
 
 def _make(source: Path, build: Path, *variables: str) -> None:

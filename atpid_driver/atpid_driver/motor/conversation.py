@@ -21,9 +21,10 @@ from atpid_driver.motor.protocol import (
     reply_of,
 )
 
-ANSWER_TIME: Final = 0.15
+ANSWER_TIME: Final = 0.125
 IDENTIFY_TIME: Final = 0.25
-ATTEMPTS: Final = 2
+# Eight times: a busy host is no lost link. The firmware's heartbeat does not wait, and reopening restarts the board.
+ATTEMPTS: Final = 8
 VERSION: Final = "1."
 SPEED_TOLERANCE: Final = 0.05
 
@@ -56,7 +57,7 @@ class Conversation:
         self.repeated = 0
 
     def ask(self, word: str, *arguments: int) -> Reply:
-        """Return the answer to a command, asked twice if need be: the firmware does a repeated frame only once.
+        """Return the answer to a command, asked again if need be: the firmware does a repeated frame only once.
 
         Raises `LinkError` if there is none, `SessionLostError` if the board was restarted.
         """

@@ -49,7 +49,7 @@ class Link:
         self._open_port = open_port
         self._jobs: queue.Queue[Job] = queue.Queue(QUEUE)
         self._news: deque[str] = deque(maxlen=32)
-        self._stop = threading.Event()
+        self._stop, self._ended = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
         self._first: Future[IdentityReply] = Future()
         self._identity: IdentityReply | None = None
@@ -64,6 +64,7 @@ class Link:
     def start(self) -> IdentityReply:
         """Start the thread and return the identity. Raises what the first attempt raised; the thread has then ended."""
         self._stop.clear()
+        self._ended.clear()
         self._first = Future()
         self._thread = threading.Thread(target=self._run, name="ceiling motor link", daemon=True)
         self._thread.start()
@@ -78,6 +79,7 @@ class Link:
         """End the thread; it disarms first if it can."""
         self._stop.set()
         if self._thread is not None:
+            self._ended.wait()  # an interrupted join takes a running thread for an ended one: the motor would stay on
             self._thread.join()
         self._thread = None
         self.reading = NO_LINK
@@ -111,21 +113,28 @@ class Link:
     # -- the thread ------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        try:
+            self._keep_connected()
+        finally:
+            self._ended.set()
+
+    def _keep_connected(self) -> None:
         wait = FIRST_WAIT
         while not self._stop.is_set():
             before = self._counts["connections"]
             try:
                 self._connect_and_serve()
             except MotorError as error:
-                self._lost(error)
-                if not self._first.done():
-                    self._first.set_exception(error)
+                self._failed(error)
             except Exception as error:  # the thread must not die in silence
-                self._lost(LinkError(f"link to the board failed: {type(error).__name__}: {error}"))
-                if not self._first.done():
-                    self._first.set_exception(LinkError(self._last_error))
+                self._failed(LinkError(f"link to the board failed: {type(error).__name__}: {error}"))
             wait = FIRST_WAIT if self._counts["connections"] > before else min(2 * wait, LONGEST_WAIT)
             self._stop.wait(wait)
+
+    def _failed(self, error: MotorError) -> None:
+        self._lost(error)
+        if not self._first.done():
+            self._first.set_exception(error)
 
     def _connect_and_serve(self) -> None:
         port = self._open_port(self._settings.port, self._settings.baud)

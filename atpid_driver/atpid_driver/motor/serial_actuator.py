@@ -18,7 +18,7 @@ from atpid_driver.motor.link import Job, Link
 from atpid_driver.motor.protocol import micrometres
 from atpid_driver.motor.settings import MotorSettings
 
-JOB_TIME = 1.0
+JOB_TIME = 2.5
 
 
 class SerialActuator:

@@ -8,26 +8,22 @@ The device's calls block in the Reader's thread; only the executor's thread publ
 from __future__ import annotations
 
 import queue
-import sys
 from collections.abc import Callable
 from typing import Any
 
-import rclpy
 from atpid_interfaces.msg import Event, SampleBlock
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.timer import Timer
 
 from atpid_driver.acquisition import AcquisitionError, Backoff, Identity, Reader, Status, create
 from atpid_driver.calibration import Counts, block_si
-from atpid_driver.errors import DriverError
 from atpid_driver.nodes.acquisition_diagnostics import status_message
 from atpid_driver.nodes.acquisition_parameters import Row, declare
 from atpid_driver.nodes.blocks import Layout, hello_block, hello_event, sample_block
 from atpid_driver.nodes.handshake import Handshake
-from atpid_driver.nodes.twice import StartedTwiceError, claim
 
 BLOCKS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 EVENTS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
@@ -56,7 +52,8 @@ class AcquisitionNode(LifecycleNode):
         self._last_dropped, self._last_error, self._closing = 0, "", False
         self._arrived = self.create_guard_condition(self._drain)
         self.create_timer(1.0, self._each_second, clock=STEADY)
-        self._attempts, self._backoff = 0, Backoff()
+        self._attempts, self._backoff, self._may_retry = 0, Backoff(), True
+        self._starter: Timer | None = None
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
 
@@ -80,6 +77,7 @@ class AcquisitionNode(LifecycleNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let go of the device from any state."""
+        self._end_starting()
         return self._transition("shut down", self._let_go)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -135,14 +133,22 @@ class AcquisitionNode(LifecycleNode):
 
     def _start(self) -> None:
         """Configure until the device answers, waiting longer after each attempt, then activate once."""
-        if self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
-            self.destroy_timer(self._starter)
+        assert self._starter is not None
+        if self._identity is not None:  # configured by hand meanwhile
+            self._end_starting()
+        elif self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+            self._end_starting()
             self.trigger_activate()
         elif self._may_retry:
             self._starter.timer_period_ns = int(self._backoff.delay(self._attempts) * 1e9)
             self._attempts += 1
         else:
+            self._end_starting()
+
+    def _end_starting(self) -> None:
+        if self._starter is not None:
             self.destroy_timer(self._starter)
+            self._starter = None
 
     # -- the stream ------------------------------------------------------------------------------------------------
 
@@ -239,30 +245,3 @@ class AcquisitionNode(LifecycleNode):
         self._closing = True
         self._transition("let go", self._let_go)
         super().destroy_node()
-
-
-def run(make: Callable[[], AcquisitionNode], name: str, args: list[str] | None) -> int:
-    """Run a node until it is interrupted. Returns 0, or 2 for bad parameters or a node started twice."""
-    rclpy.init(args=args)
-    node: AcquisitionNode | None = None
-    try:
-        node = make()
-        with claim(node.get_fully_qualified_name()):
-            rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    except (DriverError, StartedTwiceError) as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 2
-    finally:
-        _end(node)
-    return 0
-
-
-def _end(node: AcquisitionNode | None) -> None:
-    """Close down even if a second interrupt arrives meanwhile: `ros2 launch` may send two."""
-    for act in (*((node.destroy_node,) if node else ()), rclpy.try_shutdown):
-        try:
-            act()
-        except KeyboardInterrupt:
-            act()

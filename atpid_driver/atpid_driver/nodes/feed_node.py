@@ -15,22 +15,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from atpid_interfaces.msg import CeilingState, SampleBlock
 from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from atpid_driver.calibration import load, volts_of
 from atpid_driver.errors import DriverError
+from atpid_driver.nodes.acquisition_life import run
 from atpid_driver.nodes.acquisition_node import BLOCKS
 from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
 from atpid_driver.nodes.blocks import HELLO
-from atpid_driver.nodes.twice import StartedTwiceError, claim
 from atpid_driver.standins import Feed
 
 EMULATED = "emulated"
@@ -116,25 +114,8 @@ class FeedNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is interrupted. Returns 0, or 2 for bad parameters or a node started twice."""
-    rclpy.init(args=args)
-    node: FeedNode | None = None
-    try:
-        node = FeedNode()
-        with claim(node.get_fully_qualified_name()):
-            rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    except (DriverError, StartedTwiceError) as error:
-        print(f"feed_node: {error}", file=sys.stderr)
-        return 2
-    finally:
-        for act in (*((node.destroy_node,) if node else ()), rclpy.try_shutdown):
-            try:
-                act()
-            except KeyboardInterrupt:
-                act()
-    return 0
+    """Run the node as a process of its own; return the exit status."""
+    return run(FeedNode, "feed_node", args)
 
 
 if __name__ == "__main__":

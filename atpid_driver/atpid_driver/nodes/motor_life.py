@@ -78,6 +78,9 @@ class MotorLife(LifecycleNode):
     def destroy_node(self) -> None:
         """Motor off, port closed, then the node's own end."""
         self._let_go()
+        self.leave_graph()
+
+    def leave_graph(self) -> None:
+        """End the node itself; rclpy leaves the state machine alive, and with it the node's name in the graph."""
         super().destroy_node()
-        # rclpy leaves the state machine alive, and with it the node's name in the graph.
         self._state_machine.destroy_when_not_in_use()

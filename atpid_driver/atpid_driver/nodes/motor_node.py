@@ -40,8 +40,12 @@ class MotorNode(MotorLife):
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened. Raises `MotorError` for a parameter that cannot be."""
         super().__init__("motor_node", **kwargs)
-        self.settings = declare(self)
-        self._actuator = actuator_of(self.settings)
+        try:
+            self.settings = declare(self)
+            self._actuator = actuator_of(self.settings)
+        except MotorError:
+            self.leave_graph()
+            raise
         self._connected = self._active = self._doubled = False
         self._born = time.monotonic()
         self._stamp = 0
@@ -195,8 +199,8 @@ class MotorNode(MotorLife):
     def _watch_namesakes(self) -> None:
         """Stand still while a node of this name that was here before, on whatever machine, is in the graph.
 
-        One that comes later stands still itself; so of two that start together neither moves. One that was killed stays in
-        the graph for some seconds: once it is gone an automatic start goes on.
+        One that comes later stands still itself; so of two that start together neither moves. One that was killed
+        stays in the graph for some seconds: once it is gone an automatic start goes on.
         """
         doubled = namesakes(self) > 0
         newcomer = time.monotonic() - self._born < NEWCOMER

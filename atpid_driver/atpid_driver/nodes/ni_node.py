@@ -6,7 +6,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from atpid_driver.nodes.acquisition_node import AcquisitionNode, run
+from atpid_driver.nodes.acquisition_life import run
+from atpid_driver.nodes.acquisition_node import AcquisitionNode
 from atpid_driver.nodes.acquisition_parameters import NI
 
 

@@ -54,10 +54,10 @@ class Feed:
         """Append frames (n, channels) [V]."""
         if volts.ndim != 2 or volts.shape[1] != self.channels:
             raise StandinError(f"feed takes frames of {self.channels} volts, it was given {volts.shape}")
-        volts = volts[-self.capacity :]
-        at = (self.written + np.arange(len(volts))) % self.capacity
-        self._ring[at] = volts
-        self._written[0] += np.uint64(len(volts))
+        end = self.written + len(volts)
+        kept = volts[-self.capacity :]
+        self._ring[np.arange(end - len(kept), end) % self.capacity] = kept
+        self._written[0] = end
 
     def close(self) -> None:
         """Unmap and remove the file; a stream that still reads it keeps what it has."""

@@ -30,6 +30,9 @@ _GRIDS = ("heights", "beam_amplitudes", "efficiencies", "reproducible")
 #: Two mass fractions this close are the same [-].
 _SAME_FRACTION = 1e-9
 
+#: No clearance is taken for less [m]: a power law needs one.
+_TINY = 1e-9
+
 _MAKE = "make one with `python -m atpid_sim map SCENE.yaml --amplitudes A0:A1:N --mass-fractions m1,m2 --out MAP.npz`"
 
 
@@ -59,8 +62,8 @@ class HeightMap:
     def lookup(self, amplitude: float, mass_fraction: float) -> MapEntry:
         """Return height, beam amplitude and efficiency at a support amplitude [m] and a mass fraction [-].
 
-        Monotone cubic in the amplitude, linear in the mass fraction: nothing lies outside its neighbours. Raises
-        MapError where the map does not reach.
+        Monotone cubic in the amplitude; between mass fractions a power law of the clearance (it is nearly inverse to the
+        grain's mass): nothing lies outside its neighbours. Raises MapError where the map does not reach.
         """
         share, row = self._between(mass_fraction)
         lowest, highest = float(self.amplitudes[0]), float(self.amplitudes[-1])
@@ -69,8 +72,12 @@ class HeightMap:
                 f"{self.source}: amplitude {amplitude:g} m is outside its {lowest:g} to {highest:g} m; {_MAKE}"
             )
         below, above = self._curves[row], self._curves[min(row + 1, len(self._curves) - 1)]
-        values = (1.0 - share) * below(amplitude) + share * above(amplitude)
-        return MapEntry(*(float(value) for value in values))
+        left, right = below(amplitude), above(amplitude)
+        diameter = 2.0 * float(self.identity["grain.radius"])
+        clearances = np.maximum([left[0] - diameter, right[0] - diameter], _TINY)
+        height = diameter + float(clearances[0] ** (1.0 - share) * clearances[1] ** share)
+        swing, efficiency = (1.0 - share) * left[1:] + share * right[1:]
+        return MapEntry(height, float(swing), float(efficiency))
 
     def check(self, scene: Scene) -> None:
         """Raise MapError, naming the first difference, where the map was made for another system than the scene's."""
@@ -136,7 +143,7 @@ class HeightMap:
         return [PchipInterpolator(self.amplitudes, row) for row in stacked]
 
     def _between(self, fraction: float) -> tuple[float, int]:
-        """Share of the way from the row below to the next, and the row below."""
+        """Share of the way from the row below to the next, in the logarithm, and the row below."""
         rows = self.mass_fractions
         lowest, highest = float(rows[0]), float(rows[-1])
         if not (lowest - _SAME_FRACTION <= fraction <= highest + _SAME_FRACTION) or math.isnan(fraction):
@@ -145,5 +152,5 @@ class HeightMap:
         row = int(np.clip(np.searchsorted(rows, fraction, side="right") - 1, 0, max(len(rows) - 2, 0)))
         if len(rows) == 1:
             return 0.0, 0
-        share = (fraction - rows[row]) / (rows[row + 1] - rows[row])
+        share = math.log(fraction / rows[row]) / math.log(rows[row + 1] / rows[row])
         return float(np.clip(share, 0.0, 1.0)), row

@@ -5,16 +5,22 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Protocol, cast
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from atpid_sim.nodes.twice import claim
+from atpid_sim.scene import Scene, SceneError, load_scene
 
+#: How soon a signal is noticed at the latest [s].
+TURN = 0.1
 BAD_INPUT, NUMERICAL_FAILURE = 2, 3
 
 
@@ -30,17 +36,25 @@ class LastingNode(Protocol):
 
 def run(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Run the node that `make` returns until it is done or interrupted; return the exit status."""
-    rclpy.init(args=args)
+    try:
+        # rclpy's own handlers take the context away in another thread, under a callback that is just publishing
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # arguments rcl cannot use: a parameter file that is not there, say
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
     node = None
+    interrupted = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: interrupted.set())
     try:
         node = make()
-        holder = claim(node.get_fully_qualified_name())
-        with holder:
-            rclpy.spin_until_future_complete(node, cast(LastingNode, node).done)
-        done = cast(LastingNode, node).done
-        return int(done.result()) if done.done() else 0
+        with claim(node.get_fully_qualified_name()):
+            return _spin(node, interrupted)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
+    except ParameterException as error:
+        print(f"error: parameter: {error}", file=sys.stderr)
+        return BAD_INPUT
     except (ValueError, ArithmeticError) as error:
         # bad input has an error of our own; a plain ValueError is a mistake in the program and keeps its traceback
         if not type(error).__module__.startswith("atpid_"):
@@ -48,12 +62,30 @@ def run(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, ValueError) else NUMERICAL_FAILURE
     finally:
-        leave(node)
+        _leave(node)
 
 
-def leave(node: Node | None) -> None:
-    """Close and destroy the node; `ros2 launch` may send a second SIGINT meanwhile, which must not cut this short."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _spin(node: Node, interrupted: threading.Event) -> int:
+    """Spin until the node is done or a signal came; return the exit status."""
+    done = cast(LastingNode, node).done
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not done.done() and not interrupted.is_set():
+        executor.spin_once(timeout_sec=TURN)
+    executor.shutdown()
+    return int(done.result()) if done.done() else 0
+
+
+def scene_given(node: Node) -> Scene:
+    """Return the scene the node's parameter `scene` names. Raises SceneError."""
+    path = str(node.get_parameter("scene").value)
+    if not path:
+        raise SceneError(f"parameter scene of {node.get_name()} is not set: give a scene file, -p scene:=SCENE.yaml")
+    return load_scene(path)
+
+
+def _leave(node: Node | None) -> None:
+    """Close and destroy the node; a second signal, which `ros2 launch` may send, only sets the flag again."""
     if node is not None:
         cast(LastingNode, node).close()
         node.destroy_node()

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from atpid_sim.nodes.life import run
+from atpid_sim.nodes.life import run, scene_given
 from atpid_sim.nodes.messages import (
     BLOCKS,
     EVENTS,
@@ -33,7 +33,7 @@ from atpid_sim.nodes.messages import (
 from atpid_sim.nodes.twice import StartedTwiceError, check_alone, is_alone
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant import Plant
-from atpid_sim.scene import Scene, load_scene
+from atpid_sim.scene import Scene
 from atpid_sim.stream import PlantLike, Stream, stamp_ns
 
 HELLO_PERIOD = 0.05
@@ -60,7 +60,7 @@ class PlantNode(Node):
         super().__init__("plant_node", parameter_overrides=parameter_overrides, **node_options)
         for name, default, text in PARAMETERS:
             self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
-        scene = load_scene(self.get_parameter("scene").value)
+        scene = scene_given(self)
         self._lockstep = bool(self.get_parameter("lockstep").value)
         self._expect_recorder = bool(self.get_parameter("expect_recorder").value)
         # once for nothing: loading, or even compiling, the kernels must not fall into the first block's time

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated stand: the stand's own graph on a machine without hardware.
+
+The vendor's LabJack package runs on a stand-in library, the motor node on a serial port behind which the real firmware
+runs on an emulated ATmega2560. Behind both stands the simulated plant: it hears where the emulated motor has the
+ceiling, and what its lasers would see becomes the voltages the stand-in device samples.
+"""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from atpid_control.bench.errors import BenchError
+from atpid_control.bench.graph import PARTS, Parameters, Part, ceiling_parameters, parameters_for
+from atpid_sim.scene import ControlledCeiling, Scene
+
+Commands = list[tuple[str, list[str]]]
+
+#: The plant's lasers under another name: what the identifier hears comes from the device, never from the plant.
+_BEHIND = "emulated/sensors/laser"
+_CALIBRATIONS = ("emulated_support.yaml", "emulated_beam.yaml")
+_LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
+_FEED = Part("atpid_driver", "feed_node", "labjack.yaml")
+_SERIAL = Part("atpid_driver", "motor_node", "motor_serial.yaml")
+
+
+def missing_tools() -> tuple[str, ...]:
+    """Return the Debian packages without which the firmware cannot be built and emulated here."""
+    ask = "from atpid_driver.emulator import missing_tools; print(*missing_tools())"
+    done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise BenchError("package atpid_driver is not on the path: `make setup`, then `. ros2_ws/activate`")
+    return tuple(done.stdout.split())
+
+
+def parameters_emulated(
+    scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, place: Path, *, board: bool
+) -> Parameters:
+    """Return each node's parameters; `place` is the folder of the port and the feed, `board`: firmware is emulated.
+
+    Raises BenchError for a ceiling without a controller, or with another speed than the firmware's.
+    """
+    if not isinstance(scene.ceiling, ControlledCeiling):
+        raise BenchError("the emulated stand moves the ceiling by its motor: the scene's ceiling needs a controller")
+    parameters = parameters_for(scene, scene_file, height_map, bag, lockstep=False)
+    motor = _SERIAL.configured()
+    wanted = ceiling_parameters(scene)
+    if abs(wanted["speed"] - motor["speed"]) > 1e-9:
+        raise BenchError(
+            f"ceiling.speed {wanted['speed']:g} m/s: the firmware's motor has {motor['speed']:g} m/s; "
+            "change the scene, or firmware/config.h and motor_serial.yaml"
+        )
+    if board:
+        parameters["motor_node"] = motor | wanted | {"port": str(place / "board")}
+    rate = scene.sensors.laser.rate
+    parameters["labjack_node"] = _LABJACK.configured() | {
+        "rate": rate,
+        "blocks_per_second": 1.0 / scene.recording.block,
+        "calibrations": list(_CALIBRATIONS),
+    }
+    parameters["feed_node"] = {
+        "feed": str(place / "laser"),
+        "topic": _BEHIND,
+        "rate": rate,
+        "calibrations": list(_CALIBRATIONS),
+    }
+    return parameters
+
+
+def commands_emulated(parameter_file: Path, place: Path, *, board: bool) -> Commands:
+    """Return (name, command) of every process, in the order of stopping: sources first, the board last."""
+    ros = ["--ros-args", "--params-file", str(parameter_file)]
+    usual = {part.name: part for part in PARTS}
+
+    def node(part: Part, *more: str) -> tuple[str, list[str]]:
+        return part.name, [str(part.executable), *ros, *more]
+
+    name, labjack = node(_LABJACK)
+    commands = [
+        node(usual["plant_node"], "-r", f"sensors/laser:={_BEHIND}"),
+        (name, ["env", *_device_environment(place), *labjack]),
+        node(_FEED),
+        node(usual["identifier_node"]),
+        node(usual["selector_node"]),
+        node(usual["motor_node"]),
+        node(usual["recorder_node"]),
+    ]
+    emulator = [sys.executable, "-m", "atpid_driver.emulator", "run", "--link", str(place / "board")]
+    return [*commands, ("emulator", emulator)] if board else commands
+
+
+def _device_environment(place: Path) -> list[str]:
+    """Return the variables under which LabJack's package finds the stand-in; builds it where that has not been done."""
+    asked = [
+        sys.executable, "-m", "atpid_driver", "standin",
+        "--ljm-control", str(place / "device"), "--ljm-source", f"feed:{place / 'laser'}",
+    ]  # fmt: skip
+    done = subprocess.run(asked, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise BenchError(
+            done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "the stand-in cannot be built"
+        )
+    return [word for line in done.stdout.splitlines() for word in shlex.split(line.removeprefix("export "))]

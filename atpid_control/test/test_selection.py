@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One contract for every selector: what it gives, what it refuses, and that it says so in one line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from atpid_control.selection import METHODS, HeightSelector, Selection, SelectionError, make_selector
+from atpid_sim.scene import Scene, load_scene
+
+ROOT = Path(__file__).parents[2]
+MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
+COMPUTING = ("pca", "direct", "search")
+SELECTING = ("lookup", *COMPUTING)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
+
+
+@pytest.fixture(scope="module")
+def selectors(scene: Scene) -> dict[str, HeightSelector]:
+    return {method: make_selector(method, scene, MAP) for method in SELECTING}
+
+
+def test_every_method_is_in_the_registry() -> None:
+    assert set(METHODS) == {*SELECTING, "fixed"}
+
+
+@pytest.mark.parametrize("method", SELECTING)
+@pytest.mark.parametrize(("amplitude", "height"), [(0.015, 0.29), (0.04, 0.76), (0.03, 0.57)])
+def test_every_method_finds_the_thesis_heights(
+    selectors: dict[str, HeightSelector], method: str, amplitude: float, height: float
+) -> None:
+    chosen = selectors[method].select(amplitude)
+    assert chosen.method == selectors[method].method == method
+    assert chosen.height == pytest.approx(height, rel=0.06)
+    assert 1.0 - chosen.efficiency < 0.21
+    assert chosen.price == 0.0
+
+
+@pytest.mark.parametrize("method", SELECTING)
+def test_a_margin_never_raises_the_ceiling(selectors: dict[str, HeightSelector], method: str) -> None:
+    bare = selectors[method].select(0.03)
+    if method == "search":  # it watches the damper itself; there is nothing to be safe from
+        return
+    assert selectors[method].select(0.03, 0.001, margin=2.0).height < bare.height
+
+
+@pytest.mark.parametrize("method", SELECTING)
+@pytest.mark.parametrize("amplitude", [math.nan, math.inf, 0.0, -0.01])
+def test_an_impossible_amplitude_is_refused(
+    selectors: dict[str, HeightSelector], method: str, amplitude: float
+) -> None:
+    with pytest.raises(SelectionError, match="amplitude") as caught:
+        selectors[method].select(amplitude)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("method", COMPUTING)
+@pytest.mark.parametrize(
+    ("std", "frequency", "margin", "named"),
+    [(-1.0, math.nan, 0.0, "amplitude_std"), (0.0, -5.0, 0.0, "frequency"), (0.0, math.nan, -1.0, "margin")],
+)
+def test_contradictory_parameters_are_refused(
+    selectors: dict[str, HeightSelector], method: str, std: float, frequency: float, margin: float, named: str
+) -> None:
+    with pytest.raises(SelectionError, match=named):
+        selectors[method].select(0.03, std, frequency, margin=margin)
+
+
+@pytest.mark.parametrize("method", ["pca", "direct"])
+def test_selecting_twice_gives_the_same(selectors: dict[str, HeightSelector], method: str) -> None:
+    first, second = (selectors[method].select(0.02) for _ in range(2))
+    assert (first.height, first.beam_amplitude) == (second.height, second.beam_amplitude)
+
+
+def test_unknown_methods_are_named(scene: Scene) -> None:
+    with pytest.raises(SelectionError, match="given 'guess'; allowed: lookup, pca, direct, search, fixed"):
+        make_selector("guess", scene)
+
+
+def test_a_selection_is_plain_data() -> None:
+    chosen = Selection(0.3, 0.07, 0.8, "lookup")
+    assert (chosen.evaluations, chosen.wall_s, chosen.price, chosen.stages) == (0, 0.0, 0.0, ())

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS context of its own in a test, and a node that listens to what a source says."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import rclpy
+from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_driver.nodes.handshake import STATUS
+
+PATIENCE = 20.0
+N = TypeVar("N", bound=Node)
+
+
+class Bench:
+    """One context and executor, with a node that listens to what a source says."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.ears = Node("ears", context=self.context)
+        self.blocks: list[SampleBlock] = []
+        self.hellos: list[SampleBlock] = []
+        self.events: list[Event] = []
+        self.diagnostics: list[Any] = []
+        for topic in ("sensors/laser", "sensors/accelerometer"):
+            self.ears.create_subscription(SampleBlock, topic, self._on_block, 1000)
+        self.ears.create_subscription(Event, "events", self.events.append, 100)
+        self.ears.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
+        self.state = self.ears.create_publisher(CeilingState, "ceiling/state", 100)
+        self.recorder = self.ears.create_publisher(RecorderStatus, "recorder/status", STATUS)
+        self.executor.add_node(self.ears)
+        self.nodes: list[Node] = []
+
+    def _on_block(self, block: SampleBlock) -> None:
+        (self.hellos if block.header.frame_id == "hello" else self.blocks).append(block)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        self.diagnostics.append(array.status[0])
+
+    def start(self, kind: type[N], **values: object) -> N:
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        node = kind(context=self.context, parameter_overrides=overrides)
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def until(self, what: Callable[[], object]) -> None:
+        """Spin until something has happened."""
+        deadline = time.monotonic() + PATIENCE
+        while not what():
+            assert time.monotonic() < deadline, "it did not happen"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def said(self, words: str) -> bool:
+        return any(words in event.text for event in self.events)
+
+    def close(self) -> None:
+        for node in [*self.nodes, self.ears]:
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated stand's wires: plant blocks become volts, the real client package reads them, metres come out again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from acquisition_bench import Bench
+from atpid_interfaces.msg import CeilingState, SampleBlock
+
+from atpid_driver.errors import DriverError
+from atpid_driver.nodes.acquisition_node import BLOCKS
+from atpid_driver.nodes.blocks import doubles, hello_block
+from atpid_driver.nodes.feed_node import STATES, FeedNode
+from atpid_driver.nodes.labjack_node import LabJackNode
+from atpid_driver.standins import Control, Feed, StandinError, build
+
+CHANNELS = ["support_displacement", "beam_displacement"]
+CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+def plant_block(first: int, values: np.ndarray, rate: float = 1000.0) -> SampleBlock:
+    return SampleBlock(first_index=first, rate=rate, channels=CHANNELS, data=doubles(values))
+
+
+def test_the_plants_metres_come_back_through_the_device(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "feed"
+    monkeypatch.setenv("ATPID_LJM_SOURCE", f"feed:{path}")
+    monkeypatch.setenv("ATPID_LJM_CONTROL", str(tmp_path / "no-faults"))
+    plant = bench.ears.create_publisher(SampleBlock, "emulated/sensors/laser", BLOCKS)
+    answers: list[CeilingState] = []
+    bench.ears.create_subscription(CeilingState, "emulated/ceiling/state", answers.append, STATES)
+    bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS)
+    bench.until(lambda: plant.get_subscription_count())
+    plant.publish(hello_block(tuple(CHANNELS), ("m", "m")))
+    library = str(build() / "libLabJackM.so")
+    values = {"rate": 1000.0, "channels": CHANNELS, "terminals": ["AIN0", "AIN1"], "calibrations": CALIBRATIONS}
+    bench.start(LabJackNode, **values, library=library, handshake=False)
+    bench.until(lambda: bench.blocks)  # a body at rest
+    assert not answers  # hello was said before the device streamed
+    while not answers:
+        plant.publish(hello_block(tuple(CHANNELS), ("m", "m")))
+        bench.executor.spin_once(timeout_sec=0.05)
+    assert answers[0].header.frame_id == "hello"
+
+    motion = np.random.default_rng(2).uniform(-0.5, 0.5, (2000, 2))
+    motion[700, 1] = np.nan  # saturated
+    for start in range(0, 2000, 50):
+        plant.publish(plant_block(start, motion[start : start + 50]))
+
+    def seen() -> np.ndarray:
+        data = np.concatenate([np.frombuffer(block.data).reshape(-1, 2) for block in bench.blocks])
+        moving = np.flatnonzero(data[:, 0])
+        return data[moving[0] :] if len(moving) else data[:0]
+
+    bench.until(lambda: len(seen()) >= 1900)
+    read = seen()[:1900]
+    # the second channel is sampled 15 us later, so that it lies between two frames
+    assert np.abs(read[:, 0] - motion[:1900, 0]).max() < 1e-12
+    between = motion[:-1, 1] + 0.015 * np.diff(motion[:, 1])
+    assert np.nanmax(np.abs(read[:, 1] - between[:1900])) < 1e-9
+    assert np.isnan(read[700, 1])
+    last = bench.blocks[-1]
+    assert last.dropped == 0
+
+
+def test_the_motors_states_are_passed_on(bench: Bench, tmp_path: Path) -> None:
+    passed: list[CeilingState] = []
+    bench.ears.create_subscription(CeilingState, "emulated/ceiling/state", passed.append, STATES)
+    bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS)
+    bench.until(lambda: bench.state.get_subscription_count())
+    state = CeilingState(height=0.25, mode=CeilingState.MOVING)
+    state.header.frame_id = "motor_node"
+    hello = CeilingState()
+    hello.header.frame_id = "hello"
+    while not passed:
+        bench.state.publish(hello)
+        bench.state.publish(state)
+        bench.executor.spin_once(timeout_sec=0.05)
+    assert {(one.header.frame_id, one.height) for one in passed} == {("motor_node", 0.25)}
+
+
+def test_the_feed_is_removed_with_the_node(bench: Bench, tmp_path: Path) -> None:
+    node = bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS)
+    assert (tmp_path / "feed").exists()
+    bench.nodes.clear()
+    bench.executor.remove_node(node)
+    node.destroy_node()
+    assert not (tmp_path / "feed").exists()
+
+
+def test_a_feed_without_a_file_is_refused(bench: Bench) -> None:
+    with pytest.raises(DriverError, match="feed_node needs"):
+        bench.start(FeedNode, calibrations=CALIBRATIONS)
+
+
+def test_a_feed_keeps_its_newest_frames_and_checks_their_width(tmp_path: Path) -> None:
+    with Feed(tmp_path / "feed", channels=2, rate=100.0, capacity=8) as feed:
+        feed.write(np.arange(40.0).reshape(20, 2))
+        assert feed.written == 20
+        with pytest.raises(StandinError, match="2 volts"):
+            feed.write(np.zeros((3, 1)))
+    with pytest.raises(StandinError, match="positive"):
+        Feed(tmp_path / "feed", channels=0, rate=100.0)
+
+
+def test_another_file_is_not_taken_for_a_control(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("x" * 5000)
+    with pytest.raises(StandinError, match="control file"):
+        Control(path)
+    assert os.path.getsize(path) == 5000

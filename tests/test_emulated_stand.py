@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stand's own graph without hardware: vendor package, real firmware, simulated physics; and it damps."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from graph_runs import scene_file
+
+from atpid_control.bench.emulated import missing_tools
+
+SCENE = {
+    "excitation": {"amplitude": [[0.0, 0.0], [0.5, 0.015], [8.0, 0.015]], "frequency": "resonance"},
+    "duration": 8.0,
+    "steady_window": [6.0, 8.0],
+}
+
+
+def bench(scene: Path, out: Path, *more: str) -> tuple[dict, str]:
+    """Run the bench as a user would; return its summary and what it said."""
+    command = [sys.executable, "-m", "atpid_control", "bench", str(scene), "--out", str(out), *more]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
+    assert done.returncode == 0, done.stderr
+    return json.loads((out / "summary.json").read_text()), done.stdout + done.stderr
+
+
+@pytest.mark.timeout(400)
+def test_the_emulated_stand_damps_as_the_simulated_bench_does(scenes, tmp_path):
+    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **SCENE)
+    simulated, _ = bench(path, tmp_path / "simulated")
+    emulated, said = bench(path, tmp_path / "emulated", "--emulated-stand")
+    if missing_tools():
+        assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
+        assert "left out: the firmware" in said
+    else:
+        assert "left out" not in said
+    expected, seen = simulated["stages"][-1], emulated["stages"][-1]
+    assert seen["height"] == pytest.approx(expected["height"], abs=0.01)
+    assert seen["identified_amplitude"] == pytest.approx(0.015, rel=0.01)
+    assert seen["efficiency"] == pytest.approx(expected["efficiency"], abs=0.03)
+    assert emulated["lost_scans"] == 0

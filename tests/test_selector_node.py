@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The selector node: its service, and one command for each estimate."""
+
+import math
+import time
+
+import pytest
+import rclpy
+from atpid_interfaces.msg import CeilingCommand, Event, Excitation
+from atpid_interfaces.srv import SelectHeight
+from graph_runs import parameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_control.nodes.selector_node import SelectorNode
+from atpid_sim.nodes.messages import EVENTS, HELLO, STATES, nanoseconds_of, time_of
+
+
+class Peer(Node):
+    """Sends estimates, hears commands and events, asks the service."""
+
+    def __init__(self):
+        super().__init__("peer")
+        self.commands, self.events = [], []
+        self.excitation = self.create_publisher(Excitation, "excitation", STATES)
+        self.create_subscription(CeilingCommand, "ceiling/command", self.commands.append, STATES)
+        self.create_subscription(Event, "events", self.events.append, EVENTS)
+        self.select = self.create_client(SelectHeight, "selector_node/select")
+
+
+@pytest.fixture
+def pair(scenes, tmp_path):
+    """A selector in lockstep beside a peer, both discovered."""
+    rclpy.init()
+    scene, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=True)
+    overrides = [Parameter(name, value=value) for name, value in given["selector_node"].items()]
+    selector, peer, executor = SelectorNode(parameter_overrides=overrides), Peer(), SingleThreadedExecutor()
+    executor.add_node(selector)
+    executor.add_node(peer)
+
+    def spin(until):
+        deadline = time.monotonic() + 60.0
+        while not until():
+            assert time.monotonic() < deadline
+            executor.spin_once(timeout_sec=0.1)
+
+    def greet():
+        peer.excitation.publish(hello)
+        executor.spin_once(timeout_sec=0.1)
+        return bool(peer.commands) and peer.select.service_is_ready()
+
+    hello = Excitation()
+    hello.header.frame_id = HELLO
+    spin(greet)
+    yield peer, spin, scene
+    for node in (selector, peer):
+        node.destroy_node()
+    executor.shutdown()
+    rclpy.try_shutdown()
+
+
+def ask(peer, spin, **request):
+    answer = peer.select.call_async(SelectHeight.Request(**request))
+    spin(answer.done)
+    return answer.result()
+
+
+def estimates(peer, spin, scene, amplitude, count, frequency=None):
+    """Send steady estimates; return the commands that answer them."""
+
+    def answers():
+        return [command for command in peer.commands if command.header.frame_id != HELLO]
+
+    before = len(answers())
+    for number in range(before, before + count):
+        message = Excitation(quality=Excitation.STEADY, amplitude=amplitude, amplitude_std=1e-6)
+        message.frequency = scene.frequency_hz if frequency is None else frequency
+        message.header.stamp = time_of(49_000_000 + 50_000_000 * number)
+        peer.excitation.publish(message)
+        spin(lambda expected=number + 1: len(answers()) == expected)
+    return answers()[before:]
+
+
+def test_hello_is_answered_with_no_height(pair):
+    peer, _, _ = pair
+    assert peer.commands[0].header.frame_id == HELLO
+    assert math.isnan(peer.commands[0].height)
+
+
+def test_each_estimate_gets_one_command_with_its_stamp(pair):
+    peer, spin, scene = pair
+    commands = estimates(peer, spin, scene, 0.015, 6)
+    assert [nanoseconds_of(c.header.stamp) for c in commands] == [49_000_000 + 50_000_000 * k for k in range(6)]
+    assert [c.sequence for c in commands] == [0, 0, 0, 1, 1, 1]
+    assert commands[-1].height == pytest.approx(0.29, rel=0.05)
+    assert commands[-1].method == "lookup"
+
+
+def test_off_resonance_is_refused_once_and_the_height_stays(pair):
+    peer, spin, scene = pair
+    height = estimates(peer, spin, scene, 0.015, 4)[-1].height
+    later = estimates(peer, spin, scene, 0.03, 10, frequency=6.5)
+    assert {command.height for command in later} == {height}
+    spin(lambda: any(event.kind == "refused" for event in peer.events))
+    refused = [event for event in peer.events if event.kind == "refused"]
+    assert [(event.severity, event.value) for event in refused] == [(Event.WARNING, 6.5)]
+
+
+def test_the_service_answers_for_the_amplitude_given(pair):
+    peer, spin, _ = pair
+    answer = ask(peer, spin, amplitude=0.03, frequency=5.47)
+    assert answer.success
+    assert answer.method == "lookup"
+    assert answer.height == pytest.approx(0.57, rel=0.05)
+    assert answer.efficiency > 0.76
+
+
+def test_a_service_called_before_any_estimate_says_so(pair):
+    peer, spin, scene = pair
+    answer = ask(peer, spin, amplitude=0.0)
+    assert not answer.success
+    assert "no steady estimate yet" in answer.message
+    assert math.isnan(answer.height)
+    estimates(peer, spin, scene, 0.015, 1)
+    assert ask(peer, spin, amplitude=math.nan).height == pytest.approx(0.29, rel=0.05)
+
+
+def test_a_service_asked_for_what_the_map_has_not_says_so(pair):
+    peer, spin, _ = pair
+    answer = ask(peer, spin, amplitude=5.0)
+    assert not answer.success
+    assert "amplitude 5 m is outside" in answer.message
