@@ -2,12 +2,16 @@
 """The whole graph: lockstep repeats itself, the thesis's adaptive bench is met, and other ceilings run as well."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from graph_runs import decoded, in_lockstep, scene_file
 
+from atpid_control.bench.maps import map_for
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
+from atpid_sim.maps import HeightMap
+from atpid_sim.scene import load_scene
 
 LOOP = ("/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state", "/events")
 
@@ -85,6 +89,18 @@ def test_the_true_ceiling_follows_the_motor(adaptive):
     states = [message for _, message in adaptive.messages("/ceiling/state")]
     gaps = [abs(true.ceiling[-1] - state.height) for true, state in zip(truth, states, strict=True)]
     assert max(gaps) <= 0.3 * 0.0015  # one sample's travel: the motor's clock starts at the last sample, not after it
+
+
+def test_a_map_that_lies_too_high_is_left_by_stepping_back(scenes, tmp_path):
+    good = HeightMap.load(map_for(load_scene(scenes / "thesis_4_3.yaml")))
+    replace(good, heights=1.08 * good.heights).save(tmp_path / "high.npz")
+    ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": "high.npz"}
+    changes = {"duration": 10.0, "steady_window": [8.0, 10.0], "ceiling": ceiling, "amplitude": 0.015}
+    bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")
+    kinds = [event.kind for _, event in bag.messages("/events")]
+    assert "rumble" in kinds and "step_back" in kinds
+    beam = np.concatenate([message.beam for _, message in bag.messages("/plant/truth")])
+    assert 0.5 * np.ptp(beam[8000:]) <= 0.3 * 0.333
 
 
 @pytest.mark.parametrize("ceiling", [{"height": 0.1}, {"closed": 0.017, "open": 0.1, "start": 0.2, "end": 0.5}])

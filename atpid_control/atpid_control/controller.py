@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From each estimate to one command: hold, selection, the ceiling's range, and each refusal said once."""
+"""From each estimate to one command: hold, selection, the ceiling's range, each refusal said once, and the step back."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
-from atpid_control.hold import OFF_RESONANCE, Estimate, Hold, Verdict
+from atpid_control.hold import OFF_RESONANCE, Estimate, Hold, HoldError, Verdict
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+
+#: A ceiling this close to where it was sent is there [m].
+_ARRIVED = 2e-3
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,27 @@ class Command:
 
 @dataclass(frozen=True)
 class Answer:
-    """The command that answers one estimate and, where something has to be said, the refusal and its quantity."""
+    """The command that answers one estimate and, where something has to be said, its kind, text and quantity."""
 
     command: Command
-    refusal: str = ""
+    kind: str = ""  # refused or step_back; empty: nothing to say
+    text: str = ""
     value: float = math.nan
+
+
+@dataclass(frozen=True)
+class StepBack:
+    """How the ceiling leaves a rumble."""
+
+    share: float  # of the clearance above the lowest height given up each time [-]
+    count: int  # estimates in a row that rumble, the ceiling standing, before each step
+
+    def __post_init__(self) -> None:
+        """Refuse a step that is none or crosses the lowest height."""
+        if not 0.0 < self.share < 1.0:
+            raise HoldError(f"step_back: given {self.share}; allowed: above 0 and below 1")
+        if self.count < 1:
+            raise HoldError(f"rumble_count: given {self.count}; allowed: at least 1")
 
 
 class Controller(Protocol):
@@ -41,13 +60,22 @@ class Controller(Protocol):
         """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
         ...
 
+    def hear(self, kind: str) -> None:
+        """Take note of an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
+        ...
+
 
 class SelectingController:
     """Selects a height when the hold says so; otherwise repeats the last command, which is how it shows to be alive."""
 
-    def __init__(self, hold: Hold, selector: HeightSelector, limits: tuple[float, float], margin: float) -> None:
-        """Take the hold, the method, the lowest and highest height [m], and the margin in standard deviations [-]."""
+    def __init__(
+        self, hold: Hold, selector: HeightSelector, limits: tuple[float, float], margin: float, step_back: StepBack
+    ) -> None:
+        """Take the hold, the method, the lowest and highest height [m], the margin in standard deviations [-]."""
         self._hold, self._selector, self._limits, self._margin = hold, selector, limits, margin
+        self._step_back = step_back
+        self._rumbling = False
+        self._rumbled = 0  # estimates in a row
         self._command = Command(method=selector.method)
         self._refusal = ""
 
@@ -56,9 +84,37 @@ class SelectingController:
         del time
         verdict = self._hold.judge(estimate)
         if verdict.select:
+            self._rumbled = 0
             return self._select(verdict, estimate, height)
+        if self._must_step_back(height):
+            return self._stepped_back()
         self._command = replace(self._command, reason=verdict.reason)
         return self._refuse(verdict.reason, verdict.reason, estimate) if verdict.refused else self._accept()
+
+    def hear(self, kind: str) -> None:
+        """See `Controller.hear`."""
+        if kind in ("rumble", "calm"):
+            self._rumbling = kind == "rumble"
+
+    def _must_step_back(self, height: float) -> bool:
+        """Whether the beam has rumbled long enough with the ceiling where it was sent; on its way anything may happen."""
+        standing = abs(height - self._command.height) <= _ARRIVED
+        self._rumbled = self._rumbled + 1 if self._rumbling and standing else 0
+        return self._rumbled >= self._step_back.count
+
+    def _stepped_back(self) -> Answer:
+        self._rumbled = 0
+        before, lowest = self._command.height, self._limits[0]
+        height = before - self._step_back.share * (before - lowest)
+        self._command = replace(
+            self._command,
+            sequence=self._command.sequence + 1,
+            height=height,
+            predicted_amplitude=math.nan,
+            reason="rumble: stepped back",
+        )
+        text = f"the beam rumbles: the ceiling steps back from {before:.4f} to {height:.4f} m"
+        return Answer(self._command, "step_back", text, height)
 
     def _select(self, verdict: Verdict, estimate: Estimate, height: float) -> Answer:
         try:
@@ -93,7 +149,7 @@ class SelectingController:
         if said:
             return Answer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
-        return Answer(self._command, f"the ceiling stays: {text}", value)
+        return Answer(self._command, "refused", f"the ceiling stays: {text}", value)
 
     def _accept(self) -> Answer:
         self._refusal = ""
@@ -102,6 +158,9 @@ class SelectingController:
 
 class ProfileController:
     """Sends the heights a scene prescribes, for scenes whose ceiling no controller moves."""
+
+    def hear(self, kind: str) -> None:
+        """Nothing moves this ceiling but the scene."""
 
     def __init__(self, heights: tuple[tuple[float, float], ...]) -> None:
         """Take the points (t [s], h [m]), straight in between."""

@@ -27,8 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", required=True, choices=_METHODS, help="how the height is selected")
     parser.add_argument("--map", type=Path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
     parser.add_argument("--amplitude-std", type=float, default=0.0, metavar="S", help="of the amplitude [m]; default 0")
-    parser.add_argument("--margin", type=float, default=0.0, metavar="K", help="standard deviations to be safe for; default 0")
-    parser.add_argument("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
+    parser.add_argument(
+        "--margin", type=float, default=0.0, metavar="K", help="standard deviations to be safe for; default 0"
+    )
+    parser.add_argument(
+        "--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
 

@@ -11,7 +11,7 @@ from launch_ros.substitutions import FindPackageShare
 
 ARGUMENTS = (
     ("bag", None, "folder of the bag to play"),
-    ("scene", None, "scene file of the run; `python -m atpid_control.recording scene BAG` prints the one in the bag"),
+    ("scene", None, "scene file of the run; `python -m atpid_control.recording extract BAG` writes the one in the bag"),
     ("map", "", "height map for the look-up; empty: the one the scene names"),
     ("rate", "1.0", "speed against the recording; 0.0: as fast as the loop answers"),
     ("record", "", "folder of the bag to make of the replay; empty: none"),

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from atpid_control.controller import ProfileController, SelectingController
+from atpid_control.controller import ProfileController, SelectingController, StepBack
 from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
 from atpid_control.selection.protocol import Selection, SelectionError
 
@@ -125,7 +125,7 @@ class Linear:
 
 def controller(limits=(0.017, 1.0)):
     selector = Linear()
-    return SelectingController(hold(), selector, limits, 0.0), selector
+    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 3)), selector
 
 
 def answers(machine, estimates):
@@ -146,7 +146,7 @@ def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once():
     machine, selector = controller()
     answers(machine, [steady(0.015)] * 4)
     given = answers(machine, [steady(0.08)] * 20)
-    assert [answer.refusal for answer in given if answer.refusal] == [
+    assert [answer.text for answer in given if answer.kind] == [
         "the ceiling stays: amplitude: given 0.08 m; allowed: up to 0.05 m"
     ]
     assert {answer.command.height for answer in given} == {19.0 * 0.015}
@@ -156,7 +156,7 @@ def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once():
 def test_a_refusal_is_said_again_after_a_good_estimate():
     machine, _ = controller()
     poor = Estimate(Quality.POOR, 0.015, 1e-3, 5.49)
-    said = [bool(answer.refusal) for answer in answers(machine, [poor, poor, steady(0.015), poor, poor])]
+    said = [answer.kind == "refused" for answer in answers(machine, [poor, poor, steady(0.015), poor, poor])]
     assert said == [True, False, False, True, False]
 
 
@@ -166,6 +166,39 @@ def test_heights_stay_in_the_ceilings_range():
     assert command.height == 0.2
     assert "range" in command.reason
     assert math.isnan(command.predicted_amplitude)
+
+
+def stepped(machine, count, height):
+    """Return the heights after each of `count` steady estimates with the ceiling at `height`."""
+    return [machine.answer(1.0, steady(0.015), height).command.height for _ in range(count)]
+
+
+def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_lasts():
+    machine, _ = controller()
+    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
+    machine.hear("rumble")
+    assert stepped(machine, 10, height=0.1) == [high] * 10  # on its way
+    lower = high - 0.1 * (high - 0.017)
+    assert stepped(machine, 3, height=high) == pytest.approx([high, high, lower])
+    assert stepped(machine, 3, height=lower)[-1] == pytest.approx(lower - 0.1 * (lower - 0.017))
+    machine.hear("calm")
+    stays = machine.answer(1.0, steady(0.015), lower).command.height
+    assert stepped(machine, 10, height=stays) == [stays] * 10
+
+
+def test_a_step_back_is_said_with_the_new_height():
+    machine, _ = controller()
+    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
+    machine.hear("rumble")
+    said = [machine.answer(1.0, steady(0.015), high) for _ in range(3)][-1]
+    assert (said.kind, said.value) == ("step_back", said.command.height)
+    assert said.command.sequence == 2
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)])
+def test_a_step_back_that_cannot_be_is_refused(share, count):
+    with pytest.raises(HoldError, match=r"given .*; allowed: "):
+        StepBack(share, count)
 
 
 def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone():

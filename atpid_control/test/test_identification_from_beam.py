@@ -51,12 +51,19 @@ def test_the_closed_damper_tells_within_its_error_bar_while_still_swinging_up() 
     assert 0.03 < np.median([e.amplitude_std / e.amplitude for e in late]) < 0.08
 
 
-@pytest.mark.parametrize("height", [0.08, 0.15, 0.2])
+@pytest.mark.parametrize("height", [0.08, 0.15])
 def test_the_open_damper_tells_through_simulated_amplitudes(height: float) -> None:
     late = [e for e in inferred(height) if e.time > 8.0]
     assert {e.quality for e in late} == {Quality.STEADY}
     assert all(abs(e.amplitude - TRUE) < min(2.0 * e.amplitude_std, 0.03 * TRUE) for e in late)
     assert all(np.isnan(e.phase) for e in late)
+
+
+def test_where_two_regular_motions_look_alike_the_answer_is_poor_and_holds_both() -> None:
+    """At 0.2 m the beam swings by 0.046 m under 0.0045 m and under 0.01 m of support."""
+    late = [e for e in inferred(0.2) if e.time > 8.0]
+    assert {e.quality for e in late} == {Quality.POOR}
+    assert all(abs(e.amplitude - TRUE) < 2.0 * e.amplitude_std for e in late)
 
 
 def test_a_wrong_model_is_covered_by_the_error_bar() -> None:
@@ -89,8 +96,8 @@ def test_two_support_amplitudes_for_one_response_are_a_wide_and_poor_answer() ->
 
     inverse = ModelInverse(ClosedBeam(0.362, 427.6, 0.56), CLOSED, Folded())
     beam_seen = Estimate(
-        quality=Quality.STEADY, amplitude=0.08, amplitude_std=1e-4, frequency=1.0 / PERIOD, frequency_std=1e-3, phase=0.0,
-        phase_std=0.01, window=2 * PERIOD, growth=0.0, growth_std=0.01, origin=Origin.BEAM,
+        quality=Quality.STEADY, amplitude=0.08, amplitude_std=1e-4, frequency=1.0 / PERIOD, frequency_std=1e-3,
+        phase=0.0, phase_std=0.01, window=2 * PERIOD, growth=0.0, growth_std=0.01, origin=Origin.BEAM,
     )  # fmt: skip
     answer = inverse.support_of(beam_seen, 0.2)
     assert answer.quality == Quality.POOR

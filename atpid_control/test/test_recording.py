@@ -281,6 +281,31 @@ def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.
         assert said.startswith("error: ") and said.count("\n") == 1 and str(given) in said
 
 
+def test_what_a_bag_keeps_can_be_taken_out(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["extract", str(bag), "--out", str(tmp_path / "kept")]) == 0
+    assert (tmp_path / "kept" / "scene.yaml").read_text() == (bag.parent / "short.yaml").read_text()
+    assert command.main(["extract", str(bag), "--out", str(tmp_path / "kept")]) == 2
+    small_bag(tmp_path / "bare").close()
+    assert command.main(["extract", str(tmp_path / "bare"), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 2
+
+
+_WITHOUT_ROS = """
+import sys
+for name in ("rclpy", "ament_index_python", "atpid_interfaces", "std_msgs", "builtin_interfaces"):
+    sys.modules[name] = None
+from pathlib import Path
+from atpid_control.bagread import open_bag
+messages = list(open_bag(Path(sys.argv[1])).messages("/excitation"))
+assert len(messages) == 40 and messages[-1][1].header.stamp.sec == 1
+"""
+
+
+def test_reading_needs_no_ros(bag: Path) -> None:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("AMENT_", "ROS_"))}
+    subprocess.run([sys.executable, "-c", _WITHOUT_ROS, str(bag)], check=True, env=environment, timeout=60.0)
+
+
 def test_verify_prints_what_it_read(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["verify", str(bag)]) == 0
     assert "every one read and decoded" in capsys.readouterr().out

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -30,6 +31,7 @@ from rclpy.parameter import Parameter
 from atpid_control.bagread import open_bag
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.recording import BagError, repair, verify
+from atpid_control.recording.writer import Sink
 from atpid_sim.nodes.messages import BLOCKS, STATUS, time_of
 
 TOPICS: dict[str, type[Any]] = {
@@ -164,6 +166,24 @@ def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: SingleThreade
     spin_until(ros, source.closed)
     assert recorder.session is not None
     assert recorder.session.missing_topics() == ["/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state"]
+
+
+def test_a_full_disk_ends_the_recording_with_one_line(
+    ros: SingleThreadedExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder, source = make(ros, tmp_path / "run", sync_period=0.0)
+    spin_until(ros, source.ready)
+
+    def full(sink: Sink, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Sink, "write", full)
+    for number in range(60):
+        source.block(number)
+    spin_until(ros, lambda: "fault" in source.kinds)
+    assert recorder.done.result() == 2 and "the disk is full" in recorder.error and "repair" in recorder.error
+    spin_until(ros, lambda: source.status is not None and not source.status.recording)
+    assert source.kinds.count("fault") == 1
 
 
 def test_an_existing_bag_is_refused_before_anything_is_made(ros: SingleThreadedExecutor, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 from recorded import SHORT, block, record
 
+from atpid_control.bagread import open_bag
 from atpid_control.cli import main
 from atpid_control.recording import BagError, BagWriter, new_run
 from atpid_control.report import Stage, read_run, report, stages
@@ -248,6 +249,27 @@ def test_a_bag_of_the_stand_knows_only_what_was_measured(tmp_path: Path) -> None
     text = made.page.read_text()
     assert made.stages == [] and "50 scans of 1950" in text and "no scene was recorded" in text
     assert "<b>stand</b>" not in text and "&lt;b&gt;stand" in text
+
+
+def test_a_replayed_bag_shows_where_the_ceiling_was_sent(adaptive: Path, tmp_path: Path) -> None:
+    """Neither truth nor a motor: sensors, estimates and commands only."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SHORT)
+    given, writer = open_bag(adaptive), BagWriter(tmp_path / "replayed", new_run(scene))
+    for topic in ("/sensors/laser", "/excitation", "/ceiling/command"):
+        writer.add_topic(topic, given.types[topic])
+    for raw in given.raw:
+        if raw.topic in writer.channels:
+            writer.write(raw.topic, raw.data, raw.log_ns, raw.publish_ns)
+    writer.close()
+    made = report(tmp_path / "replayed", tmp_path / "out")
+    before = stages(adaptive)
+    assert [math.isnan(stage.height) for stage in made.stages] == [True, True]
+    for now, then in zip(made.stages, before, strict=True):
+        # the laser's noise of 20 um widens a peak-to-peak by some of its own standard deviations
+        assert abs(now.amplitude - then.amplitude) < 1e-4
+    text = made.page.read_text()
+    assert '"name":"commanded"' in text and '"name":"moved"' not in text
 
 
 def test_a_bag_without_displacements_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

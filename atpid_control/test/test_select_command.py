@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from atpid_control.cli import main
 
 ROOT = Path(__file__).parents[2]

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
+
 from atpid_control.selection import METHODS, HeightSelector, Selection, SelectionError, make_selector
 from atpid_sim.scene import Scene, load_scene
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import Uncertainty, with_stiffness
 from atpid_sim.maps import Rig, Timing
@@ -83,7 +84,8 @@ def test_the_margin_keeps_a_stiffer_and_a_softer_beam_out_of_rumble(scene: Scene
 
 def test_more_uncertainty_never_costs_less(scene: Scene) -> None:
     prices = [
-        DirectSelector(scene, Uncertainty(stiffness, 0.0)).select(0.03, margin=1.0).price for stiffness in (0.0, 0.02, 0.05)
+        DirectSelector(scene, Uncertainty(stiffness, 0.0)).select(0.03, margin=1.0).price
+        for stiffness in (0.0, 0.02, 0.05)
     ]
     assert prices == sorted(prices)
     assert prices[0] == pytest.approx(0.0, abs=2e-3)

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from atpid_control.selection.criteria import judge
 from atpid_control.selection.pca import PcaSelector
 from atpid_control.selection.predictive import Impact, response_lag, simplified
@@ -16,8 +19,6 @@ from atpid_control.selection.tuning import tune
 from atpid_sim.maps import Rig, best_height
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.system import system_of
-from hypothesis import given
-from hypothesis import strategies as st
 
 SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
 

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from atpid_control.selection.search import Plan, SearchError, SearchSelector, StepSearch
-from atpid_sim.scene import load_scene
 from hypothesis import given
 from hypothesis import strategies as st
+
+from atpid_control.selection.search import Plan, SearchError, SearchSelector, StepSearch
+from atpid_sim.scene import load_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from acquisition_bench import Bench
-from atpid_interfaces.msg import CeilingState, SampleBlock
+from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.acquisition_node import BLOCKS
+from atpid_driver.nodes.acquisition_node import BLOCKS, EVENTS
 from atpid_driver.nodes.blocks import doubles, hello_block
 from atpid_driver.nodes.feed_node import STATES, FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
@@ -73,6 +73,11 @@ def test_the_plants_metres_come_back_through_the_device(
     between = motion[:-1, 1] + 0.015 * np.diff(motion[:, 1])
     assert np.nanmax(np.abs(read[:, 1] - between[:1900])) < 1e-9
     assert np.isnan(read[700, 1])
+    events = bench.ears.create_publisher(Event, "events", EVENTS)
+    bench.until(lambda: events.get_subscription_count() >= 2)
+    events.publish(Event(kind="finished"))
+    bench.until(lambda: len(seen()) >= 2400)  # the sensors go on when the plant has finished
+    assert seen()[2399, 0] == pytest.approx(motion[-1, 0])
     last = bench.blocks[-1]
     assert last.dropped == 0
 

@@ -315,6 +315,16 @@ def test_bad_parameters_end_the_process_with_status_2_and_one_line() -> None:
     ]
 
 
+def test_a_parameter_file_that_is_not_there_is_one_line_and_status_2() -> None:
+    command = [sys.executable, "-m", "atpid_driver.nodes.ni_node", "--ros-args", "--params-file", "none.yaml"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    ours = [line for line in done.stderr.splitlines() if "[rcl]" not in line]
+    assert len(ours) == 1
+    assert ours[0].startswith("ni_node: ")
+    assert "none.yaml" in ours[0]
+
+
 def test_a_node_started_twice_is_refused_with_status_2(bench: Bench) -> None:
     simulated = ["backend:=simulated", "handshake:=false", "rate:=1000.0"]
     wiring = ["channels:=[support_displacement]", "terminals:=[x]", "calibrations:=[laser_support.yaml]"]
@@ -335,7 +345,8 @@ def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
     command += ["-p", "backend:=simulated", "-p", "handshake:=false"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     bench.until(lambda: bench.blocks)
-    process.send_signal(signal.SIGINT)
+    for _ in range(2):  # as `ros2 launch` does
+        process.send_signal(signal.SIGINT)
     said, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
     assert "Traceback" not in said

@@ -33,9 +33,9 @@ def test_100_000_harmful_frames_move_nothing(tmp_path: Path) -> None:
 
 TABLE = """
 #include <stdint.h>
-const uint16_t ATPID_TABLE_N = 3;
-const uint32_t amplitude_um[] PROGMEM = {10000, 15000, 30000};
-const uint32_t height_um[] PROGMEM = {200000, 290000, 999000};
+#define ATPID_TABLE_N 3
+static const uint32_t atpid_amplitude_um[ATPID_TABLE_N] PROGMEM = {10000, 15000, 30000};
+static const uint32_t atpid_height_um[ATPID_TABLE_N] PROGMEM = {200000, 290000, 999000};
 """
 
 

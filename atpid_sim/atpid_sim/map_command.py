@@ -16,11 +16,15 @@ from atpid_sim.scene import load_scene
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("scene", metavar="SCENE.yaml", help="the system: beam, grain radius, contact, gravity, frequency")
+    parser.add_argument(
+        "scene", metavar="SCENE.yaml", help="the system: beam, grain radius, contact, gravity, frequency"
+    )
     parser.add_argument("--amplitudes", required=True, metavar="A0:A1:N", help="N support amplitudes from A0 to A1 [m]")
     parser.add_argument("--mass-fractions", required=True, metavar="m1,m2,...", help="grain mass over total mass [-]")
     parser.add_argument("--out", required=True, metavar="MAP.npz", help="file to write")
-    parser.add_argument("--header", metavar="FILE.h", help="also write a table for the motor's firmware, one mass fraction")
+    parser.add_argument(
+        "--header", metavar="FILE.h", help="also write a table for the motor's firmware, one mass fraction"
+    )
     parser.add_argument("--workers", type=int, default=None, metavar="K", help="threads; default: all cores")
 
 

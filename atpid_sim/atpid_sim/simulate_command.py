@@ -25,8 +25,12 @@ _SHOWN = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
-    parser.add_argument("--fidelity", default="auto", choices=("auto", *FIDELITIES), help="rung; default: cheapest that fits")
-    parser.add_argument("--rtol", type=tolerance, default=None, metavar="R", help="relative tolerance of the integration")
+    parser.add_argument(
+        "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="rung; default: cheapest that fits"
+    )
+    parser.add_argument(
+        "--rtol", type=tolerance, default=None, metavar="R", help="relative tolerance of the integration"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
 

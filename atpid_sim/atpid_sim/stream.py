@@ -108,6 +108,9 @@ class Stream:
         ticks = min(self.ticks_per_block, self.ticks - first)
         if self._scene.ceiling.kind != "controlled":
             target, speed = self._own_ceiling((first + ticks) / self.rate, ticks / self.rate)
+        else:
+            # a real position sensor may read a closed ceiling a little too low; the grain holds the ceiling up
+            target = max(target, 2.0 * self._scene.grain.radius)
         truth = self._plant.advance(ticks, self.rate, target, speed)
         self._next += 1
         readings = tuple(self._read(item, number, first, truth) for item in self.instruments)

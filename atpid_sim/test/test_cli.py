@@ -45,7 +45,11 @@ def test_simulate_without_json_is_a_table_for_people(capsys: pytest.CaptureFixtu
     ],
 )
 def test_bad_input_is_one_line_and_status_two(
-    arguments: list[str], named: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str],
+    named: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
@@ -65,7 +69,11 @@ def test_a_command_that_does_not_parse_is_status_two(arguments: list[str]) -> No
 
 def test_a_rung_that_cannot_take_the_scene_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "hard.yaml"
-    scene.write_text(Path(STANDARD).read_text().replace("tsuji, young_modulus: 2.1e8, poisson_ratio: 0.2, damping_ratio: 1.0", "impact, restitution: 0.15"))
+    scene.write_text(
+        Path(STANDARD)
+        .read_text()
+        .replace("tsuji, young_modulus: 2.1e8, poisson_ratio: 0.2, damping_ratio: 1.0", "impact, restitution: 0.15")
+    )
     assert main(["simulate", str(scene), "--fidelity", "soft"]) == 2
     assert "no force to integrate" in capsys.readouterr().err
 

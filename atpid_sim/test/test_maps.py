@@ -50,9 +50,7 @@ def test_best_heights_are_those_of_the_thesis(
 
 
 @pytest.mark.parametrize(("fraction", "amplitude"), [(0.1, 0.003), (0.1, 0.008), (0.3, 0.02), (0.05, 0.01)])
-def test_no_height_of_a_fine_scan_is_notably_better(
-    scene: Scene, fraction: float, amplitude: float
-) -> None:
+def test_no_height_of_a_fine_scan_is_notably_better(scene: Scene, fraction: float, amplitude: float) -> None:
     rig = Rig(scene.with_(mass_fraction=fraction), 1e-5)
     best = best_height(rig, amplitude)
     unit = rig.ballistic_clearance(amplitude)

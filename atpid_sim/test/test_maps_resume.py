@@ -56,9 +56,7 @@ def test_a_killed_map_is_resumed_without_recomputation(
 
     monkeypatch.setattr(build_module, "best_height", counted)
     seen: list[tuple[int, int]] = []
-    made = build_map(
-        scene, [round(0.01 + 0.001 * k, 9) for k in range(31)], [0.1], out, lambda *at: seen.append(at)
-    )
+    made = build_map(scene, [round(0.01 + 0.001 * k, 9) for k in range(31)], [0.1], out, lambda *at: seen.append(at))
     assert 3 <= kept < 31
     assert len(computed) == 31 - kept
     assert seen[0] == (kept, 31)

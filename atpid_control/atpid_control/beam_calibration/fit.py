@@ -127,8 +127,8 @@ class _Model:
 def _spectrum(left: Array, rate: float, frequency: float, ratio: float) -> tuple[float, float]:
     """Return how coloured the residual is at resonance, one at least, and its slow part's root mean square [m].
 
-    The support's own noise, and whatever the model leaves out, reach the beam through its resonance: there the residual's
-    power exceeds that of white noise of the same variance, and the parameters' variance with it.
+    The support's own noise, and whatever the model leaves out, reach the beam through its resonance: there the
+    residual's power exceeds that of white noise of the same variance, and the parameters' variance with it.
     """
     power = np.abs(np.fft.rfft(left - left.mean())) ** 2
     f = np.arange(power.size) * rate / left.size

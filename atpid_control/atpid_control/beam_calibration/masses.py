@@ -28,7 +28,8 @@ class BeamParameters:
         return (
             f"# standard deviations: mass {self.mass_std:.2g} kg, stiffness {self.stiffness_std:.2g} N/m, "
             f"damping {self.damping_std:.2g} N s/m\n"
-            f"beam: {{mass: {_number(self.mass)}, stiffness: {_number(self.stiffness)}, damping: {_number(self.damping)}}}\n"
+            f"beam: {{mass: {_number(self.mass)}, stiffness: {_number(self.stiffness)}, "
+            f"damping: {_number(self.damping)}}}\n"
         )
 
 
@@ -64,7 +65,7 @@ def from_added_mass(plain: BeamFit, loaded: BeamFit, added: float, grain_mass: f
     variance = np.array([plain.covariance[0, 0], loaded.covariance[0, 0]])
     if not a - b > 4.0 * math.sqrt(float(variance.sum())):
         raise CalibrationError(
-            f"added mass: k/m is {a:.6g} without and {b:.6g} 1/s^2 with it; the second recording must be the slower one, "
+            f"added mass: k/m is {a:.6g} without and {b:.6g} 1/s^2 with it; the second recording must be slower "
             "beyond its error; add more mass"
         )
     moving = added * b / (a - b)

@@ -25,6 +25,7 @@ from atpid_control.bench.lockstep import run_lockstep
 from atpid_control.bench.maps import map_for
 from atpid_control.bench.progress import shown
 from atpid_control.bench.realtime import commands_of, run_realtime
+from atpid_control.bench.rehearsal import rehearse
 from atpid_control.selection import make_selector
 from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
@@ -92,6 +93,7 @@ def _run_nodes(
     parameter_file = out / "parameters.yaml"
     parameters["recorder_node"]["files"] = [str(parameter_file)]
     write_parameters(parameters, parameter_file)
+    rehearse(scene, parameters["identifier_node"])
     os.environ["ROS_LOG_DIR"] = str(out / "log")
     with own_domain(args.domain), _stoppable(), shown(scene.duration, args.scene.name) as progress:
         try:

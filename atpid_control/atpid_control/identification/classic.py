@@ -37,3 +37,17 @@ def hann_parabola(signal: Array, padding: int = 8) -> float:
     bend = left - 2.0 * middle + right
     delta = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
     return 2.0 * math.exp(middle - 0.25 * (left - right) * delta) / float(window.sum())
+
+
+def plain_sine_fit(tau: Array, signal: Array, omega: float) -> float:
+    """Return the amplitude of IEEE 1057's four-parameter fit as the standard has it, nothing left out or added.
+
+    `tau` and `signal` (n,) in [s] and [m], `omega` [rad/s] the seed.
+    """
+    a, b = 0.0, 0.0
+    for _ in range(8):
+        c, s = np.cos(omega * tau), np.sin(omega * tau)
+        columns = np.stack([c, s, np.ones_like(tau), tau * (b * c - a * s)], axis=1)
+        (a, b, _, step), *_ = np.linalg.lstsq(columns, signal, rcond=None)
+        omega += step
+    return float(math.hypot(a, b))

@@ -14,6 +14,7 @@ from atpid_control.identification.change import ChangeTracker
 from atpid_control.identification.estimate import Estimate, Origin
 from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.settings import IdentificationError, Settings
+from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
 from atpid_control.identification.window import SampleBuffer, half_peak_to_peak
 
@@ -27,6 +28,12 @@ class BeamInverse(Protocol):
     def support_of(self, beam: Estimate, height: float) -> Estimate:
         """Return what the support does where the beam does `beam` and the ceiling is at `height` [m]."""
         ...
+
+
+def warm_up() -> None:
+    """Compile the fit, or load it from the cache, so that the first samples do not wait for it (some 10 s once)."""
+    tau = np.arange(-400, 1) * 1e-3
+    fit_sine(tau, np.sin(30.0 * tau), 30.0, 0.0, math.inf)
 
 
 class Identifier:

@@ -49,6 +49,10 @@ class SineFit:
     change: float  # log-likelihood by which a changing tone describes the window better; 0: steady
 
 
+#: Fields of a fit in the order the kernel writes them.
+_VALUES = tuple(SineFit.__dataclass_fields__)[: USED - 1]
+
+
 def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: float) -> SineFit | None:
     """Fit a tone to `signal` (n,) [m] at `tau` (n,) [s], tau = 0 at the window's end, from the seed `omega` [rad/s].
 
@@ -58,8 +62,8 @@ def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: flo
     out = _fit(tau, signal, omega, hum, threshold)
     if out[OK] == 0.0 or not np.all(np.isfinite(out)):
         return None
-    values = [float(value) for value in out[1:USED]]
-    return SineFit(*values, used=int(out[USED]), change=float(out[CHANGE]))
+    values = {name: float(value) for name, value in zip(_VALUES, out[1:USED], strict=True)}
+    return SineFit(**values, used=int(out[USED]), change=float(out[CHANGE]))
 
 
 @compiled

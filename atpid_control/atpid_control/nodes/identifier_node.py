@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality
+from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, warm_up
 from atpid_control.nodes.identifier_parameters import declare, inverse_of, rumble_of, settings_of, text_of
 from atpid_control.watch import RumbleState, RumbleWatch
 from atpid_sim.nodes.life import run
@@ -38,6 +38,7 @@ class IdentifierNode(Node):
         self._names = (text_of(self, "support_channel"), text_of(self, "beam_channel"))
         inverse = inverse_of(self)
         self.identifier = Identifier(settings_of(self), inverse)
+        warm_up()
         self._rumble = RumbleWatch(rumble_of(self))
         self.done: Future = Future()
         self._height = math.nan

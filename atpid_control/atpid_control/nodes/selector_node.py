@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
-from atpid_control.controller import Command, Controller, ProfileController, SelectingController
+from atpid_control.controller import Answer, Command, Controller, ProfileController, SelectingController, StepBack
 from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
 from atpid_control.selection import SelectionError, make_selector
 from atpid_sim.nodes.life import run, scene_given
@@ -45,6 +45,8 @@ PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("rising_count", TYPES.INTEGER, "consecutive rising estimates that are a ramp to follow"),
     ("falling_count", TYPES.INTEGER, "consecutive lower estimates before the ceiling goes down"),
     ("frequency_tolerance", TYPES.DOUBLE, "relative distance from resonance at which heights still hold [-]"),
+    ("step_back", TYPES.DOUBLE, "share of the clearance given up when the beam rumbles [-]"),
+    ("rumble_count", TYPES.INTEGER, "estimates in a row that rumble, the ceiling standing, before it steps back"),
     ("margin", TYPES.DOUBLE, "standard deviations of the amplitude the height must be safe for [-]"),
 )
 
@@ -98,7 +100,8 @@ class SelectorNode(Node):
             frequency=scene.frequency_hz,
             frequency_tolerance=float(self._value("frequency_tolerance")),
         )
-        return SelectingController(Hold(settings), self._selector, scene.ceiling.range, self._margin)
+        step_back = StepBack(float(self._value("step_back")), int(self._value("rumble_count")))
+        return SelectingController(Hold(settings), self._selector, scene.ceiling.range, self._margin, step_back)
 
     def _make_topics(self) -> None:
         lockstep = bool(self._value("lockstep"))
@@ -107,12 +110,18 @@ class SelectorNode(Node):
             command.deadline = Duration(seconds=COMMAND_DEADLINE)
         self._commands = self.create_publisher(CeilingCommand, "ceiling/command", command)
         self._events = self.create_publisher(Event, "events", STATES)
+        # before the estimates: whoever says rumble says it before the estimate of the same block
+        self.create_subscription(Event, "events", self._on_event, STATES)
         self.create_subscription(Excitation, "excitation", self._on_excitation, STATES)
         self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
         self.create_service(SelectHeight, "~/select", self._on_select)
 
     def _on_state(self, state: CeilingState) -> None:
         self._height = state.height
+
+    def _on_event(self, event: Event) -> None:
+        if event.header.frame_id != self.get_name():
+            self._controller.hear(event.kind)
 
     def _on_excitation(self, message: Excitation) -> None:
         if message.header.frame_id == HELLO:
@@ -127,17 +136,17 @@ class SelectorNode(Node):
             self._latest = estimate
         answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)
         self._publish(message, answer.command)
-        if answer.refusal:
-            self._tell(message, answer.refusal, answer.value)
+        if answer.kind:
+            self._tell(message, answer)
 
     def _publish(self, answered: Excitation, command: Command) -> None:
         message = CeilingCommand(**vars(command))
         message.header = answered.header
         self._commands.publish(message)
 
-    def _tell(self, answered: Excitation, text: str, value: float) -> None:
-        self.get_logger().warning(text)
-        event = Event(severity=Event.WARNING, kind="refused", value=value, text=text)
+    def _tell(self, answered: Excitation, answer: Answer) -> None:
+        self.get_logger().warning(answer.text)
+        event = Event(severity=Event.WARNING, kind=answer.kind, value=answer.value, text=answer.text)
         event.header.stamp, event.header.frame_id = answered.header.stamp, self.get_name()
         self._events.publish(event)
 

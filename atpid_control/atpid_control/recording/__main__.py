@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control.recording verify|repair|scene BAG`: is it whole, make it so, and what scene was it."""
+"""`python -m atpid_control.recording verify|repair|extract BAG`: is it whole, make it so, and what was it made with."""
 
 from __future__ import annotations
 
@@ -9,41 +9,57 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from atpid_control.bagread import open_bag
-from atpid_control.recording.errors import BagError
+from atpid_control.recording.errors import BagError, in_words
 from atpid_control.recording.verify import repair, verify
 
 BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Verify or repair a bag, or print its scene; return the exit status."""
+    """Verify or repair a bag, or write the files kept in it; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m atpid_control.recording", description=__doc__)
-    parser.add_argument("action", choices=("verify", "repair", "scene"))
+    parser.add_argument("action", choices=("verify", "repair", "extract"))
     parser.add_argument("bag", type=Path, help="folder of the bag")
+    parser.add_argument(
+        "--out", type=Path, default=Path(), help="extract: folder for scene, parameters, map (default: here)"
+    )
     given = parser.parse_args(arguments)
     try:
-        if given.action == "scene":
-            print(_scene(given.bag), end="")
-            return 0
-        found = (repair if given.action == "repair" else verify)(given.bag)
+        if given.action == "extract":
+            _extract(given.bag, given.out)
+        else:
+            _verify(given.bag, given.action == "repair")
     except BagError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
-    for topic, count in sorted(found.by_topic.items()):
-        print(f"{count:8d}  {topic}")
-    seconds = (found.end_ns - found.start_ns) * 1e-9
-    print(
-        f"{found.folder}: {found.messages} messages over {seconds:.3f} s, "
-        f"{found.size / 1e6:.2f} MB, every one read and decoded"
-    )
     return 0
 
 
-def _scene(path: Path) -> str:
-    text = open_bag(path).scene_text
-    if text is None:
-        raise BagError(f"{path}: no scene was recorded in this bag (parameter scene of recorder_node)")
-    return text
+def _verify(bag: Path, repairing: bool) -> None:
+    found = repair(bag) if repairing else verify(bag)
+    for topic, count in sorted(found.by_topic.items()):
+        print(f"{count:8d}  {topic}")
+    seconds, size = (found.end_ns - found.start_ns) * 1e-9, found.size / 1e6
+    print(f"{found.folder}: {found.messages} messages over {seconds:.3f} s, {size:.2f} MB, every one read and decoded")
+
+
+def _extract(bag: Path, out: Path) -> None:
+    files = open_bag(bag).files
+    if not files:
+        raise BagError(
+            f"{bag}: no scene or other file was kept in this bag (parameters scene and files of recorder_node)"
+        )
+    for name, data in files.items():
+        # only the name: a bag from elsewhere must not write outside the folder given
+        path = out / Path(name).name
+        if path.exists():
+            raise BagError(f"{path}: exists already and is not written over; give another folder with --out")
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        except OSError as error:
+            raise BagError(f"{path}: cannot be written: {in_words(error)}") from None
+        print(path)
 
 
 if __name__ == "__main__":

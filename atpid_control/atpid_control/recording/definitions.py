@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
-
 from atpid_control.recording.errors import TypeUnknownError
 
 _SEPARATOR = "=" * 80
@@ -21,6 +19,14 @@ _PRIMITIVES = {"bool", "byte", "char", "string", "wstring", "float32", "float64"
 _FIELD = re.compile(r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[(?:<=)?\d*\])?\s+\w+(?!\w|\s*=)")  # not a constant
 
 Share = Callable[[str], str | Path]
+
+
+def installed(package: str) -> str | Path:
+    """Return the share folder of an installed package; raise LookupError, or OSError where no workspace is sourced."""
+    # imported here: reading a bag needs neither ROS nor a workspace
+    from ament_index_python.packages import get_package_share_directory
+
+    return str(get_package_share_directory(package))
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class MessageType:
 
 
 @cache
-def message_type(name: str, share: Share = get_package_share_directory) -> MessageType:
+def message_type(name: str, share: Share = installed) -> MessageType:
     """Return the type `name` ("pkg/msg/Name") from `share(pkg)`/msg; raise TypeUnknownError where there is none."""
     text = _text_of(name, share)
     parts, seen, waiting = [text], {name}, list(_inside(name, text))
@@ -64,7 +70,7 @@ def _file_of(name: str, suffix: str, share: Share) -> Path:
     package, message = split_name(name)
     try:
         path = Path(share(package)) / "msg" / f"{message}{suffix}"
-    except LookupError:
+    except (LookupError, OSError):
         raise TypeUnknownError(
             f"message type {name}: the package {package} is not in this shell: source its workspace"
         ) from None

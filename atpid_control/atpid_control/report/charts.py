@@ -188,8 +188,9 @@ def _ceiling(figure: Figure, view: View, axis: str, top: float) -> None:
               "%{y:.4f} m", shape="hv")  # fmt: skip
         _label(figure, axis, float(ceiling.commanded[told][-1]), "commanded", "@given_text", 8.0)
     time, height = moved(view)
-    _line(figure, axis, time, height, "moved", "@own", 1.8, "%{y:.4f} m")
-    _label(figure, axis, float(height[-1]), "moved", "@own", -8.0 if view.own_name == "adaptive" else 0.0)
+    if len(height):
+        _line(figure, axis, time, height, "moved", "@own", 1.8, "%{y:.4f} m")
+        _label(figure, axis, float(height[-1]), "moved", "@own", -8.0 if view.own_name == "adaptive" else 0.0)
     for number, (begin, end) in enumerate(view.windows if view.printed else []):
         printed = view.printed[number] if view.printed else None
         if printed:

@@ -167,9 +167,10 @@ def _ceiling(axes: Any, view: View, palette: Palette) -> None:
         axes.step(ceiling.commanded_time[told], ceiling.commanded[told], where="post", color=palette.given, lw=4.0)
         _beside(axes, float(ceiling.commanded[told][-1]), "commanded", palette.given_text, 7.0)
     time, height = moved(view)
-    axes.plot(time, height, color=palette.own, lw=1.6)
-    _beside(axes, float(height[-1]), "moved", palette.own, -7.0 if told.any() else 0.0)
-    top = float(np.nanmax(height))
+    top = float(np.nanmax(np.append(height, ceiling.commanded)))
+    if len(height):
+        axes.plot(time, height, color=palette.own, lw=1.6)
+        _beside(axes, float(height[-1]), "moved", palette.own, -7.0 if told.any() else 0.0)
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)
         if view.own_name == "adaptive":

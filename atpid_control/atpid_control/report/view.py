@@ -41,8 +41,10 @@ class View:
 
     @property
     def moving(self) -> bool:
-        """Whether the ceiling is known to move in this run."""
-        return self.standing is None and (self.run.simulated or bool(np.isfinite(self.run.ceiling.height).any()))
+        """Whether there is a ceiling's motion to show: where it went, or at least where it was sent."""
+        ceiling = self.run.ceiling
+        known = self.run.simulated or bool(np.isfinite(np.append(ceiling.height, ceiling.commanded)).any())
+        return self.standing is None and known
 
     @property
     def standing(self) -> float | None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import math
 
+from atpid_control.selection.protocol import SelectionError
 from atpid_sim.maps import Rig
 from atpid_sim.scene import HarmonicExcitation, Scene, SceneError
-
-from atpid_control.selection.protocol import SelectionError
 
 #: A measured frequency this close to the scene's is the scene's: resonance is 2 % wide [relative].
 _SAME = 1e-3

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from atpid_sim.engine import state
-from atpid_sim.maps import Rig
 from numpy.typing import NDArray
 
 from atpid_control.selection.criteria import Verdict, judge
 from atpid_control.selection.predictive import Impact, response_lag
+from atpid_sim.engine import state
+from atpid_sim.maps import Rig
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -112,9 +112,7 @@ class ComplexModel:
     def _impact(self) -> Impact:
         y, s = self._y, self._rig.system
         equilibrium = s.beam_mass * s.gravity / s.stiffness
-        return Impact(
-            float(y[state.BEAM]) + equilibrium, float(y[state.BEAM_RATE]), float(y[state.GRAIN_RATE])
-        )
+        return Impact(float(y[state.BEAM]) + equilibrium, float(y[state.BEAM_RATE]), float(y[state.GRAIN_RATE]))
 
 
 def _throw(impacts: Array, since: float) -> float | None:

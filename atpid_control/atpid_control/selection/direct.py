@@ -7,14 +7,13 @@ import math
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+from atpid_control.selection.checks import check_excitation, rig_at
+from atpid_control.selection.margin import Uncertainty, robust_height
+from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_sim.batch import cores
 from atpid_sim.maps import FROM_CLOSED, Best, Rig, Timing, Way, best_height, travelled
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
-
-from atpid_control.selection.checks import check_excitation, rig_at
-from atpid_control.selection.margin import Uncertainty, robust_height
-from atpid_control.selection.protocol import Selection, SelectionError
 
 #: Tolerance of the runs: heights are told apart by 0.2 % of an amplitude.
 _RTOL = 1e-5

@@ -6,13 +6,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
-import numpy as np
-from atpid_sim.maps import Best, Rig, Timing
+from atpid_sim.maps import Best, Response, Rig, Timing
 from atpid_sim.maps.best import FLAT, Mapper
 from atpid_sim.scene import Scene
 
-#: Shares of the bare optimum's clearance that are tried: above it lies the cliff.
-_SHARES = tuple(round(float(share), 4) for share in np.arange(1.02, 0.599, -0.02))
+#: Shares of the bare optimum's clearance that are tried, batch after batch, until the best lies inside: the cliff is above.
+_BATCH, _STEP, _LEAST = 9, 0.025, 0.2
+
+#: An irregular motion in any case counts as this many times as large: the margin is there to keep out of it.
+_RUMBLE = 1.5
 
 #: Tolerance of the runs.
 _RTOL = 1e-4
@@ -42,6 +44,7 @@ class _Case:
     rig: Rig
     amplitude: float  # of the support [m]
     offset: float  # of the ceiling [m]
+    travel: float  # time in which the ceiling opens [s]
 
 
 def robust_height(
@@ -61,25 +64,34 @@ def robust_height(
     Raises NumericalFailure.
     """
     cases = _cases(scene, rig, amplitude, spread, uncertainty)
-    clearance = best.height - rig.diameter
-    heights = sorted({float(np.clip(rig.diameter + share * clearance, *limits)) for share in _SHARES} | {best.height})
-    timing = Timing(rig.settling(), 12.0)
+    clearance, timing = best.height - rig.diameter, Timing(rig.settling(), 12.0)
 
-    def run(job: tuple[float, _Case]) -> float:
+    def run(job: tuple[float, _Case]) -> Response:
         height, case = job
-        return case.rig.opened(case.amplitude, max(height + case.offset, rig.diameter), timing).amplitude
+        return case.rig.opened(case.amplitude, max(height + case.offset, rig.diameter), timing, case.travel)
 
-    jobs = list(product(heights, cases))
-    values = np.array(list(mapper(run, jobs))).reshape(len(heights), len(cases))
-    worst = values.max(axis=1)
-    chosen = int(np.argmax(worst <= worst.min() * (1.0 + FLAT)))
+    rated: list[tuple[float, list[Response]]] = []
+    share = 1.0
+    while share > _LEAST and (not rated or worst_of(rated[-1]) <= min(map(worst_of, rated)) * (1.0 + FLAT)):
+        heights = [rig.diameter + clearance * (share - _STEP * k) for k in range(_BATCH)]
+        heights = [height for height in heights if limits[0] <= height <= limits[1]]
+        answers = list(mapper(run, product(heights, cases)))
+        rated += [(h, answers[k * len(cases) : (k + 1) * len(cases)]) for k, h in enumerate(heights)]
+        share -= _STEP * _BATCH
+    worst = min(map(worst_of, rated))
+    height, responses = min(item for item in rated if worst_of(item) <= worst * (1.0 + FLAT))
     return Robust(
-        height=heights[chosen],
-        amplitude=float(values[chosen, 0]),
-        worst=float(worst[chosen]),
-        bare_worst=float(worst[heights.index(best.height)]),
-        evaluations=len(jobs),
+        height=height,
+        amplitude=responses[0].amplitude,
+        worst=max(response.amplitude for response in responses),
+        bare_worst=max(response.amplitude for response in rated[0][1]),
+        evaluations=len(rated) * len(cases),
     )
+
+
+def worst_of(rated: tuple[float, list[Response]]) -> float:
+    """Return the largest amplitude [m] at a height over all cases, raised where one of them rumbles."""
+    return max(r.amplitude * (1.0 if r.regular else _RUMBLE) for r in rated[1])
 
 
 def with_stiffness(scene: Scene, rig: Rig, factor: float) -> Rig:
@@ -90,8 +102,8 @@ def with_stiffness(scene: Scene, rig: Rig, factor: float) -> Rig:
 
 
 def _cases(scene: Scene, rig: Rig, amplitude: float, spread: float, uncertainty: Uncertainty) -> list[_Case]:
-    """The expectation first, then the corners that count: what brings the cliff nearer is a larger ceiling."""
+    """The expectation first, then the corners; each of them opened at once and slowly: near the cliff that differs."""
     soft, stiff = (with_stiffness(scene, rig, 1.0 + side * uncertainty.stiffness) for side in (-1.0, 1.0))
-    lower, upper = max(amplitude - spread, 0.05 * amplitude), amplitude + spread
-    corners = product((soft, stiff), dict.fromkeys((lower, upper)), (-uncertainty.resolution, uncertainty.resolution))
-    return [_Case(rig, amplitude, 0.0), *(_Case(*corner) for corner in corners)]
+    amplitudes = dict.fromkeys((max(amplitude - spread, 0.05 * amplitude), amplitude + spread))
+    corners = product((soft, stiff), amplitudes, (uncertainty.resolution,), (0.0, 1.0))
+    return [_Case(rig, amplitude, 0.0, 0.0), *(_Case(*corner) for corner in corners)]

@@ -6,15 +6,14 @@ from __future__ import annotations
 import math
 import time
 
-from atpid_sim.maps import Rig, Timing
-from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import Scene
-
 from atpid_control.selection.checks import check_excitation, rig_at
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import simplified
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
 from atpid_control.selection.tuning import Probe, tune
+from atpid_sim.maps import Rig, Timing
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.scene import Scene
 
 #: Iterations of Complex and Predictive Model before the last height is tuned whatever the criteria say.
 _ITERATIONS = 6

@@ -8,13 +8,13 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+
+from atpid_control.selection.checks import check_excitation
+from atpid_control.selection.protocol import Selection, SelectionError, Stage
 from atpid_sim.maps import Rig
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
-
-from atpid_control.selection.checks import check_excitation
-from atpid_control.selection.protocol import Selection, SelectionError, Stage
 
 
 class SearchError(ValueError):
@@ -37,7 +37,9 @@ class Plan:
         if not (self.dwell > 0.0 and math.isfinite(self.dwell)):
             raise SearchError(f"dwell: given {self.dwell:g} s; allowed is a time above 0")
         if not 0.0 < self.lowest < self.highest < math.inf:
-            raise SearchError(f"limits: given {self.lowest:g} to {self.highest:g} m; allowed are two rising heights above 0")
+            raise SearchError(
+                f"limits: given {self.lowest:g} to {self.highest:g} m; allowed are two rising heights above 0"
+            )
 
 
 class StepSearch:
@@ -120,7 +122,14 @@ class SearchSelector:
         efficiency = 1.0 - seen / self._rig.closed_amplitude(amplitude)
         wall = time.perf_counter() - begun
         return Selection(
-            search.target, seen, efficiency, self.method, search.iterations, wall, math.nan if margin else 0.0, tuple(stages)
+            search.target,
+            seen,
+            efficiency,
+            self.method,
+            search.iterations,
+            wall,
+            math.nan if margin else 0.0,
+            tuple(stages),
         )
 
     def _scaled(self, amplitude: float) -> Plan:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated stand's wires: what a simulated plant's sensors see becomes the voltages of a stand-in device.
 
-It listens to a plant node whose sensor topic is remapped to `emulated/...` and writes a `Feed`; until the plant starts
-it writes a body at rest, paced by the clock, as a sensor would see one. The plant's `ceiling/state` is remapped too:
-this node passes the motor's states on and answers the plant's hello, but not before the real device streams, so that
-the stand sees the run from its first instant.
+It listens to a plant node whose sensor topic is remapped to `emulated/...` and writes a `Feed`. Until the plant starts
+and after it has finished it writes a body at rest, paced by the clock, as a sensor would see one. The plant's
+`ceiling/state` is remapped too: this node passes the motor's states on and answers the plant's hello, but not before
+the real device streams, so that the stand sees the run from its first instant.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from atpid_interfaces.msg import CeilingState, SampleBlock
+from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 from numpy.typing import NDArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
@@ -26,7 +26,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from atpid_driver.calibration import load, volts_of
 from atpid_driver.errors import DriverError
 from atpid_driver.nodes.acquisition_life import run
-from atpid_driver.nodes.acquisition_node import BLOCKS
+from atpid_driver.nodes.acquisition_node import BLOCKS, EVENTS
 from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
 from atpid_driver.nodes.blocks import HELLO
 from atpid_driver.standins import Feed
@@ -65,6 +65,8 @@ class FeedNode(Node):
         self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
         self.create_subscription(SampleBlock, "sensors/laser", self._on_device, BLOCKS)
         self.create_subscription(SampleBlock, values["topic"], self._on_block, BLOCKS)
+        self.create_subscription(Event, "events", self._on_event, EVENTS)
+        self._still = np.zeros(len(self._calibrations))  # where the body rests [m]
         self._began, self._idle = time.monotonic(), 0
         self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -92,11 +94,18 @@ class FeedNode(Node):
             self.get_logger().error(f"{block.first_index - self._next} scans of the plant are missing")
         values = np.frombuffer(block.data).reshape(-1, len(names))
         self._next = block.first_index + len(values)
+        self._still = values[-1].copy()
         self._write(values)
+
+    def _on_event(self, event: Event) -> None:
+        """When the plant has finished, the body stays where it is, and the sensors go on."""
+        if event.kind == "finished":
+            self._began, self._idle = time.monotonic(), 0
+            self._timer.reset()
 
     def _rest(self) -> None:
         due = int((time.monotonic() - self._began) * self._rate)
-        self._write(np.zeros((due - self._idle, len(self._calibrations))))
+        self._write(np.tile(self._still, (due - self._idle, 1)))
         self._idle = due
 
     def _write(self, values: NDArray[np.float64]) -> None:

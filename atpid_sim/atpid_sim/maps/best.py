@@ -22,6 +22,9 @@ from atpid_sim.maps.ways import ALL_WAYS, Way
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
 
+#: Where, between irregular motions, narrow wells lie: there the steps are half as long.
+_NARROW = (0.56, 0.83)
+
 #: Where the best lies at the end of what was tried, the range grows by this much, down to closed and up to this share.
 _GROWTH, _HIGHEST = 0.2, 2.0
 
@@ -87,8 +90,7 @@ def best_height(
     """
     search = Search(rig, amplitude, limits, ways, mapper)
     coarse = _scan(search, rig.ballistic_clearance(amplitude))
-    step = coarse[1][0] - coarse[0][0] if len(coarse) > 1 else 0.0
-    wells = [search.nearby(coarse[k][0], step) for k in promising([value for _, value in coarse])]
+    wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
     rated = search.rate({h for well in wells for h in well}, loyalty)
     height = _lowest(search, rated, coarse)
     least = min(rated.values())
@@ -145,9 +147,12 @@ class Search:
         self._quick.update(zip(new, self._map(self._opened, new), strict=True))
         return [self._quick[height] for height in heights]
 
-    def nearby(self, height: float, step: float) -> list[float]:
-        """Return the best few heights [m] of a finer grid around one."""
-        fine = list(dict.fromkeys(self.allowed(height - self._rig.diameter + step * part, 1.0) for part in _FINE))
+    def nearby(self, coarse: list[Rated], k: int) -> list[float]:
+        """Return the best few heights [m] of a finer grid around place k of the coarse one."""
+        height = coarse[k][0]
+        below, above = (abs(coarse[min(max(j, 0), len(coarse) - 1)][0] - height) for j in (k - 1, k + 1))
+        ways = [height + part * (above if part > 0.0 else below) for part in _FINE]
+        fine = list(dict.fromkeys(min(max(h, self._limits[0]), self._limits[1]) for h in ways))
         return [h for _, h in sorted(zip(self.quick(fine), fine, strict=True))[:_RATED]]
 
     def rate(self, heights: Iterable[float], loyalty: float = 0.0, limit: float = math.inf) -> dict[float, float]:
@@ -191,8 +196,8 @@ def _scan(search: Search, unit: float) -> list[Rated]:
     """Return (height [m], amplitude [m]) over a range that has the least amplitude inside, not at an end."""
     first, last = _FIRST, _LAST
     while True:
-        shares = np.arange(first, last + 0.5 * _STEP, _STEP)
-        heights = list(dict.fromkeys(search.allowed(float(share), unit) for share in shares))
+        shares = {*np.arange(first, last + 0.5 * _STEP, _STEP), *np.arange(*_NARROW, _STEP) + 0.5 * _STEP}
+        heights = sorted({search.allowed(float(share), unit) for share in shares})
         values = search.quick(heights)
         lowest = next(k for k, value in enumerate(values) if value <= min(values) * (1.0 + FLAT))
         if lowest <= 1 and first > 2.0 * _STEP:

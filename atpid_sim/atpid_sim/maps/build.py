@@ -87,7 +87,11 @@ def _rig(scene: Scene, fraction: float, tolerance: float) -> Rig:
 
 
 def _assemble(
-    wide: list[float], heavy: list[float], known: dict[Point, dict[str, Any]], identity: dict[str, Any], tolerance: float
+    wide: list[float],
+    heavy: list[float],
+    known: dict[Point, dict[str, Any]],
+    identity: dict[str, Any],
+    tolerance: float,
 ) -> HeightMap:
     def grid(name: str) -> Any:
         return np.array([[known[(fraction, amplitude)][name] for amplitude in wide] for fraction in heavy])

@@ -106,10 +106,12 @@ class HeightMap:
         """Read a map; raise MapError where the file is missing, no map, damaged or of another format."""
         name = str(path)
         try:
-            with np.load(name, allow_pickle=False) as stored:
+            with Path(name).open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 about: dict[str, Any] = json.loads(str(stored["about"]))
                 if about.get("format") != FORMAT:
-                    raise MapError(f"{name}: has map format {about.get('format')}, this program reads {FORMAT}; {_MAKE}")
+                    raise MapError(
+                        f"{name}: has map format {about.get('format')}, this program reads {FORMAT}; {_MAKE}"
+                    )
                 grids = {key: stored[key] for key in ("amplitudes", "mass_fractions", *_GRIDS)}
             made = HeightMap(
                 **grids, identity=about["system"], tolerance=float(about["tolerance"]), source=Path(name).name

@@ -31,7 +31,9 @@ class Journal:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             self._file.close()
-            raise MapError(f"{self.path}: another run is making this map; wait for it or choose another --out") from None
+            raise MapError(
+                f"{self.path}: another run is making this map; wait for it or choose another --out"
+            ) from None
         try:
             self._resume(dict(purpose))
         except MapError:
@@ -42,7 +44,9 @@ class Journal:
         """Return itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Close the file, which stays for the next attempt unless `finish` was called."""
         self._file.close()
 

@@ -92,8 +92,10 @@ class Rig:
         of it, whatever the amplitude and the grain's mass.
         """
         s, w = self.system, 2.0 * math.pi * self.frequency
-        bare = amplitude * abs(complex(s.stiffness, s.damping * w)) / abs(
-            complex(s.stiffness - s.beam_mass * w * w, s.damping * w)
+        bare = (
+            amplitude
+            * abs(complex(s.stiffness, s.damping * w))
+            / abs(complex(s.stiffness - s.beam_mass * w * w, s.damping * w))
         )
         return math.pi * bare
 
@@ -158,9 +160,7 @@ class Rig:
         y[state.LOWEST], y[state.HIGHEST], y[state.LONGEST] = np.inf, -np.inf, 0.0
         n[[state.SAMPLE, state.EVENTS]] = 0
         spacing = 1.0 / rate if rate > 0.0 else self.period
-        outcome = self._run(
-            drive.with_ceiling(rows, path), y, n, (begin, end), (begin, spacing), out, log, _BUDGET
-        )
+        outcome = self._run(drive.with_ceiling(rows, path), y, n, (begin, end), (begin, spacing), out, log, _BUDGET)
         if outcome != Outcome.DONE:
             raise NumericalFailure(f"{Outcome(outcome).sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
 

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the compiled parts once before the graph starts: on a fresh machine they are compiled first, which takes long.
+
+In lockstep everything is loaded afterwards; in real time every node finds it in the compiler's cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from atpid_control.identification import Identifier, Settings
+from atpid_sim.plant import Plant
+from atpid_sim.scene import Scene
+from atpid_sim.stream import Stream
+
+_RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
+
+
+def rehearse(scene: Scene, identifier: Mapping[str, Any]) -> None:
+    """Compute one block of the scene's plant, and identify a made-up tone with the identifier's parameters."""
+    with Console(stderr=True).status("loading (compiling, the first time) the plant and the identifier"):
+        Stream(scene, Plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
+        _identify(scene.frequency_hz, identifier)
+
+
+def _identify(frequency: float, parameters: Mapping[str, Any]) -> None:
+    """Feed a tone that changes, with noise, hum and a gap, so that every path of the identification is taken."""
+    given = {item.name: parameters[item.name] for item in fields(Settings) if item.name in parameters}
+    trial = Identifier(Settings(**{"saturation": None, **given}))
+    time = np.arange(_BLOCK * _BLOCKS) / _RATE
+    tone = np.where(time < 1.5, 1.0, 1.5) * np.sin(2.0 * np.pi * frequency * time)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
+    signal = tone + noise + np.where(time < 2.0, 0.0, 0.05 * np.sin(100.0 * np.pi * time))
+    signal[1100:1103] = np.nan
+    for first in range(0, len(time), _BLOCK):
+        samples = signal[first : first + _BLOCK]
+        trial.push(first, _RATE, samples, samples, float(time[first + _BLOCK - 1]))
