@@ -34,7 +34,8 @@ test: setup ## format, types, import rules, then all tests; stops at the first t
 	@$(IN_WORKSPACE) \
 	$(call stage,ruff check,ruff check .); \
 	$(call stage,ruff format,ruff format --check .); \
-	$(call stage,mypy,mypy --strict); \
+	if python -c 'import numpy, sys; sys.exit(numpy.lib.NumpyVersion(numpy.__version__) < "2.4.0")'; then $(call stage,mypy,mypy --strict); \
+	else echo "== mypy: left out, this older numpy declares other types than the code is checked against"; fi; \
 	$(call stage,import rules,lint-imports --no-logo); \
 	echo "== pytest"; exec python -m pytest -q
 

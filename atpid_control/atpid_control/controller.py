@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From each estimate to one command: hold, selection, the ceiling's range, each refusal said once, and the step back."""
+"""From each estimate to one command: hold, selection, the ceiling's range, refusals said once, the step back."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class SelectingController:
             self._rumbling = kind == "rumble"
 
     def _must_step_back(self, height: float) -> bool:
-        """Whether the beam has rumbled long enough with the ceiling where it was sent; on its way anything may happen."""
+        """Whether the beam has rumbled long enough with the ceiling where it was sent; on the way it may."""
         standing = abs(height - self._command.height) <= _ARRIVED
         self._rumbled = self._rumbled + 1 if self._rumbling and standing else 0
         return self._rumbled >= self._step_back.count

@@ -50,10 +50,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def steady_amplitude(scene: Scene) -> float:
-    """Return the support's amplitude in the middle of the steady window [m]; raise SelectionError where there is none."""
+    """Return the support's amplitude in the middle of the steady window [m]; SelectionError where there is none."""
     if not isinstance(scene.excitation, HarmonicExcitation):
         raise SelectionError(
-            f"excitation: given a {scene.excitation.kind} one; a height is selected for a tone, {{amplitude, frequency}}"
+            f"excitation: given a {scene.excitation.kind} one; a height is selected for a tone {{amplitude, frequency}}"
         )
     begin, end = scene.steady_window
     return amplitude_at(scene, 0.5 * (begin + end))

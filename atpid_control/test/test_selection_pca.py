@@ -130,6 +130,6 @@ def test_the_criteria_know_the_optimal_motion() -> None:
     assert judge(impacts, times, rates, 0.01, period).hold
     assert judge(impacts, times, rates, 0.06, period).broken == ("4.5",)
     assert "4.3" in judge(impacts[:-6], times, rates, 0.01, period).broken
-    assert "4.4" in judge(impacts + [0.2, 0.0, 0.0], times, rates, 0.01, period).broken
+    assert "4.4" in judge(impacts + np.array([0.2, 0.0, 0.0]), times, rates, 0.01, period).broken
     assert "4.1" in judge(impacts * [1.0, 1.0, 0.1], times, rates, 0.01, period).broken
     assert judge(impacts[:0], times, rates, 0.01, period).broken == ("4.1", "4.2", "4.3", "4.4")

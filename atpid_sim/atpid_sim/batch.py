@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many runs on all cores. The kernels release the interpreter's lock, so threads are enough and share the compiled code."""
+"""Many runs on all cores. The kernels release the interpreter's lock, so threads are enough."""
 
 from __future__ import annotations
 

@@ -77,13 +77,24 @@ def real_time_factor(bag: Bag, mode: str) -> float:
 
 
 def unanswered_blocks(bag: Bag) -> int:
-    """Return how many blocks of the laser have no estimate, or whose estimate has no command."""
-    blocks = sum(1 for topic in bag.topics_of("SampleBlock") if topic.endswith("laser") for _ in bag.messages(topic))
+    """Return how many blocks of the laser have no estimate, or whose estimate has no command.
+
+    A device goes on after the plant has finished: what it sent then had nobody to answer it.
+    """
+    end = _finished(bag)
+    lasers = [topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")]
+    blocks = sum(1 for topic in lasers for received, _ in bag.messages(topic) if received <= end)
     answers = [
         len({_nanoseconds(message) for topic in bag.topics_of(kind) for _, message in bag.messages(topic)})
         for kind in ("Excitation", "CeilingCommand")
     ]
-    return blocks - min(answers)
+    return max(0, blocks - min(answers))
+
+
+def _finished(bag: Bag) -> int:
+    """Return when the plant's word that it has finished was received [ns]; the far future where it never was."""
+    events = (item for topic in bag.topics_of("Event") for item in bag.messages(topic))
+    return min((received for received, event in events if event.kind == "finished"), default=2**63)
 
 
 def _nanoseconds(message: Any) -> int:

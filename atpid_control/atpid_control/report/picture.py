@@ -173,7 +173,7 @@ def _ceiling(axes: Any, view: View, palette: Palette) -> None:
         _beside(axes, float(height[-1]), "moved", palette.own, -7.0 if told.any() else 0.0)
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)
-        if view.own_name == "adaptive":
+        if view.own_name == "adaptive" and math.isfinite(stage.height):
             axes.text(
                 middle, stage.height + 0.06 * top, f"{stage.height:.3f}", ha="center", va="bottom", color=palette.own
             )

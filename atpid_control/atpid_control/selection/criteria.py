@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The criteria of optimal grain motion (thesis equations 4.1 to 4.5), judged on a simulation's impacts and trajectory."""
+"""The criteria of optimal grain motion (thesis equations 4.1 to 4.5), judged on impacts and trajectory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 #: gamma of equation 4.5: a contact shorter than gamma/2 periods is no sticking.
 GAMMA = 0.1
 
-#: Equation 4.4 asks for impacts at the beam's top speed "or when its velocity decreases"; this share of it still counts.
+#: Equation 4.4 asks for impacts at the beam's top speed "or when its velocity decreases"; this share of it counts.
 _NEAR_TOP = 0.5
 
 #: Impacts closer together than this share of a period belong to one meeting.
@@ -72,7 +72,8 @@ def _meetings(impacts: Array, period: float) -> Array:
     if not len(impacts):
         return impacts
     apart = np.diff(impacts[:, 0]) > _ONE_MEETING * period
-    return impacts[np.concatenate([[True], apart])]
+    first: Array = impacts[np.concatenate([[True], apart])]
+    return first
 
 
 def _every_period(at: Array, times: Array, period: float) -> bool:

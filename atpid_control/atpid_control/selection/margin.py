@@ -10,7 +10,7 @@ from atpid_sim.maps import Best, Response, Rig, Timing
 from atpid_sim.maps.best import FLAT, Mapper
 from atpid_sim.scene import Scene
 
-#: Shares of the bare optimum's clearance that are tried, batch after batch, until the best lies inside: the cliff is above.
+#: Shares of the bare optimum's clearance that are tried, batch by batch, until the best lies inside.
 _BATCH, _STEP, _LEAST = 9, 0.025, 0.2
 
 #: An irregular motion in any case counts as this many times as large: the margin is there to keep out of it.

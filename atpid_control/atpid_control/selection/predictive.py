@@ -48,13 +48,13 @@ class Simplified:
         return self.top_speed * math.cos(self.omega * t)
 
     def height(self, floor: float, grain_rate: float, t_floor: float, t_ceiling: float) -> float:
-        """Return h_pred [m] for a grain that leaves the floor at `floor` [m] with `grain_rate` [m/s] (equation 4.29)."""
+        """Return h_pred [m] for a grain that leaves the floor at `floor` [m] with `grain_rate` [m/s] (eq. 4.29)."""
         flight = t_ceiling - t_floor
         risen = grain_rate * flight - 0.5 * self.gravity * flight**2
         return 2.0 * self.radius + floor + risen - self.displacement(t_ceiling)
 
     def first_height(self) -> float:
-        """Return the first guess [m]: floor struck at t = 0, ceiling half a period later, at top speed (equation 4.30)."""
+        """Return the first guess [m]: floor struck at t = 0, ceiling half a period later, at top speed (eq. 4.30)."""
         return self.height(0.0, self.top_speed, 0.0, math.pi / self.omega)
 
     def next_height(self, last: Impact) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search on the running damper (thesis section 4.2): step the ceiling up, watch the beam, go back when it gets worse."""
+"""Search on the running damper (thesis section 4.2): step the ceiling up, watch, go back when it gets worse."""
 
 from __future__ import annotations
 

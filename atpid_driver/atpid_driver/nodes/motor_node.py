@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from atpid_driver.motor import CommandStaleError, HeightRefusedError, Mode, MotorError, Reading, actuator_of, in_words
-from atpid_driver.motor.faults import NO_FAULT
+from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT
 from atpid_driver.nodes.motor_diagnostics import status_of
 from atpid_driver.nodes.motor_life import MotorLife
 from atpid_driver.nodes.motor_parameters import declare
@@ -144,13 +144,17 @@ class MotorNode(MotorLife):
 
     def _each_period(self) -> None:
         reading = self._read()
-        if self._initial is not None and reading.ready and self._active:
+        if self._initial is not None and self._active and (reading.ready or _lost_link(reading)):
             self._go_to_initial(self._initial, reading)
         stamp = self.get_clock().now().to_msg()
         self._publish(reading, Header(stamp=stamp, frame_id=self.get_name()))
 
     def _go_to_initial(self, height: float, reading: Reading) -> None:
-        """Go to the first height after homing, until it is reached; a command takes precedence."""
+        """Go to the first height after homing, until it is reached; a command takes precedence.
+
+        It is part of the activation: a heartbeat lost on the way, on a busy host, arms and homes again. Without that
+        the graph would wait for ever, since nobody commands a height before the motor has said it is ready.
+        """
         if reading.mode is Mode.HOLDING and abs(reading.target - height) < SAME:
             self._initial = None
             return
@@ -244,6 +248,10 @@ class MotorNode(MotorLife):
     def _now(self) -> int:
         """Return the time the ceiling moves by [ns]: the last command's stamp in lockstep, else the steady clock."""
         return self._stamp if self.settings.lockstep else time.monotonic_ns()
+
+
+def _lost_link(reading: Reading) -> bool:
+    return reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS
 
 
 def main(args: list[str] | None = None) -> int:

@@ -24,7 +24,7 @@ TEXT = 2048
 
 
 class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]
-    """The calls of a continuous analogue input task. A task is known by its session's name."""
+    """The calls of a continuous analogue input task. A task is known by the name it was made with."""
 
     def __init__(self, library: Path) -> None:
         self._library = ctypes.CDLL(str(library))

@@ -52,7 +52,8 @@ _BETWEEN = 4
 #: Wells whose clearances differ by this factor are far apart: a ceiling on its way from one to the other meets rumble.
 _FAR = 1.1
 
-Job, Answer = TypeVar("Job"), TypeVar("Answer")
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
 Rated = tuple[float, float]  # height [m], rating [m]
 
 

@@ -62,8 +62,8 @@ class HeightMap:
     def lookup(self, amplitude: float, mass_fraction: float) -> MapEntry:
         """Return height, beam amplitude and efficiency at a support amplitude [m] and a mass fraction [-].
 
-        Monotone cubic in the amplitude; between mass fractions a power law of the clearance (it is nearly inverse to the
-        grain's mass): nothing lies outside its neighbours. Raises MapError where the map does not reach.
+        Monotone cubic in the amplitude; between mass fractions a power law of the clearance, which is nearly inverse
+        to the grain's mass: nothing lies outside its neighbours. Raises MapError where the map does not reach.
         """
         share, row = self._between(mass_fraction)
         lowest, highest = float(self.amplitudes[0]), float(self.amplitudes[-1])

@@ -128,7 +128,7 @@ class Rig:
     def carry(
         self, amplitude: float, path: Path, timing: Timing, out: Array = _NO_SAMPLES, log: Array = _NO_LOG
     ) -> tuple[Array, NDArray[np.int64]]:
-        """As `follow`, but return the last state; fill `out` (6, n) once a period and `log` (capacity, 3) with impacts."""
+        """As `follow`, but return the last state; fill `out` (6, n) once a period, `log` (capacity, 3) with impacts."""
         begin = path[-1][0] + timing.settle * self.period
         end = begin + timing.window * self.period
         y, n = self.closed_state(amplitude)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The step search in the control loop: it takes the ceiling from the controller, and gives it back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.controller import Answer, Command, Controller
+from atpid_control.hold import Estimate
+from atpid_control.selection.search import Plan, SearchError, StepSearch
+
+Array = NDArray[np.float64]
+
+#: Share of the dwell at whose end the beam is watched, and the least time that takes [s]: five periods of the bench.
+_WATCHED, _LEAST_DWELL = 0.4, 1.0
+
+#: A ceiling this close to its target has arrived [m], ten times what the motor resolves.
+_ARRIVED = 5e-3
+
+#: A ceiling that has not arrived after this long never will [s].
+_PATIENCE = 60.0
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a search stands."""
+
+    iterations: int
+    height: float  # where the ceiling is [m]
+    amplitude: float  # half peak-to-peak of the beam seen last [m], NaN: none yet
+    best_height: float  # [m]
+    best_amplitude: float  # [m]
+    done: bool
+    message: str  # how it ended, empty while it runs
+
+
+class SearchRun:
+    """One search: moves, waits, watches, all by the data's stamps."""
+
+    def __init__(self, plan: Plan) -> None:
+        """Begin at the plan's lowest height; raise SearchError for a dwell in which nothing can be seen."""
+        if plan.dwell < _LEAST_DWELL:
+            raise SearchError(f"dwell: given {plan.dwell:g} s; allowed is at least {_LEAST_DWELL:g} s")
+        self._plan, self._search = plan, StepSearch(plan)
+        self._sent_at = self._arrived_at = self._amplitude = math.nan
+        self._seen: list[tuple[float, float]] = []
+        self._height = math.nan
+        self.message = ""
+
+    @property
+    def target(self) -> float:
+        """Where the ceiling should go or stay [m]; after an end without result, where it is."""
+        return self._search.target
+
+    @property
+    def done(self) -> bool:
+        """Whether the search has ended, well or not."""
+        return bool(self.message)
+
+    @property
+    def success(self) -> bool:
+        """Whether it ended with a height."""
+        return self.done and self._search.done
+
+    def progress(self) -> Progress:
+        """Return where it stands."""
+        found = self._search
+        return Progress(
+            found.iterations, self._height, self._amplitude, found.best_height, found.best_amplitude, self.done, self.message
+        )
+
+    def watch(self, time: float, beam: Array) -> None:
+        """Take a block of the beam's displacement (n,) [m] that ended at `time` [s]; NaN: not seen."""
+        if time >= self._arrived_at + (1.0 - _WATCHED) * self._plan.dwell:
+            self._seen.append((float(np.min(beam)), float(np.max(beam))))
+
+    def step(self, time: float, height: float) -> None:
+        """Go on, at `time` [s] with the ceiling at `height` [m]."""
+        self._height = height
+        if self.done:
+            return
+        if math.isnan(self._sent_at):
+            self._sent_at = time
+        if math.isnan(self._arrived_at):
+            self._wait_for_ceiling(time, height)
+        elif time >= self._arrived_at + self._plan.dwell:
+            self._look(time)
+
+    def stop(self, message: str) -> None:
+        """End without a result."""
+        if not self.done:
+            self.message = message
+
+    def _wait_for_ceiling(self, time: float, height: float) -> None:
+        if abs(height - self._search.target) <= _ARRIVED:
+            self._arrived_at = time
+        elif time > self._sent_at + _PATIENCE:
+            self.stop(f"the ceiling has not reached {self._search.target:g} m in {_PATIENCE:g} s; it is at {height:g} m")
+
+    def _look(self, time: float) -> None:
+        lows, highs = zip(*self._seen, strict=True) if self._seen else ((math.nan,), (math.nan,))
+        self._amplitude = 0.5 * (max(highs) - min(lows)) if np.isfinite([*lows, *highs]).all() else math.nan
+        try:
+            self._search.observe(self._amplitude)
+        except SearchError as error:
+            self.stop(str(error))
+            return
+        self._seen, self._arrived_at, self._sent_at = [], math.nan, time
+        if self._search.done:
+            self.message = f"best height {self._search.target:.4f} m after {self._search.iterations} heights"
+
+
+class SearchingController:
+    """A controller that a search may interrupt; the height it finds is kept until the excitation changes."""
+
+    def __init__(self, inner: Controller, limits: tuple[float, float]) -> None:
+        """Take the controller that selects otherwise, and the ceiling's range [m]."""
+        self._inner, self._limits = inner, limits
+        self.run: SearchRun | None = None
+        self._inner_sequence = self._issued = 0
+        self._target = math.nan
+        self._stopped_at = math.nan
+
+    def begin(self, plan: Plan) -> SearchRun:
+        """Start a search; raise SearchError where one runs already or the plan leaves the ceiling's range."""
+        if self.run is not None and not self.run.done:
+            raise SearchError("a search is running; cancel it first")
+        low, high = self._limits
+        if plan.lowest < low or plan.highest > high:
+            raise SearchError(
+                f"limits: given {plan.lowest:g} to {plan.highest:g} m; allowed is the ceiling's {low:g} to {high:g} m"
+            )
+        self.run, self._target = SearchRun(plan), math.nan
+        return self.run
+
+    def watch(self, time: float, beam: Array) -> None:
+        """Show a running search a block of the beam (n,) [m] that ended at `time` [s]."""
+        if self.run is not None and not self.run.done:
+            self.run.watch(time, beam)
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """See `Controller.answer`."""
+        answer = self._inner.answer(time, estimate, height)
+        if self.run is None:
+            return self._numbered(answer)
+        if math.isnan(self._target):
+            self._inner_sequence = answer.command.sequence
+        if answer.command.sequence != self._inner_sequence:
+            self.run.stop("the excitation changed, so another height was selected")
+            self.run = None
+            return self._numbered(answer)
+        self.run.step(time, height)
+        return self._numbered(Answer(self._searching(answer.command, height), answer.refusal, answer.value))
+
+    def _searching(self, command: Command, height: float) -> Command:
+        assert self.run is not None
+        found = self.run.progress()
+        target = self.run.target if not self.run.done or self.run.success else self._halt(height)
+        if target != self._target:
+            self._target, self._issued = target, self._issued + 1
+        reason = self.run.message or f"search: height {found.iterations + 1}"
+        return replace(command, height=target, predicted_amplitude=math.nan, method="search", reason=reason)
+
+    def _halt(self, height: float) -> float:
+        """Where a search that ended without a result leaves the ceiling: where it stood then [m]."""
+        if math.isnan(self._stopped_at) or self._stopped_at != self._target:
+            self._stopped_at = height
+        return self._stopped_at
+
+    def _numbered(self, answer: Answer) -> Answer:
+        """Count the search's commands in: a sequence number is never used twice."""
+        sequence = answer.command.sequence + self._issued
+        return Answer(replace(answer.command, sequence=sequence), answer.refusal, answer.value)
