@@ -48,7 +48,11 @@ def children() -> dict[int, str]:
     """Return this process's children that still run, with their command lines."""
     found = {}
     for path in Path("/proc/self/task").glob("*/children"):
-        for pid in map(int, path.read_text().split()):
+        try:
+            pids = [int(word) for word in path.read_text().split()]
+        except OSError:
+            continue  # the thread ended just now
+        for pid in pids:
             try:
                 state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
                 command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")

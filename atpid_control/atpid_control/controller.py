@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -14,6 +15,9 @@ from atpid_control.selection.protocol import HeightSelector, Selection, Selectio
 
 #: A ceiling this close to where it was sent is there [m].
 _ARRIVED = 2e-3
+
+#: A beam that swings less than this share of what it did so many estimates ago is calming down.
+_FALLING, _DECAY = 0.97, 8
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,7 @@ class StepBack:
 
     share: float  # of the clearance above the lowest height given up each time [-]
     count: int  # estimates in a row that rumble, the ceiling standing, before each step
+    excess: float  # amplitude of the beam above the predicted that is more than inaccuracy [-]
 
     def __post_init__(self) -> None:
         """Refuse a step that is none or crosses the lowest height."""
@@ -51,6 +56,8 @@ class StepBack:
             raise HoldError(f"step_back: given {self.share}; allowed: above 0 and below 1")
         if self.count < 1:
             raise HoldError(f"rumble_count: given {self.count}; allowed: at least 1")
+        if not self.excess >= 0.0:
+            raise HoldError(f"step_back_excess: given {self.excess}; allowed: at least 0")
 
 
 class Controller(Protocol):
@@ -76,6 +83,8 @@ class SelectingController:
         self._step_back = step_back
         self._rumbling = False
         self._rumbled = 0  # estimates in a row
+        self._expected = math.nan  # amplitude of the beam at the height selected [m]
+        self._swings: deque[float] = deque(maxlen=_DECAY)  # the beam's latest amplitudes [m]
         self._command = Command(method=selector.method)
         self._refusal = ""
 
@@ -83,10 +92,11 @@ class SelectingController:
         """See `Controller.answer`."""
         del time
         verdict = self._hold.judge(estimate)
+        rumbles = self._rumbles(estimate.beam_amplitude, height)
+        self._rumbled = self._rumbled + 1 if rumbles and not verdict.select else 0
         if verdict.select:
-            self._rumbled = 0
             return self._select(verdict, estimate, height)
-        if self._must_step_back(height):
+        if self._rumbled >= self._step_back.count:
             return self._stepped_back()
         self._command = replace(self._command, reason=verdict.reason)
         return self._refuse(verdict.reason, verdict.reason, estimate) if verdict.refused else self._accept()
@@ -96,11 +106,16 @@ class SelectingController:
         if kind in ("rumble", "calm"):
             self._rumbling = kind == "rumble"
 
-    def _must_step_back(self, height: float) -> bool:
-        """Whether the beam has rumbled long enough with the ceiling where it was sent; on the way it may."""
+    def _rumbles(self, swing: float, height: float) -> bool:
+        """Whether the height is to blame for an irregular response: the ceiling stands, and the beam does not calm down.
+
+        On the way, and while what was swinging before dies out, the response is irregular at any height.
+        """
+        self._swings.append(swing)
+        dying = len(self._swings) == _DECAY and swing < _FALLING * self._swings[0]
+        as_expected = swing <= (1.0 + self._step_back.excess) * self._expected
         standing = abs(height - self._command.height) <= _ARRIVED
-        self._rumbled = self._rumbled + 1 if self._rumbling and standing else 0
-        return self._rumbled >= self._step_back.count
+        return self._rumbling and standing and not dying and not as_expected
 
     def _stepped_back(self) -> Answer:
         self._rumbled = 0
@@ -128,6 +143,7 @@ class SelectingController:
             return self._refuse(reason, str(error), estimate)
         self._hold.acted(verdict.amplitude)
         self._command = self._limited(selection, verdict)
+        self._expected = self._command.predicted_amplitude
         return self._accept()
 
     def _limited(self, selection: Selection, verdict: Verdict) -> Command:

@@ -66,6 +66,7 @@ class Estimate:
     amplitude: float  # [m]
     amplitude_std: float  # [m]
     frequency: float  # [Hz]
+    beam_amplitude: float = math.nan  # half peak-to-peak of the beam [m], NaN: not measured
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ class Linear:
 
 def controller(limits=(0.017, 1.0)):
     selector = Linear()
-    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 3)), selector
+    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 3, 0.15)), selector
 
 
 def answers(machine, estimates):
@@ -168,9 +168,10 @@ def test_heights_stay_in_the_ceilings_range():
     assert math.isnan(command.predicted_amplitude)
 
 
-def stepped(machine, count, height):
-    """Return the heights after each of `count` steady estimates with the ceiling at `height`."""
-    return [machine.answer(1.0, steady(0.015), height).command.height for _ in range(count)]
+def stepped(machine, count, height, swing=lambda _: 0.12):
+    """Return the heights after each of `count` steady estimates with the ceiling at `height`, the beam at swing(k)."""
+    estimates = [Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, swing(k)) for k in range(count)]
+    return [machine.answer(1.0, estimate, height).command.height for estimate in estimates]
 
 
 def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_lasts():
@@ -186,11 +187,20 @@ def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_la
     assert stepped(machine, 10, height=stays) == [stays] * 10
 
 
+@pytest.mark.parametrize("swing", [lambda _: 0.08, lambda k: 0.2 * 0.99**k], ids=["as predicted", "dying out"])
+def test_what_calms_down_or_is_as_predicted_is_left_alone(swing):
+    machine, _ = controller()
+    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
+    stepped(machine, 8, high, swing)
+    machine.hear("rumble")
+    assert stepped(machine, 30, high, lambda k: swing(k + 8)) == [high] * 30
+
+
 def test_a_step_back_is_said_with_the_new_height():
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.hear("rumble")
-    said = [machine.answer(1.0, steady(0.015), high) for _ in range(3)][-1]
+    said = [machine.answer(1.0, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, 0.12), high) for _ in range(3)][-1]
     assert (said.kind, said.value) == ("step_back", said.command.height)
     assert said.command.sequence == 2
 
@@ -198,7 +208,7 @@ def test_a_step_back_is_said_with_the_new_height():
 @pytest.mark.parametrize(("share", "count"), [(0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)])
 def test_a_step_back_that_cannot_be_is_refused(share, count):
     with pytest.raises(HoldError, match=r"given .*; allowed: "):
-        StepBack(share, count)
+        StepBack(share, count, 0.15)
 
 
 def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone():

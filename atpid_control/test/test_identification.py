@@ -77,6 +77,9 @@ def test_a_step_is_seen_within_a_period_and_over_after_two(factor: float) -> Non
         u = tone(t, np.where(t < start, 1.0, factor) * AMPLITUDE, phase=rng.uniform(0.0, 6.0))
         after = [e for e in estimates(u + noise(rng, t.size, 40.0)) if e.time > start]
         assert next(e.time for e in after if e.changed) - start < 0.6 * PERIOD
+        seen = next(e.time for e in after if e.changed)
+        steady = [e for e in after if e.time >= seen and e.quality == Quality.STEADY]
+        assert max(abs(e.amplitude / (factor * AMPLITUDE) - 1.0) for e in steady) < 0.015
         settled = [e for e in after if e.time > start + 2.0 * PERIOD]
         assert max(abs(e.amplitude / (factor * AMPLITUDE) - 1.0) for e in settled) < 0.01
         assert not any(e.changed for e in settled[6:])

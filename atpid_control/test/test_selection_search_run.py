@@ -26,9 +26,13 @@ class Inner:
     """A controller that has selected a height."""
 
     command: Command = field(default_factory=lambda: Command(sequence=4, height=0.3, method="lookup"))
+    heard: list[str] = field(default_factory=list)
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         return Answer(self.command)
+
+    def hear(self, kind: str) -> None:
+        self.heard.append(kind)
 
 
 @dataclass
@@ -127,6 +131,14 @@ def test_a_ceiling_that_does_not_come_ends_it() -> None:
     for time in np.arange(0.0, 70.0, 0.5):
         run.step(float(time), 0.5)
     assert "has not reached 0.1 m" in run.message
+
+
+def test_rumble_met_while_searching_is_not_passed_on(loop: Loop) -> None:
+    loop.controller.begin(PLAN)
+    loop.controller.hear("rumble")
+    loop.until_done()
+    loop.controller.hear("rumble")
+    assert loop.controller._inner.heard == ["rumble"]  # type: ignore[attr-defined]
 
 
 def test_one_search_at_a_time_and_within_the_range(loop: Loop) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -20,9 +21,10 @@ Array = NDArray[np.float64]
 
 INK, GREY = "#1f2a36", "#8a94a0"
 BLUE, ORANGE, GREEN, RED = "#2166ac", "#e08214", "#1b7837", "#b2182b"
-STYLE = {
+STYLE: Any = {
     "font.size": 9.5, "axes.edgecolor": GREY, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK,
-    "ytick.color": INK, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#e6e9ec",
+    "ytick.color": INK, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "grid.color": "#e6e9ec",
     "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 130, "axes.titlelocation": "left",
     "axes.titlesize": 10.5, "axes.axisbelow": True,
 }  # fmt: skip
@@ -64,7 +66,9 @@ def draw_bound() -> Figure:
         ax.minorticks_off()
     axes[0].set_ylabel("rms error of the amplitude [%]")
     axes[0].set_yticks([0.01, 0.1, 1, 10], labels=["0.01", "0.1", "1", "10"])
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8.5, columnspacing=1.2
+    )
     return figure
 
 
@@ -86,7 +90,7 @@ def draw_ramps() -> Figure:
     right.set_title("A step: steady again one period later")
     right.set_xlim(data.STEP_AT - 0.3, data.STEP_AT + 0.6)
     right.set_ylim(0.012, 0.033)
-    left.legend(loc="upper left")
+    left.legend(loc="upper left", fontsize=8.5, bbox_to_anchor=(0.42, 0.45))
     return figure
 
 
@@ -153,7 +157,7 @@ def draw_watch() -> Figure:
         scatter.plot(course.state_time, course.scatter, color=BLUE, lw=1.1)
         for level, name in ((data.RUMBLE.onset, "rumble"), (data.RUMBLE.calm, "calm")):
             scatter.axhline(level, color=GREY, lw=0.8, ls="--")
-            scatter.text(20.1, level, name, color=GREY, va="center", fontsize=8)
+            scatter.text(-0.6, level + 0.002, name, color=GREY, va="bottom", fontsize=8)
         for ax in column:
             for begin, end in course.alarms:
                 ax.axvspan(begin, end, color=RED, alpha=0.12, lw=0)

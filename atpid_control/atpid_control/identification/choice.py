@@ -85,7 +85,8 @@ def _allowed(active: Flags, omega: float, hum: float, scale: float, step: float)
     allowed[1] &= periods >= HARMONICS_FROM and col.HIGHEST_HARMONIC * omega * step < 0.9 * np.pi
     nearest = abs(hum / omega - min(max(np.round(hum / omega), 1.0), float(col.HIGHEST_HARMONIC))) * periods
     allowed[2] &= hum > 0.0 and hum * step < 0.9 * np.pi and nearest > 1.0
-    allowed[6] &= periods >= HARMONICS_FROM
+    for group in col.LONG_GROUPS:
+        allowed[group] &= periods >= HARMONICS_FROM
     return allowed
 
 

@@ -21,13 +21,19 @@ HIGHEST_HARMONIC = 5
 HUM = 13
 SLOPE = 15  # amplitude and frequency changing at a constant rate
 RECENT = 17  # another amplitude and phase in the newest quarter, half and whole period
-COUNT = 23
+OLD = 23  # and in the oldest quarter and half
+COUNT = 27
 
 #: Groups of columns, (first, one past the last): the first three lie on a steady tone, the others make it unsteady.
-GROUPS = ((DRIFT, HARMONICS), (HARMONICS, HUM), (HUM, SLOPE), (SLOPE, RECENT),
-          (RECENT, RECENT + 2), (RECENT + 2, RECENT + 4), (RECENT + 4, COUNT))  # fmt: skip
+GROUPS = (
+    (DRIFT, HARMONICS), (HARMONICS, HUM), (HUM, SLOPE), (SLOPE, RECENT), (RECENT, RECENT + 2), (RECENT + 2, RECENT + 4),
+    (RECENT + 4, OLD), (OLD, OLD + 2), (OLD + 2, COUNT),
+)  # fmt: skip
 STEADY_GROUPS = 3
 RECENT_PERIODS = (0.25, 0.5, 1.0)
+OLD_PERIODS = (0.25, 0.5)
+#: Groups that only a window longer than one period can tell from the others.
+LONG_GROUPS = (6, 7, 8)
 
 
 @compiled
@@ -80,3 +86,7 @@ def write_changes(
             inside = tau[i] > end - RECENT_PERIODS[k] * period
             columns[RECENT + 2 * k, i] = c if inside else 0.0
             columns[RECENT + 2 * k + 1, i] = s if inside else 0.0
+        for k in range(len(OLD_PERIODS)):
+            inside = tau[i] < tau[0] + OLD_PERIODS[k] * period
+            columns[OLD + 2 * k, i] = c if inside else 0.0
+            columns[OLD + 2 * k + 1, i] = s if inside else 0.0

@@ -32,7 +32,7 @@ class BeamInverse(Protocol):
 
 def warm_up() -> None:
     """Compile the fit, or load it from the cache, so that the first samples do not wait for it (some 10 s once)."""
-    tau = np.arange(-400, 1) * 1e-3
+    tau = np.linspace(-0.4, 0.0, 401)
     fit_sine(tau, np.sin(30.0 * tau), 30.0, 0.0, math.inf)
 
 
@@ -42,7 +42,8 @@ class Identifier:
     def __init__(self, settings: Settings, inverse: BeamInverse | None = None) -> None:
         """With `inverse` the excitation is inferred from the beam, otherwise read from the support."""
         self._settings, self._inverse = settings, inverse
-        self._finder = ToneFinder(settings)
+        # a beam that still swings up tells by how fast it does, which a longer window shows better
+        self._finder = ToneFinder(settings, shorten=inverse is None)
         self._tracker = ChangeTracker(settings.change)
         self._buffer: SampleBuffer | None = None
         self._last_index = 0
@@ -89,7 +90,8 @@ class Identifier:
                 f"rate: given {rate:g} Hz; allowed: at least 8 samples a period of the highest frequency, "
                 f"{8.0 * s.highest_frequency:g} Hz; sample faster or lower highest_frequency"
             )
-        self._finder, self._tracker = ToneFinder(s), ChangeTracker(s.change)
+        self._finder = ToneFinder(s, shorten=self._inverse is None)
+        self._tracker = ChangeTracker(s.change)
         return SampleBuffer(2, rate, s.window_periods / s.lowest_frequency, s.analysis_rate)
 
     def _stacked(self, support: Array | None, beam: Array | None) -> Array:

@@ -51,9 +51,9 @@ class Tone:
 class ToneFinder:
     """Follows the tone of one channel of a buffer."""
 
-    def __init__(self, settings: Settings) -> None:
-        """Start without knowing a frequency."""
-        self._settings = settings
+    def __init__(self, settings: Settings, shorten: bool = True) -> None:
+        """Start without knowing a frequency; with `shorten` a transient is looked at in one period, too."""
+        self._settings, self._shorten = settings, shorten
         self.frequency = math.nan  # of the last tone found [Hz]
 
     def find(self, buffer: SampleBuffer, channel: int) -> Tone | None:
@@ -64,7 +64,7 @@ class ToneFinder:
         if tone is None or tone.quality == Quality.POOR:
             wider = self._search(buffer, channel, buffer.size)
             tone = wider if wider is not None and (tone is None or wider.quality == Quality.STEADY) else tone
-        if tone is not None and tone.quality == Quality.TRANSIENT and periods >= 1.5:
+        if tone is not None and tone.quality == Quality.TRANSIENT and self._shorten and periods >= 1.5:
             tone = self._shorter(buffer, channel, tone)
         self.frequency = math.nan if tone is None else tone.frequency
         return tone

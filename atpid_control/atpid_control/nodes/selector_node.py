@@ -47,6 +47,7 @@ PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("frequency_tolerance", TYPES.DOUBLE, "relative distance from resonance at which heights still hold [-]"),
     ("step_back", TYPES.DOUBLE, "share of the clearance given up when the beam rumbles [-]"),
     ("rumble_count", TYPES.INTEGER, "estimates in a row that rumble, the ceiling standing, before it steps back"),
+    ("step_back_excess", TYPES.DOUBLE, "amplitude of the beam above the predicted that is more than inaccuracy [-]"),
     ("margin", TYPES.DOUBLE, "standard deviations of the amplitude the height must be safe for [-]"),
 )
 
@@ -100,7 +101,9 @@ class SelectorNode(Node):
             frequency=scene.frequency_hz,
             frequency_tolerance=float(self._value("frequency_tolerance")),
         )
-        step_back = StepBack(float(self._value("step_back")), int(self._value("rumble_count")))
+        step_back = StepBack(
+            float(self._value("step_back")), int(self._value("rumble_count")), float(self._value("step_back_excess"))
+        )
         return SelectingController(Hold(settings), self._selector, scene.ceiling.range, self._margin, step_back)
 
     def _make_topics(self) -> None:
@@ -131,7 +134,9 @@ class SelectorNode(Node):
         if self._start_ns is None:
             # the first stamp is that of the first block's last sample
             self._start_ns = now - round(self._block * 1e9)
-        estimate = Estimate(message.quality, message.amplitude, message.amplitude_std, message.frequency)
+        estimate = Estimate(
+            message.quality, message.amplitude, message.amplitude_std, message.frequency, message.beam_amplitude
+        )
         if estimate.quality == Quality.STEADY:
             self._latest = estimate
         answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)

@@ -142,6 +142,11 @@ class SearchingController:
         if self.run is not None and not self.run.done:
             self.run.watch(time, beam)
 
+    def hear(self, kind: str) -> None:
+        """See `Controller.hear`: a search meets rumble on purpose, so while it runs nothing is passed on."""
+        if self.run is None or self.run.done:
+            self._inner.hear(kind)
+
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
         answer = self._inner.answer(time, estimate, height)
@@ -154,7 +159,7 @@ class SearchingController:
             self.run = None
             return self._numbered(answer)
         self.run.step(time, height)
-        return self._numbered(Answer(self._searching(answer.command, height), answer.refusal, answer.value))
+        return self._numbered(replace(answer, command=self._searching(answer.command, height)))
 
     def _searching(self, command: Command, height: float) -> Command:
         assert self.run is not None
@@ -174,4 +179,4 @@ class SearchingController:
     def _numbered(self, answer: Answer) -> Answer:
         """Count the search's commands in: a sequence number is never used twice."""
         sequence = answer.command.sequence + self._issued
-        return Answer(replace(answer.command, sequence=sequence), answer.refusal, answer.value)
+        return replace(answer, command=replace(answer.command, sequence=sequence))
