@@ -47,15 +47,17 @@ class StepBack:
     """How the ceiling leaves a rumble."""
 
     share: float  # of the clearance above the lowest height given up each time [-]
-    count: int  # estimates in a row that rumble, the ceiling standing, before each step
+    settle: int  # estimates after the ceiling has come to rest in which the beam may do anything
+    count: int  # estimates in a row that rumble after that, before each step
     excess: float  # amplitude of the beam above the predicted that is more than inaccuracy [-]
 
     def __post_init__(self) -> None:
         """Refuse a step that is none or crosses the lowest height."""
         if not 0.0 < self.share < 1.0:
             raise HoldError(f"step_back: given {self.share}; allowed: above 0 and below 1")
-        if self.count < 1:
-            raise HoldError(f"rumble_count: given {self.count}; allowed: at least 1")
+        if self.count < 1 or self.settle < 0:
+            given = f"{self.count} and {self.settle}"
+            raise HoldError(f"rumble_count and settle_count: given {given}; allowed: at least 1 and at least 0")
         if not self.excess >= 0.0:
             raise HoldError(f"step_back_excess: given {self.excess}; allowed: at least 0")
 
@@ -83,6 +85,7 @@ class SelectingController:
         self._step_back = step_back
         self._rumbling = False
         self._rumbled = 0  # estimates in a row
+        self._stood = 0  # likewise, with the ceiling where it was sent
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
         self._swings: deque[float] = deque(maxlen=_DECAY)  # the beam's latest amplitudes [m]
         self._command = Command(method=selector.method)
@@ -107,15 +110,16 @@ class SelectingController:
             self._rumbling = kind == "rumble"
 
     def _rumbles(self, swing: float, height: float) -> bool:
-        """Whether the height is to blame for an irregular response: the ceiling stands, and the beam does not calm down.
+        """Whether the height is to blame for an irregular response: the ceiling stands, the beam does not calm down.
 
         On the way, and while what was swinging before dies out, the response is irregular at any height.
         """
         self._swings.append(swing)
         dying = len(self._swings) == _DECAY and swing < _FALLING * self._swings[0]
         as_expected = swing <= (1.0 + self._step_back.excess) * self._expected
-        standing = abs(height - self._command.height) <= _ARRIVED
-        return self._rumbling and standing and not dying and not as_expected
+        self._stood = self._stood + 1 if abs(height - self._command.height) <= _ARRIVED else 0
+        settled = self._stood > self._step_back.settle
+        return self._rumbling and settled and not dying and not as_expected
 
     def _stepped_back(self) -> Answer:
         self._rumbled = 0

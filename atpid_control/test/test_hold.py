@@ -125,7 +125,7 @@ class Linear:
 
 def controller(limits=(0.017, 1.0)):
     selector = Linear()
-    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 3, 0.15)), selector
+    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 0, 3, 0.15)), selector
 
 
 def answers(machine, estimates):
@@ -196,6 +196,15 @@ def test_what_calms_down_or_is_as_predicted_is_left_alone(swing):
     assert stepped(machine, 30, high, lambda k: swing(k + 8)) == [high] * 30
 
 
+def test_the_beam_may_settle_before_it_counts():
+    selector = Linear()
+    machine = SelectingController(hold(), selector, (0.017, 1.0), 0.0, StepBack(0.1, 5, 3, 0.15))
+    high = answers(machine, [steady(0.015)] * 4)[-1].command.height
+    machine.hear("rumble")
+    assert stepped(machine, 8, high)[-2] == high
+    assert stepped(machine, 1, high)[-1] < high
+
+
 def test_a_step_back_is_said_with_the_new_height():
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
@@ -208,7 +217,7 @@ def test_a_step_back_is_said_with_the_new_height():
 @pytest.mark.parametrize(("share", "count"), [(0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)])
 def test_a_step_back_that_cannot_be_is_refused(share, count):
     with pytest.raises(HoldError, match=r"given .*; allowed: "):
-        StepBack(share, count, 0.15)
+        StepBack(share, 0, count, 0.15)
 
 
 def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone():

@@ -91,7 +91,9 @@ def _run_nodes(
     commands: Callable[[Path], list[tuple[str, list[str]]]],
 ) -> None:
     parameter_file = out / "parameters.yaml"
-    parameters["recorder_node"]["files"] = [str(parameter_file)]
+    # the bag must replay to the same commands after a shipped map has been made anew: the map goes into it
+    chosen = parameters["selector_node"]["map"]
+    parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
     write_parameters(parameters, parameter_file)
     rehearse(scene, parameters["identifier_node"])
     os.environ["ROS_LOG_DIR"] = str(out / "log")

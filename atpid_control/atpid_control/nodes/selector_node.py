@@ -46,7 +46,8 @@ PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("falling_count", TYPES.INTEGER, "consecutive lower estimates before the ceiling goes down"),
     ("frequency_tolerance", TYPES.DOUBLE, "relative distance from resonance at which heights still hold [-]"),
     ("step_back", TYPES.DOUBLE, "share of the clearance given up when the beam rumbles [-]"),
-    ("rumble_count", TYPES.INTEGER, "estimates in a row that rumble, the ceiling standing, before it steps back"),
+    ("settle_count", TYPES.INTEGER, "estimates after the ceiling has come to rest in which the beam may do anything"),
+    ("rumble_count", TYPES.INTEGER, "estimates in a row that rumble after that, before the ceiling steps back"),
     ("step_back_excess", TYPES.DOUBLE, "amplitude of the beam above the predicted that is more than inaccuracy [-]"),
     ("margin", TYPES.DOUBLE, "standard deviations of the amplitude the height must be safe for [-]"),
 )
@@ -102,7 +103,10 @@ class SelectorNode(Node):
             frequency_tolerance=float(self._value("frequency_tolerance")),
         )
         step_back = StepBack(
-            float(self._value("step_back")), int(self._value("rumble_count")), float(self._value("step_back_excess"))
+            share=float(self._value("step_back")),
+            settle=int(self._value("settle_count")),
+            count=int(self._value("rumble_count")),
+            excess=float(self._value("step_back_excess")),
         )
         return SelectingController(Hold(settings), self._selector, scene.ceiling.range, self._margin, step_back)
 

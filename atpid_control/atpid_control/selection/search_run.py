@@ -143,8 +143,8 @@ class SearchingController:
             self.run.watch(time, beam)
 
     def hear(self, kind: str) -> None:
-        """See `Controller.hear`: a search meets rumble on purpose, so while it runs nothing is passed on."""
-        if self.run is None or self.run.done:
+        """See `Controller.hear`: a search meets rumble on purpose, so while it runs that is not passed on."""
+        if kind != "rumble" or self.run is None or self.run.done:
             self._inner.hear(kind)
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
