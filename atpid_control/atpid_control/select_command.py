@@ -16,6 +16,7 @@ from rich.table import Table
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_control.selection.registry import make_selector
 from atpid_sim.excitation import amplitude_at
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import HarmonicExcitation, Scene, load_scene
 
 _METHODS = ("lookup", "pca", "direct", "search")
@@ -37,11 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Select and print; return 0. Raises SceneError, MapError, SelectionError."""
+    """Select and print; return 0. Raises SceneError, MapError, SelectionError, NumericalFailure."""
     scene = load_scene(args.scene)
     amplitude = steady_amplitude(scene)
     selector = _selector(args, scene)
-    chosen = selector.select(amplitude, args.amplitude_std, margin=args.margin)
+    try:
+        chosen = selector.select(amplitude, args.amplitude_std, margin=args.margin)
+    except SelectionError as error:
+        # in the loop a simulation that fails is one more reason to stay; for a user it is a failure of its own kind
+        raise error.__cause__ if isinstance(error.__cause__, NumericalFailure) else error from None
     if args.json:
         print(json.dumps(to_json(chosen), allow_nan=False))
     else:

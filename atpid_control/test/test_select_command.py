@@ -56,3 +56,14 @@ def test_bad_input_is_one_line_and_status_two(
     assert output.out == ""
     assert output.err.count("\n") == 1
     assert named in output.err
+
+
+def test_a_numerical_failure_is_status_three(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # so large a swing presses the grain deeper into a wall than its radius
+    scene = tmp_path / "huge.yaml"
+    text = (ROOT / "scenes" / "standard.yaml").read_text(encoding="utf-8")
+    scene.write_text(text.replace("amplitude: 0.01", "amplitude: 3.0"), encoding="utf-8")
+    assert main(["select", str(scene), "--method", "direct"]) == 3
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "deeper into a wall than its radius" in error

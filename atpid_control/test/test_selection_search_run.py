@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from atpid_control.controller import Answer, Command
 from atpid_control.hold import Estimate, Quality
 from atpid_control.selection.search import Plan, SearchError

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from atpid_control.identification import Estimate, Quality
 from atpid_control.identification import showcase as data
+from atpid_sim.figures.numbers import metadata_of
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         with matplotlib.rc_context(STYLE):
             figure = draw()
         path = args.out / f"identification_{name}.png"
-        figure.savefig(path)
+        figure.savefig(path, metadata=metadata_of(figure))
         print(path)
     return 0
 
@@ -183,8 +184,11 @@ def draw_calibration() -> Figure:
             )
         ax.axhline(1.0, color=RED, lw=0.9, ls="--")
         ax.set(title=title, xlabel="noise of both lasers [mm]")
+        ax.set_xticks(1e3 * result.noise, labels=[f"{1e3 * sigma:g}" for sigma in result.noise])
+        ax.minorticks_off()
     axes[0].set_ylabel("rms error of ten recordings [%]")
-    axes[0].legend()
+    axes[0].set_yticks([1e-3, 1e-2, 0.1, 1.0], labels=["0.001", "0.01", "0.1", "1"])
+    axes[0].legend(ncols=2, fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 0.93))
     return figure
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.selection.study import landscape, margin_curve, pca_errors
+from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.maps import HeightMap
 
 #: Support amplitudes of the thesis's adaptive bench [m].
@@ -135,6 +136,6 @@ def _panels(columns: int, xlabel: str, rows: int = 1) -> tuple[Any, list[Any]]:
 def _save(figure: Any, path: Path) -> Path:
     from matplotlib import pyplot
 
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, metadata=metadata_of(figure))
     pyplot.close(figure)
     return path

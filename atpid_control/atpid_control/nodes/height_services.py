@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One SelectHeight service a method (`~/lookup`, `~/pca`, `~/direct`): what each would choose, without moving anything."""
+"""One SelectHeight service a method (`~/lookup`, `~/pca`, `~/direct`): what each would choose; nothing moves."""
 
 from __future__ import annotations
 

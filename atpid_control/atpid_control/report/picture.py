@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from atpid_control.report.theme import SCHEMES, Palette
 from atpid_control.report.view import View
+from atpid_sim.figures.numbers import metadata_of
 
 _DPI = 160
 _SIZE = 9.5
@@ -27,7 +28,7 @@ def save_pictures(view: View, folder: Path) -> list[Path]:
         for name, figure in drawn.items():
             if figure is not None:
                 path = folder / (f"{name}.png" if scheme == "light" else f"{name}-{scheme}.png")
-                figure.savefig(path, dpi=_DPI)
+                figure.savefig(path, dpi=_DPI, metadata=metadata_of(figure))
                 written.append(path)
     return written
 

@@ -59,7 +59,7 @@ class DirectSelector:
                 if margin > 0.0:
                     return self._safe(rig, amplitude, margin * amplitude_std, best, pool, begun)
         except NumericalFailure as error:
-            raise SelectionError(f"direct: {error}") from None
+            raise SelectionError(f"direct: {error}") from error
         wall = time.perf_counter() - begun
         return Selection(best.height, best.amplitude, best.efficiency, self.method, best.evaluations, wall)
 

@@ -63,7 +63,7 @@ class PcaSelector:
         try:
             best, observed = run.whole()
         except NumericalFailure as error:
-            raise SelectionError(f"pca: {error}") from None
+            raise SelectionError(f"pca: {error}") from error
         efficiency = 1.0 - observed / run.rig.closed_amplitude(amplitude)
         return Selection(
             best, observed, efficiency, self.method, run.evaluations, time.perf_counter() - begun,

@@ -117,7 +117,7 @@ class SearchSelector:
                 stages.append(Stage(f"step {search.iterations}", here, seen, note))
             seen = self._watch(plant, search.target, plan)
         except NumericalFailure as error:
-            raise SelectionError(f"search: {error}") from None
+            raise SelectionError(f"search: {error}") from error
         stages.append(Stage("result", search.target, seen, f"{plant.time:.0f} s on the plant"))
         efficiency = 1.0 - seen / self._rig.closed_amplitude(amplitude)
         wall = time.perf_counter() - begun

@@ -70,7 +70,13 @@ class SearchRun:
         """Return where it stands."""
         found = self._search
         return Progress(
-            found.iterations, self._height, self._amplitude, found.best_height, found.best_amplitude, self.done, self.message
+            found.iterations,
+            self._height,
+            self._amplitude,
+            found.best_height,
+            found.best_amplitude,
+            self.done,
+            self.message,
         )
 
     def watch(self, time: float, beam: Array) -> None:
@@ -99,7 +105,9 @@ class SearchRun:
         if abs(height - self._search.target) <= _ARRIVED:
             self._arrived_at = time
         elif time > self._sent_at + _PATIENCE:
-            self.stop(f"the ceiling has not reached {self._search.target:g} m in {_PATIENCE:g} s; it is at {height:g} m")
+            self.stop(
+                f"the ceiling has not reached {self._search.target:g} m in {_PATIENCE:g} s; it is at {height:g} m"
+            )
 
     def _look(self, time: float) -> None:
         lows, highs = zip(*self._seen, strict=True) if self._seen else ((math.nan,), (math.nan,))

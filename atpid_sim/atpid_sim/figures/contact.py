@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from atpid_sim.contact import Contact, contact_of, dispatch, restitution_of
+from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.system import reduced_mass, system_of
 
@@ -156,7 +157,7 @@ def draw(out: Path) -> list[Path]:
     right.legend(fontsize=8, loc="center left", bbox_to_anchor=(0.0, 0.72))
     out.mkdir(parents=True, exist_ok=True)
     file = out / "contact_laws.png"
-    figure.savefig(file, dpi=150)
+    figure.savefig(file, dpi=150, metadata=metadata_of(figure))
     pyplot.close(figure)
     return [file]
 

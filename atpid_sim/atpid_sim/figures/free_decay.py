@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulate import trajectory
 
@@ -130,7 +131,7 @@ def draw(out: Path) -> list[Path]:
         axes.spines[["top", "right"]].set_visible(False)
     out.mkdir(parents=True, exist_ok=True)
     file = out / "free_decay.png"
-    figure.savefig(file, dpi=150)
+    figure.savefig(file, dpi=150, metadata=metadata_of(figure))
     pyplot.close(figure)
     return [file]
 

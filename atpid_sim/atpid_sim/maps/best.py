@@ -23,7 +23,7 @@ from atpid_sim.maps.ways import ALL_WAYS, Way
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
 
 #: Where, between irregular motions, narrow wells lie: there the steps are half as long.
-_NARROW = (0.56, 0.83)
+_NARROW = (0.44, 0.83)
 
 #: Where the best lies at the end of what was tried, the range grows by this much, down to closed and up to this share.
 _GROWTH, _HIGHEST = 0.2, 2.0

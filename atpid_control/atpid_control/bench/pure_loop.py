@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lockstep bench's loop without the graph: the same plant, identifier, watch and controller, called in turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.control_setup import controller_of, identifier_of
+from atpid_control.controller import Answer, Command
+from atpid_control.hold import Estimate
+from atpid_control.identification import Estimate as Identified
+from atpid_control.selection import make_selector
+from atpid_control.watch import RumbleSettings, RumbleWatch
+from atpid_sim.plant import Plant
+from atpid_sim.scene import Scene
+from atpid_sim.stream import Stream
+
+Array = NDArray[np.float64]
+
+#: Parameters of identifier_node and selector_node by name.
+Parameters = Mapping[str, Mapping[str, Any]]
+
+
+@dataclass
+class LoopRun:
+    """What happened: one entry a block, the truth at the laser's instants."""
+
+    scene: Scene
+    time: list[float] = field(default_factory=list)  # of the block's last scan [s]
+    estimates: list[Identified] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
+    heights: list[float] = field(default_factory=list)  # of the ceiling at the block's last scan [m]
+    rumbling: list[bool] = field(default_factory=list)  # as the watch says
+    blocks: list[Array] = field(default_factory=list)
+
+    @property
+    def beam(self) -> Array:
+        """True displacement of the beam (n,) [m]."""
+        return np.concatenate(self.blocks)
+
+    def said(self, kind: str) -> list[tuple[float, str]]:
+        """Return (time [s], text) of the events of a kind."""
+        return [(t, answer.text) for t, answer in zip(self.time, self.answers, strict=True) if answer.kind == kind]
+
+
+class Ceiling:
+    """A ceiling of constant speed, commanded at a block's last scan: the simulated motor's rule, by stamps alone."""
+
+    def __init__(self, height: float, limits: tuple[float, float], speed: float) -> None:
+        """Stand at `height` [m]; limits [m], speed [m/s]."""
+        self._limits, self.speed = limits, speed
+        self._start, self._origin, self.target = 0.0, height, height
+
+    def height(self, time: float) -> float:
+        """Return where it is at `time` [s]."""
+        way = self.target - self._origin
+        gone = self.speed * max(0.0, time - self._start)
+        return self.target if gone >= abs(way) else self._origin + math.copysign(gone, way)
+
+    def send(self, command: Command, time: float) -> None:
+        """Go where a command says, from where it is at `time` [s]; stay where it says nothing or beyond the limits."""
+        goal = command.height
+        if not self._limits[0] <= goal <= self._limits[1] or goal == self.target:
+            return
+        self._start, self._origin, self.target = time, self.height(time), goal
+
+
+def run_loop(
+    scene: Scene, parameters: Parameters, height_map: Path | None = None, *, model: Scene | None = None
+) -> LoopRun:
+    """Run a scene whose ceiling a controller moves; return what happened.
+
+    model: the scene the controller believes in, where that is not the one that runs. Raises SelectionError, HoldError
+    or IdentificationError for parameters that do not fit, NumericalFailure where the plant fails.
+    """
+    believed = model or scene
+    chosen, seen = parameters["selector_node"], parameters["identifier_node"]
+    selector = make_selector(believed.ceiling.controller, believed, height_map)
+    controller = controller_of(chosen.__getitem__, believed, selector)
+    identifier, watch = identifier_of(seen), RumbleWatch(rumble_settings(seen))
+    stream = Stream(scene, Plant(scene))
+    ceiling = Ceiling(stream.height, scene.ceiling.range, scene.ceiling.speed)
+    run, last = LoopRun(scene), 0.0
+    while not stream.finished:
+        reached = ceiling.height(last)
+        block = stream.advance(ceiling.target, ceiling.speed if reached != ceiling.target else 0.0)
+        reading = block.readings[0]
+        support, beam = np.ascontiguousarray(reading.data.T)
+        last = (reading.first_index + block.scans - 1) / reading.rate
+        estimate = identifier.push(reading.first_index, reading.rate, support, beam, last)
+        before = watch.state.rumbling
+        rumbling = watch.push(reading.first_index, reading.rate, beam, estimate.frequency).rumbling
+        if rumbling != before:
+            controller.hear("rumble" if rumbling else "calm")
+        answer = controller.answer(last, _decisive(estimate), reached)
+        ceiling.send(answer.command, last)
+        _note(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))
+    return run
+
+
+def rumble_settings(parameters: Mapping[str, Any]) -> RumbleSettings:
+    """Return the watch's settings of identifier.yaml's parameters."""
+    return RumbleSettings(
+        onset=float(parameters["rumble_onset"]),
+        calm=float(parameters["rumble_calm"]),
+        calm_periods=int(parameters["rumble_calm_periods"]),
+        least_amplitude=float(parameters["rumble_least_amplitude"]),
+    )
+
+
+def _decisive(estimate: Identified) -> Estimate:
+    return Estimate(
+        int(estimate.quality), estimate.amplitude, estimate.amplitude_std, estimate.frequency, estimate.beam_amplitude
+    )
+
+
+def _note(
+    run: LoopRun, time: float, estimate: Identified, answer: Answer, height: float, rumbling: bool, beam: Array
+) -> None:
+    run.time.append(time)
+    run.estimates.append(estimate)
+    run.answers.append(answer)
+    run.heights.append(height)
+    run.rumbling.append(rumbling)
+    run.blocks.append(beam)

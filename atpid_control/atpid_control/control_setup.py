@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The controller and the identifier that parameter files describe; the nodes and the bench of seeds share it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from atpid_control import hold, identification
+from atpid_control.controller import Controller, ProfileController, SelectingController, StepBack
+from atpid_control.selection import HeightSelector
+from atpid_sim.scene import ControlledCeiling, Scene
+
+#: The value of a parameter; raises a ValueError of ours where the parameter file has none.
+Value = Callable[[str], Any]
+
+
+def controller_of(value: Value, scene: Scene, selector: HeightSelector) -> Controller:
+    """Return the controller for a scene, by the parameters of selector.yaml. Raises HoldError where they cannot be."""
+    if not isinstance(scene.ceiling, ControlledCeiling):
+        return ProfileController(scene.ceiling.heights)
+    settings = hold.Settings(
+        dead_band=float(value("dead_band")),
+        sigmas=float(value("sigmas")),
+        steady_count=int(value("steady_count")),
+        rising_count=int(value("rising_count")),
+        falling_count=int(value("falling_count")),
+        frequency=scene.frequency_hz,
+        frequency_tolerance=float(value("frequency_tolerance")),
+    )
+    step_back = StepBack(
+        share=float(value("step_back")),
+        settle=int(value("settle_count")),
+        count=int(value("rumble_count")),
+        excess=float(value("step_back_excess")),
+    )
+    return SelectingController(
+        hold.Hold(settings), selector, scene.ceiling.range, float(value("margin")), step_back
+    )
+
+
+def identifier_of(parameters: Mapping[str, Any]) -> identification.Identifier:
+    """Return the identifier of identifier.yaml's parameters, reading the support. Raises IdentificationError."""
+    names = [name for name in identification.Settings.__dataclass_fields__ if name != "saturation"]
+    limits = float(parameters["lower_limit"]), float(parameters["upper_limit"])
+    saturation = None if limits == (float("-inf"), float("inf")) else limits
+    return identification.Identifier(
+        identification.Settings(saturation=saturation, **{name: float(parameters[name]) for name in names})
+    )

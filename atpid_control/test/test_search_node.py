@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Services and the search action over real DDS: what each method answers, feedback, cancel, refusals."""
+
+from __future__ import annotations
+
+import array
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from atpid_interfaces.action import SearchHeight
+from atpid_interfaces.msg import SampleBlock
+from atpid_interfaces.srv import SelectHeight
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from atpid_control.controller import Answer, Command
+from atpid_control.hold import Estimate, Quality
+from atpid_control.nodes.height_services import HeightServices
+from atpid_control.nodes.search_server import SearchServer
+from atpid_control.selection.search_run import SearchingController
+from atpid_sim.nodes.messages import BLOCKS, time_of
+from atpid_sim.scene import load_scene
+
+ROOT = Path(__file__).parents[2]
+MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
+STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+GOAL = {"step": 0.1, "dwell": 2.0, "lowest": 0.1, "highest": 0.9}
+
+
+class Inner:
+    """A controller that has selected a height."""
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        return Answer(Command(sequence=1, height=0.3))
+
+    def hear(self, kind: str) -> None:
+        raise AssertionError(kind)
+
+
+class Stand:
+    """A selector in small and a client, on one executor, with a beam whose amplitude is least at 0.52 m."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.node = Node("selector_node", context=self.context)
+        self.client = Node("client", context=self.context)
+        self.controller = SearchingController(Inner(), (0.017, 1.0))
+        self.server = SearchServer(self.node, self.controller)
+        self.latest: Estimate | None = None
+        scene = load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
+        HeightServices(self.node, scene, MAP, lambda: self.latest, lambda: 0.3)
+        self.actions = ActionClient(self.client, SearchHeight, "selector_node/search")
+        self.blocks = self.client.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
+        for node in (self.node, self.client):
+            self.executor.add_node(node)
+        self.height, self.block, self.seen = 0.3, 0, 0.0
+        watch = self.controller.watch
+
+        def watched(at: float, beam: np.ndarray) -> None:
+            self.seen = at
+            watch(at, beam)
+
+        self.controller.watch = watched  # type: ignore[method-assign]
+
+    def wait(self, future: Any, act: Any = lambda: None) -> Any:
+        end = time.monotonic() + 60.0
+        while not future.done():
+            assert time.monotonic() < end, "the answer waited for did not come"
+            act()
+            self.executor.spin_once(timeout_sec=0.02)
+        return future.result()
+
+    def turn(self) -> None:
+        """One round of the loop: a block of the beam, an answered estimate, a ceiling that moves on."""
+        message = SampleBlock(rate=1000.0, channels=["support_displacement", "beam_displacement"])
+        message.header.stamp = time_of(self.block * 50_000_000)
+        data = np.zeros((50, 2))
+        times = 0.05 * self.block + np.arange(50) * 1e-3
+        data[:, 1] = (abs(self.height - 0.52) + 0.1) * np.sin(2.0 * np.pi * 5.5 * times)
+        message.data = array.array("d", data.ravel().tolist())
+        self.blocks.publish(message)
+        self.block += 1
+        end = time.monotonic() + 30.0
+        while self.seen < 0.05 * self.block - 1e-6:
+            assert time.monotonic() < end, "the block was not seen"
+            self.executor.spin_once(timeout_sec=0.02)
+        self.executor.spin_once(timeout_sec=0.0)
+        command = self.controller.answer(0.05 * self.block, STEADY, self.height).command
+        self.height += float(np.clip(command.height - self.height, -0.015, 0.015))
+        self.server.report()
+
+    def ask(self, method: str, **request: float) -> SelectHeight.Response:
+        service = self.client.create_client(SelectHeight, f"selector_node/{method}")
+        assert service.wait_for_service(timeout_sec=30.0)
+        return self.wait(service.call_async(SelectHeight.Request(**request)))
+
+    def search(self, **goal: float) -> tuple[Any, list[SearchHeight.Feedback]]:
+        assert self.actions.wait_for_server(timeout_sec=30.0)
+        told: list[SearchHeight.Feedback] = []
+        sent = self.actions.send_goal_async(
+            SearchHeight.Goal(**goal), feedback_callback=lambda message: told.append(message.feedback)
+        )
+        return self.wait(sent), told
+
+    def close(self) -> None:
+        self.server.close()
+        self.actions.destroy()
+        for node in (self.node, self.client):
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    made = Stand()
+    yield made
+    made.close()
+
+
+def test_each_method_answers_what_it_would_choose(stand: Stand) -> None:
+    for method in ("lookup", "pca", "direct"):
+        answer = stand.ask(method, amplitude=0.03)
+        assert answer.success
+        assert answer.method == method
+        assert answer.height == pytest.approx(0.57, rel=0.06)
+        assert answer.efficiency > 0.79
+
+
+def test_before_any_estimate_there_is_a_clear_answer(stand: Stand) -> None:
+    answer = stand.ask("direct")
+    assert not answer.success
+    assert "no steady estimate yet" in answer.message
+    stand.latest = STEADY
+    assert stand.ask("lookup").success
+
+
+def test_contradictory_requests_get_a_clear_answer(stand: Stand) -> None:
+    assert "margin" in stand.ask("direct", amplitude=0.03, margin=-1.0).message
+    assert "outside its 0.002 to 0.08 m" in stand.ask("lookup", amplitude=5.0).message
+
+
+def test_a_search_ends_at_the_best_height_and_tells_on_the_way(stand: Stand) -> None:
+    goal, told = stand.search(**GOAL)
+    assert goal.accepted
+    answer = stand.wait(goal.get_result_async(), stand.turn)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.success
+    assert answer.result.height == pytest.approx(0.5)
+    assert [feedback.iteration for feedback in told][-1] == answer.result.iterations == 6
+
+
+def test_a_search_can_be_cancelled_and_another_begun(stand: Stand) -> None:
+    goal, told = stand.search(**GOAL)
+    result = goal.get_result_async()
+    while len(told) < 2:
+        stand.turn()
+    goal.cancel_goal_async()
+    answer = stand.wait(result, stand.turn)
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert answer.result.message == "cancelled"
+    here = stand.height
+    for _ in range(20):
+        stand.turn()
+    assert stand.height == pytest.approx(here, abs=1e-9)
+    again, _ = stand.search(**GOAL)
+    assert again.accepted
+
+
+def test_a_search_beyond_the_ceiling_s_range_is_refused(stand: Stand) -> None:
+    goal, _ = stand.search(**{**GOAL, "highest": 2.0})
+    assert not goal.accepted

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The numbers a picture shows, kept inside its PNG: so that a test can tell whether it still says what is computed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+#: Name of the PNG's text chunk.
+KEY = "Numbers"
+
+#: Title of each panel -> smallest, largest and mean x and y of each curve and bar chart in it.
+Numbers = dict[str, list[list[float]]]
+
+
+def numbers_of(figure: Any) -> Numbers:
+    """Return what a drawn matplotlib figure shows; not-finite values are left out."""
+    return {f"{place} {axes.get_title()}": _panel(axes) for place, axes in enumerate(figure.axes)}
+
+
+def metadata_of(figure: Any) -> dict[str, str]:
+    """Return the `metadata` with which matplotlib's `savefig` keeps the numbers in the PNG."""
+    return {KEY: json.dumps(numbers_of(figure), ensure_ascii=True)}
+
+
+def numbers_in(picture: Path) -> Numbers:
+    """Return the numbers kept in a PNG; raises ValueError for one without."""
+    from PIL import Image
+
+    with Image.open(picture) as image:
+        text = getattr(image, "text", {}).get(KEY)
+    if text is None:
+        raise ValueError(f"{picture}: no numbers inside; make it again with `make figures`")
+    numbers: Numbers = json.loads(text)
+    return numbers
+
+
+def _panel(axes: Any) -> list[list[float]]:
+    curves = [_summary(line.get_xdata()) + _summary(line.get_ydata()) for line in axes.get_lines()]
+    bars = [[bar.get_width(), bar.get_height()] for bar in axes.patches if hasattr(bar, "get_width")]
+    return curves + ([_summary(column) for column in np.transpose(bars)] if bars else [])
+
+
+def _summary(values: Any) -> list[float]:
+    finite = np.asarray(values, dtype=float)
+    finite = finite[np.isfinite(finite)]
+    return [float(f"{value:.5g}") for value in (finite.min(), finite.max(), finite.mean())] if finite.size else []
