@@ -39,6 +39,15 @@ test: setup ## format, types, import rules, then all tests; stops at the first t
 	$(call stage,import rules,lint-imports --no-logo); \
 	echo "== pytest"; exec python -m pytest -q
 
+.PHONY: figures
+figures: setup ## make every picture of README and docs again (a few minutes)
+	@$(IN_WORKSPACE) set -e; \
+	python -m atpid_control bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
+	python -m atpid_sim.figures.free_decay --out docs/figures; \
+	python -m atpid_sim.figures.contact --out docs/figures; \
+	python -m atpid_control figures identification --out docs/figures; \
+	python -m atpid_control figures selection --out docs/figures
+
 .PHONY: firmware
 firmware: ## build the motor's firmware (needs the AVR tools)
 	@command -v avr-g++ > /dev/null || { echo "the firmware needs the AVR tools: sudo make avr-tools" >&2; exit 2; }

@@ -23,7 +23,7 @@ setup(
     zip_safe=False,
     maintainer="ATPID maintainers",
     maintainer_email="atpid@example.org",
-    description="Identification, height selection, recording, replay and reports of the Adaptive Tuned Particle Impact Damper, with its launch and parameter files.",
+    description="Identification, height selection, recording and replay for the tuned particle impact damper.",
     license="Apache-2.0",
     entry_points={"console_scripts": [f"{node} = {NAME}.nodes.{node}:main" for node in NODES]},
 )

@@ -34,7 +34,7 @@ setup(
     zip_safe=False,
     maintainer="ATPID maintainers",
     maintainer_email="atpid@example.org",
-    description="The hardware of the Adaptive Tuned Particle Impact Damper: LabJack, NI and Arduino motor drivers, calibration, firmware, and stand-ins for tests.",
+    description="The hardware of the tuned particle impact damper: drivers, calibration, firmware.",
     license="Apache-2.0",
     entry_points={"console_scripts": [f"{node} = {NAME}.nodes.{node}:main" for node in NODES]},
 )

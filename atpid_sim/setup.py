@@ -22,7 +22,7 @@ setup(
     zip_safe=False,
     maintainer="ATPID maintainers",
     maintainer_email="atpid@example.org",
-    description="The physics of the Adaptive Tuned Particle Impact Damper: contact laws, steppers, height maps, and the simulated plant node.",
+    description="The physics of the tuned particle impact damper, and its simulated plant node.",
     license="Apache-2.0",
     entry_points={"console_scripts": [f"{node} = {NAME}.nodes.{node}:main" for node in NODES]},
 )

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification, height selection, recording, replay and reports of the Adaptive Tuned Particle Impact Damper, with its launch and parameter files."""
+"""Identification, height selection, recording, replay and reports for the tuned particle impact damper."""

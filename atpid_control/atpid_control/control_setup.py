@@ -7,16 +7,22 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from atpid_control import hold, identification
-from atpid_control.controller import Controller, ProfileController, SelectingController, StepBack
+from atpid_control.controller import Controller, ProfileController, SelectingController
 from atpid_control.selection import HeightSelector
-from atpid_sim.scene import ControlledCeiling, Scene
+from atpid_control.step_back import StepBack
+from atpid_control.watch import DriftAlarm, SteadyTwin
+from atpid_control.watch.reality import RealityCheck
+from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
 Value = Callable[[str], Any]
 
 
 def controller_of(value: Value, scene: Scene, selector: HeightSelector) -> Controller:
-    """Return the controller for a scene, by the parameters of selector.yaml. Raises HoldError where they cannot be."""
+    """Return the controller for a scene, by the parameters of selector.yaml.
+
+    Raises HoldError or WatchError where they contradict themselves.
+    """
     if not isinstance(scene.ceiling, ControlledCeiling):
         return ProfileController(scene.ceiling.heights)
     settings = hold.Settings(
@@ -33,9 +39,18 @@ def controller_of(value: Value, scene: Scene, selector: HeightSelector) -> Contr
         settle=int(value("settle_count")),
         count=int(value("rumble_count")),
         excess=float(value("step_back_excess")),
+        memory=float(value("step_back_memory")),
     )
+    alarm = DriftAlarm(
+        tolerance=float(value("drift_tolerance")),
+        noise=float(value("drift_noise")),
+        periods=float(value("drift_periods")),
+    )
+    # only a tone has a steady state to hold the beam against
+    tone = isinstance(scene.excitation, HarmonicExcitation)
+    reality = RealityCheck(SteadyTwin(scene), alarm) if tone else None
     return SelectingController(
-        hold.Hold(settings), selector, scene.ceiling.range, float(value("margin")), step_back
+        hold.Hold(settings), selector, scene.ceiling.range, float(value("margin")), step_back, reality
     )
 
 

@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from atpid_control.hold import OFF_RESONANCE, Estimate, Hold, HoldError, Verdict
+from atpid_control.hold import OFF_RESONANCE, Estimate, Hold, Quality, Verdict
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+from atpid_control.step_back import Retreat, StepBack
+from atpid_control.watch.reality import RealityCheck
 
 #: A ceiling this close to where it was sent is there [m].
 _ARRIVED = 2e-3
 
-#: A beam that swings less than this share of what it did so many estimates ago is calming down.
-_FALLING, _DECAY = 0.97, 8
+#: Severities of an Event.
+WARNING, ALARM = 1, 2
 
 
 @dataclass(frozen=True)
@@ -37,29 +38,10 @@ class Answer:
     """The command that answers one estimate and, where something has to be said, its kind, text and quantity."""
 
     command: Command
-    kind: str = ""  # refused or step_back; empty: nothing to say
+    kind: str = ""  # refused, step_back or drift; empty: nothing to say
     text: str = ""
     value: float = math.nan
-
-
-@dataclass(frozen=True)
-class StepBack:
-    """How the ceiling leaves a rumble."""
-
-    share: float  # of the clearance above the lowest height given up each time [-]
-    settle: int  # estimates after the ceiling has come to rest in which the beam may do anything
-    count: int  # estimates in a row that rumble after that, before each step
-    excess: float  # amplitude of the beam above the predicted that is more than inaccuracy [-]
-
-    def __post_init__(self) -> None:
-        """Refuse a step that is none or crosses the lowest height."""
-        if not 0.0 < self.share < 1.0:
-            raise HoldError(f"step_back: given {self.share}; allowed: above 0 and below 1")
-        if self.count < 1 or self.settle < 0:
-            given = f"{self.count} and {self.settle}"
-            raise HoldError(f"rumble_count and settle_count: given {given}; allowed: at least 1 and at least 0")
-        if not self.excess >= 0.0:
-            raise HoldError(f"step_back_excess: given {self.excess}; allowed: at least 0")
+    severity: int = WARNING
 
 
 class Controller(Protocol):
@@ -78,53 +60,65 @@ class SelectingController:
     """Selects a height when the hold says so; otherwise repeats the last command, which is how it shows to be alive."""
 
     def __init__(
-        self, hold: Hold, selector: HeightSelector, limits: tuple[float, float], margin: float, step_back: StepBack
+        self,
+        hold: Hold,
+        selector: HeightSelector,
+        limits: tuple[float, float],
+        margin: float,
+        step_back: StepBack,
+        reality: RealityCheck | None = None,
     ) -> None:
-        """Take the hold, the method, the lowest and highest height [m], the margin in standard deviations [-]."""
+        """Take the hold, the method, the lowest and highest height [m], the margin in standard deviations [-].
+
+        reality: holds what the beam does against what it should; None: nothing does.
+        """
         self._hold, self._selector, self._limits, self._margin = hold, selector, limits, margin
-        self._step_back = step_back
-        self._rumbling = False
-        self._rumbled = 0  # estimates in a row
-        self._stood = 0  # likewise, with the ceiling where it was sent
+        self._retreat, self._reality = Retreat(step_back, limits[0]), reality
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
-        self._swings: deque[float] = deque(maxlen=_DECAY)  # the beam's latest amplitudes [m]
         self._command = Command(method=selector.method)
         self._refusal = ""
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
-        del time
         verdict = self._hold.judge(estimate)
-        rumbles = self._rumbles(estimate.beam_amplitude, height)
-        self._rumbled = self._rumbled + 1 if rumbles and not verdict.select else 0
+        standing = abs(height - self._command.height) <= _ARRIVED
+        step = self._retreat.watch(estimate.beam_amplitude, self._expected, standing)
         if verdict.select:
             return self._select(verdict, estimate, height)
-        if self._rumbled >= self._step_back.count:
+        if step:
             return self._stepped_back()
         self._command = replace(self._command, reason=verdict.reason)
-        return self._refuse(verdict.reason, verdict.reason, estimate) if verdict.refused else self._accept()
+        if verdict.refused:
+            return self._refuse(verdict.reason, verdict.reason, estimate)
+        self._refusal = ""
+        return self._checked(time, estimate, height)
 
     def hear(self, kind: str) -> None:
         """See `Controller.hear`."""
-        if kind in ("rumble", "calm"):
-            self._rumbling = kind == "rumble"
+        self._retreat.hear(kind)
 
-    def _rumbles(self, swing: float, height: float) -> bool:
-        """Whether the height is to blame for an irregular response: the ceiling stands, the beam does not calm down.
+    def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """Hold the beam against the twin where excitation, ceiling and beam have settled."""
+        if self._reality is None or not self._retreat.settled or estimate.quality != Quality.STEADY:
+            return Answer(self._command)
+        said = self._reality.check(
+            time, (estimate.amplitude, estimate.frequency), height, estimate.beam_amplitude
+        )
+        if math.isnan(self._command.predicted_amplitude):
+            # stepped back, at the end of the range, or a method that does not know
+            self._command = replace(self._command, predicted_amplitude=self._reality.expected)
+        return Answer(self._command, "drift", said, estimate.beam_amplitude, ALARM) if said else Answer(self._command)
 
-        On the way, and while what was swinging before dies out, the response is irregular at any height.
-        """
-        self._swings.append(swing)
-        dying = len(self._swings) == _DECAY and swing < _FALLING * self._swings[0]
-        as_expected = swing <= (1.0 + self._step_back.excess) * self._expected
-        self._stood = self._stood + 1 if abs(height - self._command.height) <= _ARRIVED else 0
-        settled = self._stood > self._step_back.settle
-        return self._rumbling and settled and not dying and not as_expected
+    def _restart(self) -> None:
+        """Take note of another height: what was seen at the last one tells nothing of it."""
+        self._retreat.interrupt()
+        if self._reality is not None:
+            self._reality.restart()
 
     def _stepped_back(self) -> Answer:
-        self._rumbled = 0
-        before, lowest = self._command.height, self._limits[0]
-        height = before - self._step_back.share * (before - lowest)
+        before = self._command.height
+        height = self._retreat.lower(before, self._hold.acted_amplitude)
+        self._restart()
         self._command = replace(
             self._command,
             sequence=self._command.sequence + 1,
@@ -146,21 +140,25 @@ class SelectingController:
             self._command = replace(self._command, reason=reason)
             return self._refuse(reason, str(error), estimate)
         self._hold.acted(verdict.amplitude)
+        self._restart()
         self._command = self._limited(selection, verdict)
         self._expected = self._command.predicted_amplitude
-        return self._accept()
+        self._refusal = ""
+        return Answer(self._command)
 
     def _limited(self, selection: Selection, verdict: Verdict) -> Command:
         low, high = self._limits
-        height = min(max(selection.height, low), high)
-        inside = height == selection.height
+        wanted = self._retreat.allowed(selection.height, verdict.amplitude)
+        height = min(max(wanted, low), high)
+        inside = height == wanted
+        reason = verdict.reason if wanted == selection.height else f"{verdict.reason}, below what rumbled"
         return Command(
             sequence=self._command.sequence + 1,
             height=height,
             excitation_amplitude=verdict.amplitude,
-            predicted_amplitude=selection.beam_amplitude if inside else math.nan,
+            predicted_amplitude=selection.beam_amplitude if height == selection.height else math.nan,
             method=selection.method,
-            reason=verdict.reason if inside else f"{verdict.reason}, at the end of the ceiling's range",
+            reason=reason if inside else f"{reason}, at the end of the ceiling's range",
         )
 
     def _refuse(self, key: str, text: str, estimate: Estimate) -> Answer:
@@ -170,10 +168,6 @@ class SelectingController:
             return Answer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
         return Answer(self._command, "refused", f"the ceiling stays: {text}", value)
-
-    def _accept(self) -> Answer:
-        self._refusal = ""
-        return Answer(self._command)
 
 
 class ProfileController:

@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from atpid_control.controller import ProfileController, SelectingController, StepBack
+from atpid_control.controller import ProfileController, SelectingController
 from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
 from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_control.step_back import StepBack
 
 SETTINGS = {
     "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
@@ -125,7 +126,7 @@ class Linear:
 
 def controller(limits=(0.017, 1.0)):
     selector = Linear()
-    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 0, 3, 0.15)), selector
+    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 0, 3, 0.15, 0.05)), selector
 
 
 def answers(machine, estimates):
@@ -198,7 +199,7 @@ def test_what_calms_down_or_is_as_predicted_is_left_alone(swing):
 
 def test_the_beam_may_settle_before_it_counts():
     selector = Linear()
-    machine = SelectingController(hold(), selector, (0.017, 1.0), 0.0, StepBack(0.1, 5, 3, 0.15))
+    machine = SelectingController(hold(), selector, (0.017, 1.0), 0.0, StepBack(0.1, 5, 3, 0.15, 0.05))
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.hear("rumble")
     assert stepped(machine, 8, high)[-2] == high
@@ -217,7 +218,7 @@ def test_a_step_back_is_said_with_the_new_height():
 @pytest.mark.parametrize(("share", "count"), [(0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)])
 def test_a_step_back_that_cannot_be_is_refused(share, count):
     with pytest.raises(HoldError, match=r"given .*; allowed: "):
-        StepBack(share, 0, count, 0.15)
+        StepBack(share, 0, count, 0.15, 0.05)
 
 
 def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone():

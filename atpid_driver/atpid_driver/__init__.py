@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hardware of the Adaptive Tuned Particle Impact Damper: LabJack, NI and Arduino motor drivers, calibration, firmware, and stand-ins for tests."""
+"""The hardware of the tuned particle impact damper: LabJack, NI and motor drivers, calibration, stand-ins."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The physics of the Adaptive Tuned Particle Impact Damper: contact laws, steppers, height maps, and the simulated plant node."""
+"""The physics of the tuned particle impact damper: contact laws, steppers, height maps, and the plant node."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ COMMANDS = {
     "simulate": ("atpid_sim.simulate_command", "run one scene and say how large the beam swings"),
     "map": ("atpid_sim.map_command", "compute the best height over support amplitudes and grain masses"),
     "tradeoff": ("atpid_sim.tradeoff_command", "measure speed against accuracy on one scene: table and picture"),
+    "extremes": ("atpid_sim.extremes_command", "run random systems far outside the usual range and count the outcomes"),
 }
 DONE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 2, 3, 130
 

@@ -129,7 +129,11 @@ def stored_energy(system: System, y: Array, support: float) -> float:
 
 @dataclass(frozen=True)
 class Ledger:
-    """Where the energy went since the start [J]; `residual` is what does not add up, relative to all that flowed."""
+    """Where the energy went since the start [J]; `residual` is what does not add up.
+
+    It is relative to all that flowed and to the largest energy the spring held at either end, so that a run in which
+    next to nothing moves is not measured against nothing.
+    """
 
     input: float
     beam_loss: float
@@ -147,7 +151,8 @@ def ledger_of(scene: Scene, table: Array, first: Array, last: Array, mode: int) 
     flows = [float(last[k] - first[k]) for k in (state.INPUT, state.BEAM_LOSS, state.CONTACT_LOSS, state.CEILING_WORK)]
     work, beam_loss, contact_loss, ceiling = flows
     stored = after - before + held_by_contact(contact, system, last, mode, table)
-    turnover = sum(abs(flow) for flow in flows) + abs(stored)
+    sprung = max(0.5 * system.stiffness * (y[state.BEAM] - u) ** 2 for y, u in zip((first, last), support, strict=True))
+    turnover = sum(abs(flow) for flow in flows) + abs(stored) + sprung
     gap = stored - (work - beam_loss - contact_loss + ceiling)
     return Ledger(work, beam_loss, contact_loss, ceiling, stored, gap / turnover if turnover > 0.0 else 0.0)
 

@@ -122,7 +122,7 @@ def draw_spoiled() -> Figure:
     ax.set_xscale("log")
     ax.set_xticks([0.05, 0.1, 1.0, 10.0], labels=["0.05", "0.1", "1", "10"])
     ax.set_xlabel("largest error of the amplitude in 100 windows of two periods, 40 dB [%]")
-    ax.legend(loc="lower right")
+    figure.legend(loc="outside lower center", ncols=2)
     ax.grid(axis="y", visible=False)
     return figure
 

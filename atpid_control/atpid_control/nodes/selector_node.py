@@ -21,8 +21,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
-from atpid_control.controller import Answer, Command, Controller, ProfileController, SelectingController, StepBack
-from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
+from atpid_control.control_setup import controller_of
+from atpid_control.controller import Answer, Command, Controller
+from atpid_control.hold import Estimate, HoldError, Quality
 from atpid_control.selection import SelectionError, make_selector
 from atpid_sim.nodes.life import run, scene_given
 from atpid_sim.nodes.messages import HELLO, STATES, nanoseconds_of
@@ -49,6 +50,10 @@ PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("settle_count", TYPES.INTEGER, "estimates after the ceiling has come to rest in which the beam may do anything"),
     ("rumble_count", TYPES.INTEGER, "estimates in a row that rumble after that, before the ceiling steps back"),
     ("step_back_excess", TYPES.DOUBLE, "amplitude of the beam above the predicted that is more than inaccuracy [-]"),
+    ("step_back_memory", TYPES.DOUBLE, "change of the excitation's amplitude over which a step back is remembered [-]"),
+    ("drift_tolerance", TYPES.DOUBLE, "what the model may be off before the beam is said to drift from it [-]"),
+    ("drift_noise", TYPES.DOUBLE, "scatter of the beam's amplitude from period to period, one standard deviation [-]"),
+    ("drift_periods", TYPES.DOUBLE, "settled periods between false alarms of a model that is off by all it may"),
     ("margin", TYPES.DOUBLE, "standard deviations of the amplitude the height must be safe for [-]"),
 )
 
@@ -88,27 +93,11 @@ class SelectorNode(Node):
         return Path(given) if given else getattr(scene.ceiling, "map", None)
 
     def _make_controller(self, scene: Scene) -> Controller:
-        if not isinstance(scene.ceiling, ControlledCeiling):
-            return ProfileController(scene.ceiling.heights)
-        # once for nothing: a method that simulates loads its kernels now, not while the structure vibrates
-        with suppress(SelectionError):
-            self._selector.select(scene.grain.radius, frequency=scene.frequency_hz)
-        settings = Settings(
-            dead_band=float(self._value("dead_band")),
-            sigmas=float(self._value("sigmas")),
-            steady_count=int(self._value("steady_count")),
-            rising_count=int(self._value("rising_count")),
-            falling_count=int(self._value("falling_count")),
-            frequency=scene.frequency_hz,
-            frequency_tolerance=float(self._value("frequency_tolerance")),
-        )
-        step_back = StepBack(
-            share=float(self._value("step_back")),
-            settle=int(self._value("settle_count")),
-            count=int(self._value("rumble_count")),
-            excess=float(self._value("step_back_excess")),
-        )
-        return SelectingController(Hold(settings), self._selector, scene.ceiling.range, self._margin, step_back)
+        if isinstance(scene.ceiling, ControlledCeiling):
+            # once for nothing: a method that simulates loads its kernels now, not while the structure vibrates
+            with suppress(SelectionError):
+                self._selector.select(scene.grain.radius, frequency=scene.frequency_hz)
+        return controller_of(self._value, scene, self._selector)
 
     def _make_topics(self) -> None:
         lockstep = bool(self._value("lockstep"))
@@ -155,7 +144,7 @@ class SelectorNode(Node):
 
     def _tell(self, answered: Excitation, answer: Answer) -> None:
         self.get_logger().warning(answer.text)
-        event = Event(severity=Event.WARNING, kind=answer.kind, value=answer.value, text=answer.text)
+        event = Event(severity=answer.severity, kind=answer.kind, value=answer.value, text=answer.text)
         event.header.stamp, event.header.frame_id = answered.header.stamp, self.get_name()
         self._events.publish(event)
 

@@ -10,7 +10,7 @@ from atpid_control.selection.checks import check_excitation, rig_at
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import simplified
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
-from atpid_control.selection.tuning import Probe, tune
+from atpid_control.selection.tuning import tune
 from atpid_sim.maps import Rig, Timing
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
@@ -77,7 +77,7 @@ class _Run:
     def __init__(self, rig: Rig, amplitude: float) -> None:
         self.rig, self.amplitude = rig, amplitude
         self.stages: list[Stage] = []
-        self.evaluations = 0
+        self.evaluations = self._tuned = 0
         self._lowest = rig.diameter + _LEAST_SHARE * rig.ballistic_clearance(amplitude)
         self._highest = rig.diameter + rig.ballistic_clearance(amplitude)
         settle = rig.settling()
@@ -85,15 +85,16 @@ class _Run:
 
     def whole(self) -> tuple[float, float]:
         """Return the best height [m] and the beam's amplitude there [m]."""
-        model, (least, height) = self._iterate()
-        self._tell("PCA", height, least, "before tuning")
-        height, amplitude = tune(self._probe(model), height, least, self._lowest, self._highest)
+        height = self._iterate()[1]
+        least = self._opened(height)
+        self._tell("PCA", height, least, "before tuning, opened from closed")
+        height, amplitude = tune(self._tuning, height, least, self._lowest, self._highest)
         final = self.rig.opened(self.amplitude, height, Timing(self.rig.settling(), 16.0)).amplitude
         self.evaluations += 1
         self._tell("result", height, final, f"{amplitude:.5g} m while tuning")
         return height, final
 
-    def _iterate(self) -> tuple[ComplexModel, Start]:
+    def _iterate(self) -> Start:
         """Simplified and Predictive Model, then Complex and Predictive Model until the criteria hold.
 
         Guesses that swing back are taken half way: for heavy grains equation 4.31 otherwise jumps to and fro across
@@ -127,17 +128,19 @@ class _Run:
             self._tell(f"PM{iteration + 1} + CM{iteration + 1}", model.height, observed.amplitude, said)
             seen.append((observed.amplitude, model.height))
             if observed.verdict.hold:
-                return model, seen[-1]
-        return model, min(seen)
+                return seen[-1]
+        return min(seen)
 
-    def _probe(self, model: ComplexModel) -> Probe:
-        def probe(height: float) -> float:
-            amplitude = model.observe(height, self._settle, self._window).amplitude
-            self.evaluations += 1
-            self._tell(f"tuning {sum(s.name.startswith('tuning') for s in self.stages) + 1}", height, amplitude, "")
-            return amplitude
+    def _opened(self, height: float) -> float:
+        self.evaluations += 1
+        return self.rig.opened(self.amplitude, height, Timing(self.rig.settling(), 8.0)).amplitude
 
-        return probe
+    def _tuning(self, height: float) -> float:
+        """Amplitude [m] at a height opened from closed: going on from the last height would depend on the order."""
+        amplitude = self._opened(height)
+        self._tuned += 1
+        self._tell(f"tuning {self._tuned}", height, amplitude, "")
+        return amplitude
 
     def _within(self, height: float) -> float:
         return min(max(height, self._lowest), self._highest)

@@ -11,8 +11,8 @@ _SHARE, _DIVISOR = 0.10, 1.5
 #: The search ends when successive heights change the amplitude by less than this share.
 _DONE = 0.01
 
-#: And no later than this many heights: the thesis needed 16.
-_MOST = 40
+#: And no later than this many heights, or turns (the step is then half a percent): the thesis needed 16 heights.
+_MOST, _TURNS = 30, 12
 
 Probe = Callable[[float], float]
 
@@ -21,7 +21,8 @@ def tune(probe: Probe, height: float, amplitude: float, lowest: float, highest: 
     """Return the best height [m] and its amplitude [m], starting from a height whose amplitude [m] is known.
 
     probe: height [m] to amplitude [m]. Down by a tenth until the amplitude grows, then up by a tenth / 1.5 until it
-    grows, then by a tenth / (1.5 n), n one more at each turn, until successive heights differ by less than 1 %.
+    grows, then by a tenth / (1.5 n), n one more at each turn, until successive heights differ by less than 1 % and
+    neither is worse than the best by more.
     """
     best = last = (amplitude, height)
     direction, turns = -1.0, 0
@@ -33,7 +34,8 @@ def tune(probe: Probe, height: float, amplitude: float, lowest: float, highest: 
             continue
         value = probe(here)
         best = min(best, (value, here))
-        if turns >= 2 and abs(value - last[0]) < _DONE * last[0]:
+        small = abs(value - last[0]) < _DONE * last[0] and value <= (1.0 + _DONE) * best[0]
+        if turns > _TURNS or (turns >= 2 and small):
             break
         if value > last[0]:
             direction, turns = -direction, turns + 1

@@ -28,6 +28,9 @@ from atpid_sim.engine.state import (
 #: A gap below this fraction of the motion's size is a touch; it is far above rounding and far below any overlap.
 _TOUCH = 1e-14
 
+#: A difference of velocities below this fraction of them is none.
+_ROUNDING = 1e-15
+
 
 @kernel
 def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, budget):  # type: ignore[no-untyped-def]
@@ -45,24 +48,31 @@ def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, bud
     stride = 1.0 / fastest  # a sixth of a period: two turning points never hide in one step
     side = 1.0 if n[MODE] == OFF_FLOOR else -1.0
     flying = n[MODE]
-    x, v, a, jerk = bounded_at(arc, tau, until)
+    _x, _v, a, jerk = bounded_at(arc, tau, until)
+    x, v = y[BEAM], y[BEAM_RATE]  # as they are: a grain just let go has a rate of exactly zero or away from the wall
     while True:
         s = tau - begin
         grain = grain0 + s * (rate0 - 0.5 * gravity * s)
         rate = rate0 - gravity * s
         lift, lift_rate, lift_acceleration = grain - x, rate - v, -gravity - a
+        leaving = height_rate - lift_rate
+        rounding = _ROUNDING * (abs(v) + abs(rate) + abs(height_rate))
+        if abs(lift_rate) <= rounding:
+            lift_rate = 0.0
+        if abs(leaving) <= rounding:
+            leaving = 0.0
         longest = min(stride, until - tau)
         touch = _TOUCH * (abs(x) + abs(grain) + slack)
         if flying == FREE:
             step = safe_step(lift, lift_rate, lift_acceleration, jerk, longest)
             room = height + height_rate * tau - slack - lift
-            above = safe_step(room, height_rate - lift_rate, -lift_acceleration, jerk, longest)
+            above = safe_step(room, leaving, -lift_acceleration, jerk, longest)
             if lift <= touch and (lift_rate < 0.0 or step == 0.0):
                 n[MODE] = ON_FLOOR
                 grain = x
                 y[MEMORY] = -1.0
                 break
-            if room <= touch and (height_rate - lift_rate < 0.0 or above == 0.0):
+            if room <= touch and (leaving < 0.0 or above == 0.0):
                 n[MODE] = ON_CEILING
                 grain = x + height + height_rate * tau - slack
                 y[MEMORY] = -1.0

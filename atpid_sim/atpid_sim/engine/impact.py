@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 #: Bounces that would all be over within this many radians of the fastest swing are taken as one: the grain sticks.
 _SETTLED = 0.01
 
+#: Play below this share of the grain's radius is none: less than any contact is deep, and elastic bounces in it never end.
+_NO_PLAY = 1e-5
+
 #: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
 _STILL = 1e-9
 
@@ -56,8 +59,11 @@ def impact_stepper(system: System, contact: Contact) -> Stepper:
 
 
 @kernel
-def _collide(y, n, arc, tau, system, law, p, height_rate):  # type: ignore[no-untyped-def]
-    """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks."""
+def _collide(y, n, arc, tau, system, law, p, height_rate, held):  # type: ignore[no-untyped-def]
+    """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks.
+
+    `held`: floor and ceiling leave it no play.
+    """
     side = 1.0 if n[MODE] == ON_FLOOR else -1.0
     moving = 0.0 if side > 0.0 else height_rate
     closing = side * (y[BEAM_RATE] + moving - y[GRAIN_RATE])
@@ -66,12 +72,15 @@ def _collide(y, n, arc, tau, system, law, p, height_rate):  # type: ignore[no-un
     push = side * (beam_at(arc, tau)[2] + system.gravity)  # with which beam and grain press together
     fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
-    sticks = push > 0.0 and closing * fastest <= push * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
+    rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
+    sticks = held or push >= rounding and closing * fastest <= push * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
     if sticks:
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)
     y[BEAM_RATE] -= side * impulse / system.beam_mass
     y[GRAIN_RATE] += side * impulse / system.grain_mass
+    if side * (y[BEAM_RATE] + moving - y[GRAIN_RATE]) > 0.0:
+        y[GRAIN_RATE] = y[BEAM_RATE] + moving  # what rounding leaves of a plastic impact
     y[CONTACT_LOSS] += 0.5 * reduced * (1.0 - e * e) * closing * closing
     y[CEILING_WORK] -= moving * impulse
     if not sticks:
@@ -79,7 +88,7 @@ def _collide(y, n, arc, tau, system, law, p, height_rate):  # type: ignore[no-un
 
 
 @kernel
-def _stick(y, n, segment, tau, until, system, observing, sampling, out, budget):  # type: ignore[no-untyped-def]
+def _stick(y, n, segment, tau, until, system, held, observing, sampling, out, budget):  # type: ignore[no-untyped-def]
     """Carry beam and grain as one mass until the wall would have to pull, or the row ends; returns the local time.
 
     On a moving ceiling too the beam moves as with the combined mass, since the ceiling's rate is constant in a row.
@@ -94,11 +103,12 @@ def _stick(y, n, segment, tau, until, system, observing, sampling, out, budget):
     x, v, a, jerk, snap = snap_bounded_at(arc, tau, until)
     pressing = side * (a + system.gravity)
     least = 1e-9 * stride
-    while pressing >= 0.0 and tau < until and n[CONTACT_STEPS] < budget:
+    # a first step is made in any case: whether the wall presses at the very moment of the impact is a matter of rounding
+    while (pressing >= 0.0 or tau == begin or held) and tau < until and n[CONTACT_STEPS] < budget:
         n[CONTACT_STEPS] += 1
         longest = min(stride, until - tau)
         # the wall surely presses this long: its rate of change is known, and changes no faster than the snap
-        step = max(safe_rate_step(pressing, -side * jerk, snap, longest), least)
+        step = longest if held else max(safe_rate_step(pressing, -side * jerk, snap, longest), least)
         ahead = until if step >= until - tau else tau + step
         x1, v1, a, jerk, snap = snap_bounded_at(arc, ahead, until)
         pressing = side * (a + system.gravity)
@@ -122,7 +132,7 @@ def _stick(y, n, segment, tau, until, system, observing, sampling, out, budget):
     y[BEAM], y[BEAM_RATE] = x, v
     y[GRAIN], y[GRAIN_RATE] = x + lift, v + moving
     y[CEILING_WORK] += moving * system.grain_mass * (y[GRAIN_RATE] - start_rate + system.gravity * (tau - begin))
-    if pressing < 0.0:
+    if pressing < 0.0 and not held:
         n[MODE] = FREE
     return tau
 
@@ -144,18 +154,20 @@ def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, bud
             note_extreme(y, y[BEAM])
         tau, until = y[TIME] - start, end - start
         where = (sampling[0], sampling[1], start)
+        # a moving ceiling gives play at once, or takes it all
+        held = segment[HEIGHT_RATE] == 0.0 and segment[HEIGHT] - slack <= _NO_PLAY * system.radius
         if n[MODE] == ON_CEILING and y[GRAIN_RATE] - y[BEAM_RATE] != segment[HEIGHT_RATE]:
             n[MODE] = FREE  # the ceiling has changed its rate: decide anew whether it is left or hit
         while tau < until:
             before = tau
             if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
-                tau = _stick(y, n, segment, tau, until, system, observing, where, out, budget)
+                tau = _stick(y, n, segment, tau, until, system, held, observing, where, out, budget)
             else:
                 tau = fly(y, n, segment, tau, until, system, law, p, observing, where, out, budget)
                 if n[MODE] != FREE:
                     log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
                     arc = arc_from(system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE])  # fmt: skip # noqa: E501
-                    _collide(y, n, arc, tau, system, law, p, segment[HEIGHT_RATE])
+                    _collide(y, n, arc, tau, system, law, p, segment[HEIGHT_RATE], held)
             y[TIME] = start + tau
             if n[CONTACT_STEPS] >= budget or n[FLIGHT_STEPS] > budget:
                 return STEP_BUDGET

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from atpid_sim.engine.beam import beam_at
+from atpid_sim.engine.beam import beam_at, support_at
 from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.state import (
     BEAM_LOSS,
@@ -77,6 +77,17 @@ def hermite_rate(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def cubic(s, h, x0, v0, x1, v1):  # type: ignore[no-untyped-def]
+    """Cubic through position and velocity at both ends of a step h, at the fraction s.
+
+    For overlaps: their accelerations are small differences of large forces.
+    """
+    d = x1 - x0 - h * v0
+    e = h * (v1 - v0) - 2.0 * d
+    return x0 + s * (h * v0 + s * (d - e + s * e))
+
+
+@kernel
 def step_extreme(y, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
     """Note the turning point inside one contact step whose end velocities differ in sign."""
     left, right = 0.0, 1.0
@@ -132,3 +143,33 @@ def flight_work(y, arc, left, right):  # type: ignore[no-untyped-def]
             loss += weight * arc.damping * slip * slip
     y[INPUT] += length * work
     y[BEAM_LOSS] += length * loss
+
+
+@kernel
+def next_sample(n, out, sampling):  # type: ignore[no-untyped-def]
+    """Local time of the next sample [s]; infinity where there is none."""
+    return sampling[0] + n[SAMPLE] * sampling[1] - sampling[2] if n[SAMPLE] < out.shape[1] else math.inf
+
+
+@kernel
+def contact_samples(
+    n, out, sampling, segment, side, slack, tau, elapsed, x, v, overlap, rate, a, x1, v1, overlap1, rate1, a1
+):  # type: ignore[no-untyped-def]  # fmt: skip
+    """Write all samples whose instants lie in a contact step of `elapsed` [s] from local time tau on; returns the next.
+
+    Beam displacement and velocity, overlap and its rate, beam acceleration at the step's start, and at its end (1).
+    """
+    at = next_sample(n, out, sampling)
+    while at <= tau + elapsed:
+        s = min(1.0, max(0.0, (at - tau) / elapsed))
+        xs, vs = hermite(s, elapsed, x, v, a, x1, v1, a1), hermite_rate(s, elapsed, x, v, a, x1, v1, a1)
+        depth = cubic(s, elapsed, overlap, rate, overlap1, rate1)
+        ceiling = segment[10] + segment[11] * at
+        support = support_at(
+            segment[2], segment[3], segment[4], segment[5], segment[6], segment[7], segment[8], segment[9], at
+        )[0]
+        grain = xs - depth if side > 0.0 else xs + ceiling - slack + depth
+        write_sample(out, n[SAMPLE], support, xs, vs, a + s * (a1 - a), grain, ceiling)
+        n[SAMPLE] += 1
+        at = next_sample(n, out, sampling)
+    return at

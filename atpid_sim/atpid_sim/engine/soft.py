@@ -10,6 +10,7 @@ from atpid_sim.engine.drive import A0, A1, C0, C2, END, HEIGHT, HEIGHT_RATE, OME
 from atpid_sim.engine.flight import fly
 from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import note_extreme
+from atpid_sim.engine.release import resting_overlap
 from atpid_sim.engine.state import (
     BEAM,
     BEAM_RATE,
@@ -34,7 +35,7 @@ from atpid_sim.engine.state import (
     WINDOW_CEILING,
     WINDOW_FLOOR,
 )
-from atpid_sim.engine.touch import resting_overlap, touch
+from atpid_sim.engine.touch import touch
 
 DONE, STEP_BUDGET, NOT_FINITE, ESCAPED, OVERLAP_TOO_DEEP, CEILING_CRUSHES, STALLED = range(7)  # as in `outcome.py`
 

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact: beam and grain integrated together by an adaptive Dormand-Prince 5(4) while a force acts between them.
+"""Contact: beam and grain integrated together while a force acts between them.
 
-The state is beam displacement and velocity, overlap and overlap rate, so that an overlap of micrometres on a swing of
-decimetres keeps its digits. A contact that begins at zero overlap is integrated in s with t = t_c + s^4: the contact
-laws' xi^(1/4) is then smooth and the method keeps its order.
+A contact that begins at zero overlap is integrated in s with t = t_c + s^4: the contact laws' xi^(1/4) is then smooth
+and the method keeps its order. From the deepest point on it goes on in plain time, and where the grain comes to rest,
+so that stability and no longer accuracy sets the explicit step, with the implicit one.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-from atpid_sim.contact.dispatch import energy, force, release_rate
-from atpid_sim.engine.kernel import inlined, kernel
-from atpid_sim.engine.observe import hermite, note_extreme, step_extreme, write_sample
+from atpid_sim.contact.dispatch import energy, release_rate
+from atpid_sim.engine.kernel import kernel
+from atpid_sim.engine.observe import contact_samples, next_sample, note_extreme, step_extreme
+from atpid_sim.engine.release import detachment, turning_point
+from atpid_sim.engine.rest import contact_pace, implicit_step
 from atpid_sim.engine.state import (
     BEAM,
     BEAM_LOSS,
@@ -34,213 +35,99 @@ from atpid_sim.engine.state import (
     OFF_FLOOR,
     ON_FLOOR,
     REJECTED,
-    SAMPLE,
-    TIME,
     TOUCHING,
 )
+from atpid_sim.engine.step import Touch, explicit_step, slope, support_ahead
 
 #: Overlaps are measured to the relative tolerance of at least this share of the beam's swing: an error of an overlap
 #: moves the beam by no more than itself, and finer control of the micrometres of a resting grain buys nothing.
 _DEPTH_FLOOR = 0.01
 
+#: Ways to step: from the touch on in the fourth root of time, in plain time, implicitly.
+_SMOOTH, _PLAIN, _RESTING = range(3)
 
-class Touch(NamedTuple):
-    """What does not change during one contact inside one row [SI units]."""
+#: Steps times the contact's pace from which stability holds the explicit method back.
+_STIFF = 2.0
 
-    law: int
-    hysteretic: bool
-    memory: float
-    side: float  # +1 floor, -1 ceiling
-    stiffness: float
-    damping: float
-    gravity: float
-    beam_inverse: float  # 1 / beam mass
-    reduced_inverse: float  # 1 / beam mass + 1 / grain mass
+#: Steps of one uninterrupted contact before which that is not looked at: a short rest costs less with explicit steps.
+_SETTLED = 100
 
+#: Steps of one uninterrupted contact after which the ringing of a grain at rest counts by its displacement alone.
+_PATIENCE = 3000
 
-@inlined
-def _turn(angle):  # type: ignore[no-untyped-def]
-    """Sine and cosine of an angle below 0.2 rad, by their series to the last digit."""
-    q = angle * angle
-    sine = angle * (1.0 + q * (-1.0 / 6.0 + q * (1.0 / 120.0 + q * (-1.0 / 5040.0 + q * (1.0 / 362880.0)))))
-    cosine = 1.0 + q * (-0.5 + q * (1.0 / 24.0 + q * (-1.0 / 720.0 + q * (1.0 / 40320.0 - q * (1.0 / 3628800.0)))))
-    return sine, cosine
-
-
-@inlined
-def _support(segment, tau, ahead, sine, cosine):  # type: ignore[no-untyped-def]
-    """Support displacement and velocity `ahead` seconds after tau, whose phase has this sine and cosine."""
-    at = tau + ahead
-    u = segment[6] + at * (segment[7] + at * (segment[8] + at * segment[9]))
-    w = segment[7] + at * (2.0 * segment[8] + at * 3.0 * segment[9])
-    ds, dc = _turn(segment[4] * ahead)
-    s = sine * dc + cosine * ds
-    c = cosine * dc - sine * ds
-    amplitude = segment[2] + segment[3] * at
-    return u + amplitude * s, w + segment[3] * s + segment[4] * amplitude * c
-
-
-@inlined
-def _slope(touching, p, u, w, x, v, overlap, rate):  # type: ignore[no-untyped-def]
-    """Accelerations of beam and overlap, contact force, powers of support, beam damper and contact at one stage.
-
-    The contact's power is that of its damping part alone: what the elastic part takes it gives back, exactly.
-    """
-    slip = v - w
-    pull = touching.stiffness * (u - x) - touching.damping * slip
-    push = force(touching.law, overlap, rate, touching.memory, p)
-    elastic = 0.0 if touching.hysteretic else force(touching.law, overlap, 0.0, touching.memory, p)
-    return (
-        (pull - touching.side * push) * touching.beam_inverse - touching.gravity,
-        touching.side * pull * touching.beam_inverse - push * touching.reduced_inverse,
-        push,
-        pull * w,
-        touching.damping * slip * slip,
-        (push - elastic) * rate,
-    )
+#: After twenty times as many, ringing counts this much less: an elastic grain that rings for ever is brought to rest.
+_ENDURANCE = 300.0
 
 
 @kernel
-def _attempt(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k):  # type: ignore[no-untyped-def]
-    """One Dormand-Prince step of size h in the variable s, from local time tau on; time goes as s^4 if `smooth`.
+def _touching(y, n, system, law, hysteretic):  # type: ignore[no-untyped-def]
+    """Collect what stays the same during a contact."""
+    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    inverse = 1.0 / system.beam_mass
+    return Touch(
+        law, hysteretic, y[MEMORY], side, system.stiffness, system.damping, system.gravity, inverse,
+        inverse + 1.0 / system.grain_mass,
+    )  # fmt: skip
 
-    `sine`, `cosine`: of the support's phase at tau; `k`: accelerations, force and powers there. Returns the end state,
-    the same at the end, the error estimate of the four states, and the integrals of the powers of contact, support and
-    beam damper and of the force.
-    """
-    a1, b1, f1, p1, d1, c1 = k
-    if smooth:
-        s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
-        z2, z3, z4, z5, z6 = s2 * s2 * s2, s3 * s3 * s3, s4 * s4 * s4, s5 * s5 * s5, s6 * s6 * s6
-        w1, w2, w3, w4, w5, w6 = 4.0 * h * s * s * s, 4.0 * h * z2, 4.0 * h * z3, 4.0 * h * z4, 4.0 * h * z5, 4.0 * h * z6
-        past = s * s * s * s
-        t2, t3, t4, t5, t6 = z2 * s2 - past, z3 * s3 - past, z4 * s4 - past, z5 * s5 - past, z6 * s6 - past
+
+@kernel
+def _remember(touching, memory):  # type: ignore[no-untyped-def]
+    """Return the same contact with a deeper overlap to remember."""
+    return Touch(
+        touching.law, touching.hysteretic, memory, touching.side, touching.stiffness, touching.damping,
+        touching.gravity, touching.beam_inverse, touching.reduced_inverse,
+    )  # fmt: skip
+
+
+@kernel
+def _fitted(way, h, tau, origin, s, until, longest):  # type: ignore[no-untyped-def]
+    """Step in the method's own variable, its end in local time, and whether it reaches `until`."""
+    if way == _SMOOTH:
+        end = origin + (s + h) ** 4
+        if end - tau > longest:
+            h = (tau - origin + longest) ** 0.25 - s
+            end = origin + (s + h) ** 4
+        if end >= until:
+            return (until - origin) ** 0.25 - s, until, True
+        return h, end, False
+    h = min(h, longest)
+    return (until - tau, until, True) if tau + h >= until else (h, tau + h, False)
+
+
+@kernel
+def _weighed(errors, depth, speed, swing, natural, rtol):  # type: ignore[no-untyped-def]
+    """Error of a step over the one allowed; overlap and beam each count in their own size."""
+    inner = (errors[2] / depth) ** 2 + (errors[3] / speed) ** 2
+    outer = errors[0] ** 2 + (errors[1] / natural) ** 2
+    return max(0.5 * math.sqrt(inner + outer / (swing * swing)) / rtol, 1e-6)
+
+
+@kernel
+def _book(y, touching, p, moving, overlap, overlap1, sums):  # type: ignore[no-untyped-def]
+    """Enter one step into the energy ledger."""
+    lost = sums[0]
+    if touching.hysteretic:
+        law, memory = touching.law, touching.memory
+        lost += energy(law, overlap, memory, p) - energy(law, overlap1, max(overlap1, memory), p)
+    y[CONTACT_LOSS] += max(0.0, lost)  # a law only takes; the quadrature's negative weights may say otherwise
+    y[INPUT] += sums[1]
+    y[BEAM_LOSS] += sums[2]
+    y[CEILING_WORK] -= moving * sums[3]
+
+
+@kernel
+def _let_go(y, n, touching, p, overlap, least):  # type: ignore[no-untyped-def]
+    """End a contact whose force has vanished; returns the overlap that is left and sets the mode."""
+    law, memory = touching.law, y[MEMORY]
+    y[CONTACT_LOSS] += energy(law, max(overlap, 0.0), memory, p)  # still compressed, but nothing holds it
+    undamped = not touching.hysteretic and release_rate(law, overlap, memory, p) == -math.inf
+    if undamped or overlap < 1e-6 * max(least, memory):
+        overlap = 0.0  # with no damping to speak of the force vanishes only where the surfaces part
+    if overlap > 0.0:
+        n[MODE] = OFF_FLOOR if touching.side > 0.0 else OFF_CEILING
     else:
-        w1 = w2 = w3 = w4 = w5 = w6 = h
-        t2, t3, t4, t5, t6 = 0.2 * h, 0.3 * h, 0.8 * h, 8.0 / 9.0 * h, h
-    u2, m2 = _support(segment, tau, t2, sine, cosine)
-    u3, m3 = _support(segment, tau, t3, sine, cosine)
-    u4, m4 = _support(segment, tau, t4, sine, cosine)
-    u5, m5 = _support(segment, tau, t5, sine, cosine)
-    u6, m6 = _support(segment, tau, t6, sine, cosine)
-    # stage slopes already multiplied by the step: x, v, overlap, rate
-    kx1, kv1, ko1, kr1 = w1 * v, w1 * a1, w1 * rate, w1 * b1
-    v2, r2 = v + 0.2 * kv1, rate + 0.2 * kr1
-    a2, b2, _f, _p, _d, _c = _slope(
-        touching, p, u2, m2, x + 0.2 * kx1, v2, overlap + 0.2 * ko1, r2
-    )
-    kx2, kv2, ko2, kr2 = w2 * v2, w2 * a2, w2 * r2, w2 * b2
-    v3, r3 = v + 3.0 / 40.0 * kv1 + 9.0 / 40.0 * kv2, rate + 3.0 / 40.0 * kr1 + 9.0 / 40.0 * kr2
-    a3, b3, f3, p3, d3, c3 = _slope(
-        touching, p, u3, m3,
-        x + 3.0 / 40.0 * kx1 + 9.0 / 40.0 * kx2, v3, overlap + 3.0 / 40.0 * ko1 + 9.0 / 40.0 * ko2, r3,
-    )  # fmt: skip
-    kx3, kv3, ko3, kr3 = w3 * v3, w3 * a3, w3 * r3, w3 * b3
-    v4 = v + 44.0 / 45.0 * kv1 - 56.0 / 15.0 * kv2 + 32.0 / 9.0 * kv3
-    r4 = rate + 44.0 / 45.0 * kr1 - 56.0 / 15.0 * kr2 + 32.0 / 9.0 * kr3
-    a4, b4, f4, p4, d4, c4 = _slope(
-        touching, p, u4, m4,
-        x + 44.0 / 45.0 * kx1 - 56.0 / 15.0 * kx2 + 32.0 / 9.0 * kx3, v4,
-        overlap + 44.0 / 45.0 * ko1 - 56.0 / 15.0 * ko2 + 32.0 / 9.0 * ko3, r4,
-    )  # fmt: skip
-    kx4, kv4, ko4, kr4 = w4 * v4, w4 * a4, w4 * r4, w4 * b4
-    c51, c52, c53, c54 = 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0
-    v5 = v + c51 * kv1 + c52 * kv2 + c53 * kv3 + c54 * kv4
-    r5 = rate + c51 * kr1 + c52 * kr2 + c53 * kr3 + c54 * kr4
-    a5, b5, f5, p5, d5, c5 = _slope(
-        touching, p, u5, m5,
-        x + c51 * kx1 + c52 * kx2 + c53 * kx3 + c54 * kx4, v5,
-        overlap + c51 * ko1 + c52 * ko2 + c53 * ko3 + c54 * ko4, r5,
-    )  # fmt: skip
-    kx5, kv5, ko5, kr5 = w5 * v5, w5 * a5, w5 * r5, w5 * b5
-    c61, c62, c63, c64, c65 = 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0
-    v6 = v + c61 * kv1 + c62 * kv2 + c63 * kv3 + c64 * kv4 + c65 * kv5
-    r6 = rate + c61 * kr1 + c62 * kr2 + c63 * kr3 + c64 * kr4 + c65 * kr5
-    a6, b6, f6, p6, d6, c6 = _slope(
-        touching, p, u6, m6,
-        x + c61 * kx1 + c62 * kx2 + c63 * kx3 + c64 * kx4 + c65 * kx5, v6,
-        overlap + c61 * ko1 + c62 * ko2 + c63 * ko3 + c64 * ko4 + c65 * ko5, r6,
-    )  # fmt: skip
-    kx6, kv6, ko6, kr6 = w6 * v6, w6 * a6, w6 * r6, w6 * b6
-    g1, g3, g4, g5, g6 = 35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0
-    x1 = x + g1 * kx1 + g3 * kx3 + g4 * kx4 + g5 * kx5 + g6 * kx6
-    v1 = v + g1 * kv1 + g3 * kv3 + g4 * kv4 + g5 * kv5 + g6 * kv6
-    o1 = overlap + g1 * ko1 + g3 * ko3 + g4 * ko4 + g5 * ko5 + g6 * ko6
-    r1 = rate + g1 * kr1 + g3 * kr3 + g4 * kr4 + g5 * kr5 + g6 * kr6
-    last = _slope(touching, p, u6, m6, x1, v1, o1, r1)
-    e1, e3, e4, e5, e6, e7 = 71.0 / 57600.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -0.025
-    errors = (
-        e1 * kx1 + e3 * kx3 + e4 * kx4 + e5 * kx5 + e6 * kx6 + e7 * w6 * v1,
-        e1 * kv1 + e3 * kv3 + e4 * kv4 + e5 * kv5 + e6 * kv6 + e7 * w6 * last[0],
-        e1 * ko1 + e3 * ko3 + e4 * ko4 + e5 * ko5 + e6 * ko6 + e7 * w6 * r1,
-        e1 * kr1 + e3 * kr3 + e4 * kr4 + e5 * kr5 + e6 * kr6 + e7 * w6 * last[1],
-    )
-    absorbed = g1 * w1 * c1 + g3 * w3 * c3 + g4 * w4 * c4 + g5 * w5 * c5 + g6 * w6 * c6
-    work = g1 * w1 * p1 + g3 * w3 * p3 + g4 * w4 * p4 + g5 * w5 * p5 + g6 * w6 * p6
-    loss = g1 * w1 * d1 + g3 * w3 * d3 + g4 * w4 * d4 + g5 * w5 * d5 + g6 * w6 * d6
-    impulse = g1 * w1 * f1 + g3 * w3 * f3 + g4 * w4 * f4 + g5 * w5 * f5 + g6 * w6 * f6
-    return x1, v1, o1, r1, last, errors, (absorbed, work, loss, impulse)
-
-
-@kernel
-def _detachment(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_force):  # type: ignore[no-untyped-def]
-    """Size of the step at whose end the contact force vanishes, given that it changes sign within h (Illinois)."""
-    left, right = 0.0, h
-    f_left, f_right = k[2], end_force
-    if f_left <= 0.0:
-        return h
-    size = h
-    for _ in range(30):
-        size = right - f_right * (right - left) / (f_right - f_left)
-        value = _attempt(
-            segment, touching, p, tau, sine, cosine, smooth, s, size, x, v, overlap, rate, k
-        )[4][2]
-        if value > 0.0:
-            left, f_left = size, value
-            f_right *= 0.5
-        else:
-            right, f_right = size, value
-            f_left *= 0.5
-        if right - left <= 1e-6 * h or abs(value) <= 1e-6 * (abs(k[2]) + abs(end_force)):
-            break
-    return size
-
-
-@kernel
-def _turning(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_rate):  # type: ignore[no-untyped-def]
-    """Size of the step at whose end the overlap rate vanishes: the turning point of a hysteretic contact (Illinois)."""
-    left, right = 0.0, h
-    f_left, f_right = rate, end_rate
-    size = h
-    for _ in range(30):
-        size = right - f_right * (right - left) / (f_right - f_left)
-        value = _attempt(
-            segment, touching, p, tau, sine, cosine, smooth, s, size, x, v, overlap, rate, k
-        )[3]
-        if value > 0.0:
-            left, f_left = size, value
-            f_right *= 0.5
-        else:
-            right, f_right = size, value
-            f_left *= 0.5
-        if right - left <= 1e-9 * h or abs(value) <= 1e-12 * abs(rate):
-            break
-    return size
-
-
-@kernel
-def resting_overlap(law, p, push):  # type: ignore[no-untyped-def]
-    """Overlap [m] at which the elastic force alone reaches `push` [N]: the size against which errors are measured."""
-    low, high = 1e-18, 1e3
-    for _ in range(60):
-        middle = math.sqrt(low * high)
-        if force(law, middle, 0.0, middle, p) < push:
-            low = middle
-        else:
-            high = middle
-        if high < 1.1 * low:
-            break
-    return high
+        n[MODE] = FREE
+    return overlap
 
 
 @kernel
@@ -250,7 +137,8 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
     Leaves y at that time and n[MODE] at what comes next: still in contact, overlapped without force, or free.
     `scale`: overlap [m], overlap rate [m/s] and swing [m] below which errors count as absolute.
     """
-    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    touching = _touching(y, n, system, law, hysteretic)
+    side = touching.side
     height, height_rate = segment[10], segment[11]
     slack = 2.0 * system.radius
     moving = 0.0 if side > 0.0 else height_rate
@@ -260,143 +148,123 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
     rate = v - y[GRAIN_RATE] if side > 0.0 else y[GRAIN_RATE] - v - height_rate
     natural = math.sqrt(system.stiffness / system.beam_mass)
     fastest = max(segment[4] if segment[2] != 0.0 or segment[3] != 0.0 else 0.0, natural)
-    longest = 0.15 / fastest
-    smooth = overlap <= 0.0
-    origin, s = (tau, 0.0) if smooth else (0.0, tau)
-    h = y[FIRST_STEP] if smooth else 1e-2 * y[FIRST_STEP] ** 4
-    if smooth:
-        h = min(h, (until - tau) ** 0.25)
-    touching = Touch(
-        law, hysteretic, y[MEMORY], side, system.stiffness, system.damping, system.gravity, 1.0 / system.beam_mass,
-        1.0 / system.beam_mass + 1.0 / system.grain_mass,
-    )  # fmt: skip
+    way = _SMOOTH if overlap <= 0.0 else _PLAIN
+    origin, s = (tau, 0.0) if way == _SMOOTH else (0.0, tau)
+    h = min(y[FIRST_STEP], (until - tau) ** 0.25) if way == _SMOOTH else 1e-2 * y[FIRST_STEP] ** 4
     sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
-    u, w = _support(segment, tau, 0.0, sine, cosine)
-    k = _slope(touching, p, u, w, x, v, overlap, rate)
+    u, w = support_ahead(segment, tau, 0.0, sine, cosine)
+    k = slope(touching, p, u, w, x, v, overlap, rate)
     deepest, quickest = overlap, abs(rate)
     rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
     previous = 0.0
-    first = True
+    taken = 0
+    due = next_sample(n, out, sampling)
     while tau < until:
-        end = tau + h
-        if smooth:
-            end = origin + (s + h) ** 4
-            if end - tau > longest:
-                h = (tau - origin + longest) ** 0.25 - s
-                end = origin + (s + h) ** 4
-        elif h > longest:
-            h = longest
-            end = tau + h
-        finishing = end >= until
-        if finishing:
-            h = (until - origin) ** 0.25 - s if smooth else until - tau
-            end = until
+        h, end, finishing = _fitted(way, h, tau, origin, s, until, (0.3 if way == _RESTING else 0.15) / fastest)
         if n[CONTACT_STEPS] + n[REJECTED] > budget:
             break
-        x1, v1, o1, r1, k1, errors, sums = _attempt(
-            segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k
-        )
+        if way == _RESTING:
+            x1, v1, o1, r1, k1, errors, sums = implicit_step(segment, touching, p, tau, h, x, v, overlap, rate, k)
+        else:
+            x1, v1, o1, r1, k1, errors, sums = explicit_step(
+                segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, h, x, v, overlap, rate, k
+            )
         swing = abs(x - rest) + abs(v) / natural + scale[2]
-        depth = max(abs(o1), overlap, 0.1 * deepest, scale[0], _DEPTH_FLOOR * swing)
-        speed = max(abs(r1), abs(rate), 0.1 * quickest, scale[1], natural * swing)
-        inner, outer = (errors[2] / depth) ** 2 + (errors[3] / speed) ** 2, errors[0] ** 2 + (errors[1] / natural) ** 2
-        error = max(0.5 * math.sqrt(inner + outer / (swing * swing)) / rtol, 1e-6)
-        if not error <= 1.0:
+        # errors as large as a resting grain's overlap would let go of it and catch it again without end
+        depth = max(abs(o1), overlap, 0.1 * deepest, scale[0], min(_DEPTH_FLOOR * swing, scale[0] / rtol))
+        speed = max(abs(r1), abs(rate), 0.1 * quickest, scale[1], min(natural * swing, scale[1] / rtol))
+        if taken > _PATIENCE:
+            depth *= _ENDURANCE if taken > 20 * _PATIENCE else 1.0
+            speed = max(speed, contact_pace(touching, p, overlap, rate)[1] * depth)
+        error = _weighed(errors, depth, speed, swing, natural, rtol)
+        leaving = k1[2] <= 0.0
+        # a whole contact inside the first step: it must be seen, unless it is too faint to matter
+        missed = leaving and taken == 0 and way == _SMOOTH and rate * (end - tau) > 1e-3 * scale[0]
+        if missed or not error <= 1.0:
             n[REJECTED] += 1
-            if math.isnan(error):
+            if missed:
+                h *= 0.5
+            elif math.isnan(error):
                 h *= 0.1
                 if h < 1e-25:
                     x = math.nan  # no step is short enough: the force itself is not a number
                     break
             else:
-                h *= max(0.2, 0.9 * error**-0.2)
+                h *= max(0.2, 0.9 * error ** (-0.25 if way == _RESTING else -0.2))
             continue
-        leaving = k1[2] <= 0.0
-        turning = hysteretic and rate > 0.0 and r1 < 0.0
+        # the kink of a hysteretic law: below the deepest overlap the rate may change its sign without one
+        turning = hysteretic and rate > 0.0 and r1 < 0.0 and overlap >= touching.memory
         size = h
         if turning:
-            size = _turning(
-                segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, r1
+            size = turning_point(
+                way == _RESTING, segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, h, x, v, overlap, rate, k, r1
             )
         elif leaving:
-            size = _detachment(
-                segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, k1[2]
+            size = detachment(
+                way == _RESTING, segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, h, x, v, overlap, rate, k, k1[2]
             )
         if size < h:
-            x1, v1, o1, r1, k1, _errors, sums = _attempt(
-                segment, touching, p, tau, sine, cosine, smooth, s, size, x, v, overlap, rate, k
-            )
-            end = origin + (s + size) ** 4 if smooth else tau + size
+            if way == _RESTING:
+                x1, v1, o1, r1, k1, errors, sums = implicit_step(segment, touching, p, tau, size, x, v, overlap, rate, k)
+            else:
+                x1, v1, o1, r1, k1, errors, sums = explicit_step(
+                    segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, size, x, v, overlap, rate, k
+                )
+            end = origin + (s + size) ** 4 if way == _SMOOTH else tau + size
             leaving = leaving and not turning
+            finishing = False
             if turning:
                 r1 = 0.0
         n[CONTACT_STEPS] += 1
         elapsed = end - tau
-        if first and smooth:
+        if taken == 0 and way == _SMOOTH:
             y[FIRST_STEP] = h
-            first = False
-        lost = sums[0]
-        if hysteretic:
-            lost += energy(law, overlap, y[MEMORY], p) - energy(law, o1, max(o1, y[MEMORY]), p)
-        y[CONTACT_LOSS] += max(0.0, lost)  # a law only takes; the quadrature's negative weights may say otherwise
-        y[INPUT] += sums[1]
-        y[BEAM_LOSS] += sums[2]
-        y[CEILING_WORK] -= moving * sums[3]
+        taken += 1
+        _book(y, touching, p, moving, overlap, o1, sums)
         if observing:
             y[TOUCHING] += elapsed
             note_extreme(y, x1)
             if v * v1 < 0.0:
                 step_extreme(y, elapsed, x, v, k[0], x1, v1, k1[0])
-        while n[SAMPLE] < out.shape[1]:
-            at = sampling[0] + n[SAMPLE] * sampling[1] - sampling[2]
-            if at > end:
-                break
-            fraction = min(1.0, max(0.0, (at - tau) / elapsed))
-            xs = hermite(fraction, elapsed, x, v, k[0], x1, v1, k1[0])
-            depth = hermite(fraction, elapsed, overlap, rate, k[1], o1, r1, k1[1])
-            ceiling = height + height_rate * at
-            u, w = _support(segment, tau, at - tau, sine, cosine)
-            vs = v + fraction * (v1 - v)
-            write_sample(out, n[SAMPLE], u, xs, vs, k[0] + fraction * (k1[0] - k[0]),
-                         xs - depth if side > 0.0 else xs + ceiling - slack + depth, ceiling)  # fmt: skip
-            n[SAMPLE] += 1
+        if due <= end:
+            due = contact_samples(
+                n, out, sampling, segment, side, slack, tau, elapsed, x, v, overlap, rate, k[0], x1, v1, o1, r1, k1[0]
+            )
         tau, x, v, overlap, rate, k = end, x1, v1, o1, r1, k1
-        sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
         s += size
         deepest = max(overlap, 0.9 * deepest)
         quickest = max(abs(rate), 0.9 * quickest)
-        if hysteretic and overlap > y[MEMORY]:
+        if overlap > y[MEMORY]:
             y[MEMORY] = overlap
-            touching = Touch(
-                law, hysteretic, overlap, side, touching.stiffness, touching.damping, touching.gravity,
-                touching.beam_inverse, touching.reduced_inverse,
-            )  # fmt: skip
-        logarithm = math.log(error)
-        growth = 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)
-        previous = max(logarithm, -9.0)
-        h *= min(5.0, max(0.2, growth))
-        if smooth and (rate <= 0.0 or turning):
-            # from the deepest point on plain time: s^4 would only slow the step control down
-            h = 4.0 * s * s * s * h
-            smooth, origin, s = False, 0.0, tau
-        elif not smooth:
-            s = tau
+            if hysteretic:
+                touching = _remember(touching, overlap)
         if leaving:
-            y[CONTACT_LOSS] += energy(law, max(overlap, 0.0), y[MEMORY], p)  # still compressed, but nothing holds it
-            if overlap < 1e-6 * scale[0] or (
-                not hysteretic and release_rate(law, overlap, y[MEMORY], p) == -math.inf
-            ):
-                overlap = 0.0  # without damping the force vanishes only where the surfaces part
-            n[MODE] = (OFF_FLOOR if side > 0.0 else OFF_CEILING) if overlap > 0.0 else FREE
+            overlap = _let_go(y, n, touching, p, overlap, scale[0])
             break
         if overlap > system.radius or finishing:
             break
+        logarithm = math.log(error)
+        if way == _RESTING:
+            h *= min(6.0, max(0.2, 0.9 * math.exp(-0.25 * logarithm)))
+        else:
+            sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
+            h *= min(5.0, max(0.2, 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)))
+        previous = max(logarithm, -9.0)
+        if way == _SMOOTH and (rate <= 0.0 or turning):
+            # from the deepest point on plain time: s^4 would only slow the step control down
+            h = 4.0 * s * s * s * h
+            way, origin = _PLAIN, 0.0
+        if way != _RESTING and taken > _SETTLED and taken % 8 == 0:
+            held_back = elapsed * contact_pace(touching, p, overlap, rate)[0] > _STIFF
+            if held_back or taken > _PATIENCE:
+                way, h = _RESTING, elapsed
+        if way != _SMOOTH:
+            s = tau
     if observing and n[MODE] != ON_FLOOR:
         y[LONGEST] = max(y[LONGEST], sampling[2] + tau - y[BEGUN])
     y[BEAM], y[BEAM_RATE] = x, v
-    ceiling = height + height_rate * tau
     if side > 0.0:
         y[GRAIN], y[GRAIN_RATE] = x - overlap, v - rate
     else:
-        y[GRAIN], y[GRAIN_RATE] = x + ceiling - slack + overlap, v + rate + height_rate
+        y[GRAIN], y[GRAIN_RATE] = x + height + height_rate * tau - slack + overlap, v + rate + height_rate
     return tau

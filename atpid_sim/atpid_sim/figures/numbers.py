@@ -18,7 +18,7 @@ Numbers = dict[str, list[list[float]]]
 
 def numbers_of(figure: Any) -> Numbers:
     """Return what a drawn matplotlib figure shows; not-finite values are left out."""
-    return {f"{place} {axes.get_title()}": _panel(axes) for place, axes in enumerate(figure.axes)}
+    return {f"{place} {_title(axes)}": _panel(axes) for place, axes in enumerate(figure.axes)}
 
 
 def metadata_of(figure: Any) -> dict[str, str]:
@@ -36,6 +36,10 @@ def numbers_in(picture: Path) -> Numbers:
         raise ValueError(f"{picture}: no numbers inside; make it again with `make figures`")
     numbers: Numbers = json.loads(text)
     return numbers
+
+
+def _title(axes: Any) -> str:
+    return "".join(axes.get_title(loc=place) for place in ("left", "center", "right"))
 
 
 def _panel(axes: Any) -> list[list[float]]:

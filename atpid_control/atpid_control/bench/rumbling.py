@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long a run was in rumble, by the true motion: the measure of the bench, not the watch of the controller.
+
+A period rumbles where the beam swings more than 15 % above what the height map promises and is not calming down, the
+ceiling being near or above the best height. Up to four periods in between are bridged: rumble is irregular.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.bench.pure_loop import LoopRun
+from atpid_sim.maps import MapEntry
+
+Array = NDArray[np.float64]
+
+#: Share above the map's amplitude from which a period rumbles, and share of the best height from which it can.
+EXCESS, NEAR = 0.15, 0.9
+
+#: A period is calming down where it swings less than this share of both the last period and the one so many before.
+_FALLING, _BEFORE = 0.97, 8
+
+_BRIDGED = 4
+
+
+def longest_rumble(run: LoopRun, stage: tuple[float, float], best: MapEntry) -> float:
+    """Return the longest stretch of rumble [s] within a stage (t0, t1) [s]; `best`: the map's height and amplitude."""
+    period = 1.0 / run.scene.frequency_hz
+    swings = amplitudes(run)
+    ends = period * np.arange(1, swings.size + 1)
+    heights = np.interp(ends, run.time, run.heights)
+    inside = (ends - period >= stage[0]) & (ends <= stage[1])
+    bad = inside & (swings > (1.0 + EXCESS) * best.amplitude) & (heights > NEAR * best.height) & ~_calming(swings)
+    return period * _longest(np.flatnonzero(bad))
+
+
+def amplitudes(run: LoopRun) -> Array:
+    """Return half the peak-to-peak (n,) [m] of the true beam in each whole period of the excitation."""
+    beam, length = run.beam, run.scene.sensors.laser.rate / run.scene.frequency_hz
+    edges = np.round(length * np.arange(int(beam.size / length) + 1)).astype(int)
+    return np.array([0.5 * np.ptp(beam[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+
+
+def _calming(swings: Array) -> NDArray[np.bool_]:
+    last = np.concatenate((swings[:1], swings[:-1]))
+    before = np.concatenate((np.full(min(_BEFORE, swings.size), np.inf), swings[:-_BEFORE]))
+    calming: NDArray[np.bool_] = (swings < _FALLING * last) & (swings < _FALLING * before)
+    return calming
+
+
+def _longest(places: NDArray[np.intp]) -> int:
+    """Length of the longest run of indices (n,), gaps of up to `_BRIDGED` included."""
+    if places.size == 0:
+        return 0
+    groups = np.split(places, np.flatnonzero(np.diff(places) > _BRIDGED + 1) + 1)
+    return int(max(group[-1] - group[0] + 1 for group in groups))

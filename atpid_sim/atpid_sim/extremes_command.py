@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_sim extremes`: random systems far outside the thesis's range, and a table of what became of them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from atpid_sim.batch import on_all_cores
+from atpid_sim.extremes import BUDGET, TOLERANCE, Case, check, run_case
+from atpid_sim.outcome import NumericalFailure, Outcome
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--systems", type=int, default=1000, metavar="N", help="how many systems; default 1000")
+    parser.add_argument("--first", type=int, default=0, metavar="I", help="index of the first; default 0")
+    parser.add_argument("--seed", type=int, default=1, metavar="S", help="which sequence of systems; default 1")
+    parser.add_argument("--rungs", default="soft,impact", metavar="R,R", help="rungs to run; default soft,impact")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for extremes.json and extremes.md")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a promise."""
+    folder = Path(args.out)
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs = [(index, rung) for index in range(args.first, args.first + args.systems) for rung in args.rungs.split(",")]
+    cases: list[Case] = []
+    with Progress(console=Console(stderr=True)) as bar:
+        task = bar.add_task("extreme systems", total=len(jobs))
+        for _, case in on_all_cores(lambda job: run_case(args.seed, *job), jobs):
+            cases.append(case)
+            bar.update(task, completed=len(cases))
+    broken = [text for case in cases if (text := _broken(case))]
+    summary = _summary(cases, args.seed, broken)
+    (folder / "extremes.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    text = _markdown(cases, summary)
+    (folder / "extremes.md").write_text(text, encoding="utf-8")
+    print(text)
+    if broken:
+        raise NumericalFailure(f"{len(broken)} of {len(cases)} runs broke a promise; the first: {broken[0]}")
+    return 0
+
+
+def _broken(case: Case) -> str:
+    try:
+        check(case)
+    except NumericalFailure as error:
+        return str(error)
+    return ""
+
+
+def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, object]:
+    done = [case for case in cases if case.outcome == Outcome.DONE]
+    steps = np.array([case.steps for case in cases])
+    residuals = np.array([case.residual for case in done] or [0.0])
+    return {
+        "seed": seed,
+        "tolerance": TOLERANCE,
+        "budget": BUDGET,
+        "runs": len(cases),
+        "shortened": sum(case.shortened for case in cases),
+        "outcomes": {outcome.name: count for outcome, count in Counter(case.outcome for case in cases).items()},
+        "not_finite": sum(not case.finite for case in done),
+        "outside": sum(not case.inside for case in done),
+        "energy_from_contact": sum(case.contact_loss < -1e-9 for case in done),
+        "steps": {name: int(np.quantile(steps, q)) for name, q in (("median", 0.5), ("99 %", 0.99), ("largest", 1.0))},
+        "residual": {name: float(np.quantile(residuals, q)) for name, q in (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))},
+        "longest_s": max(case.wall_s for case in cases),
+        "wall_s": sum(case.wall_s for case in cases),
+        "broken": broken,
+    }
+
+
+def _markdown(cases: list[Case], summary: dict[str, object]) -> str:
+    lines = ["| rung | law | runs | done | overlap too deep | other | most steps | median residual |", "|---|---|---|---|---|---|---|---|"]
+    for rung, law in sorted({(case.rung, case.law) for case in cases}):
+        chosen = [case for case in cases if (case.rung, case.law) == (rung, law)]
+        done = [case.residual for case in chosen if case.outcome == Outcome.DONE]
+        deep = sum(case.outcome == Outcome.OVERLAP_TOO_DEEP for case in chosen)
+        middle = f"{np.median(done):.0e}" if done else "-"
+        most = max(case.steps for case in chosen)
+        lines.append(f"| {rung} | {law} | {len(chosen)} | {len(done)} | {deep} | {len(chosen) - len(done) - deep} | {most} | {middle} |")
+    said = [f"- {key}: {value}" for key, value in summary.items() if key != "broken"]
+    return "\n".join([*lines, "", *said, *(f"- BROKEN: {text}" for text in summary["broken"]), ""])  # type: ignore[attr-defined]

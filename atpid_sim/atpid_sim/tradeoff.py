@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed against accuracy on one scene: every rung, method and tolerance against one converged reference."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.contact import contact_of
+from atpid_sim.contact.ids import IMPACT
+from atpid_sim.engine import state
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.peers import PEERS, PeerError, run_peer
+from atpid_sim.run import drive_table, initial_state, ledger_of, stepper_of
+from atpid_sim.scene import Scene
+from atpid_sim.simulate import STEP_BUDGET, advance, half_peak_to_peak, warm_up
+
+Array = NDArray[np.float64]
+
+#: Tolerance of the reference, and of the run it is checked against.
+REFERENCE = 1e-12
+_CONTROL = 1e-11
+#: Starting positions of an ensemble, relative disturbances.
+_ENSEMBLE = tuple(float(d) for d in np.linspace(-1e-6, 1e-6, 8))
+#: Points a period at which trajectories are compared.
+_POINTS = 64
+#: A method that took longer than this at one tolerance is not asked for the next finer one [s].
+PATIENCE = 5.0
+_REPEATS = 15
+
+SOFT = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 1e-8, 1e-9, 1e-10)
+PEER_TOLERANCES = {
+    "odeint": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10),
+    "lsoda": (1e-4, 1e-6, 1e-8),
+    "rk45": (1e-4, 1e-6),
+    "radau": (1e-4, 1e-6),
+    "bdf": (1e-3, 1e-6),
+    "cash_karp": (1e-4, 1e-6, 1e-8, 1e-10),
+    "rkf45": (1e-4, 1e-6, 1e-8, 1e-10),
+    "rk4": (1e-4, 3e-5, 1e-5, 3e-6),
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """One method at one tolerance on one scene; errors relative to the reference's amplitude."""
+
+    method: str
+    tolerance: float  # for rk4 the step [s]
+    time_s: float  # median, compiled, first call excluded; of the computing thread, so that other programs do not count
+    amplitude: float  # [m]
+    amplitude_error: float
+    trajectory_error: float  # largest |dx_s| in the window over the amplitude
+    energy_residual: float | None
+    note: str
+    front: bool = False
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The converged run: amplitude [m], how well two tolerances agree, the beam (n,) [m] at times (n,) [s]."""
+
+    amplitude: float
+    agreement: float
+    spread: tuple[float, float, float] | None  # of an ensemble, where no tolerance reproduces the amplitude
+    times: Array
+    beam: Array
+
+
+class _Run:
+    """One rung at one tolerance on a scene, ready to be timed."""
+
+    def __init__(self, scene: Scene, rung: str, rtol: float) -> None:
+        self._scene = scene
+        self._table = drive_table(scene, scene.steady_window)
+        self._stepper = stepper_of(scene, rung, rtol)
+        warm_up(self._stepper)
+
+    def go(self, times: Array | None = None, disturbance: float = 0.0) -> tuple[float, Array, float, float]:
+        """Return amplitude [m], the beam at evenly spaced `times` (n,), the ledger's residual, and the time taken [s]."""
+        out = np.zeros((state.ROWS, 0 if times is None else len(times)))
+        sampling = (0.0, 1.0) if times is None else (float(times[0]), float(times[1] - times[0]))
+        y, n = initial_state(self._scene, disturbance)
+        first = y.copy()
+        begin = time.thread_time()
+        advance(self._stepper, self._table, y, n, self._scene.steady_window, sampling, out, _NO_LOG, 100 * STEP_BUDGET)
+        wall = time.thread_time() - begin
+        ledger = ledger_of(self._scene, self._table, first, y, int(n[state.MODE]))
+        return half_peak_to_peak(y), out[state.S_BEAM, : n[state.SAMPLE]], ledger.residual, wall
+
+
+def reference_of(scene: Scene) -> Reference:
+    """Return the reference of a scene; two tolerances that disagree by a thousandth make it an ensemble."""
+    begin, end = scene.steady_window
+    count = int((end - begin) * scene.frequency_hz * _POINTS)
+    times = begin + np.arange(count) * (end - begin) / count
+    rung = "impact" if contact_of(scene).law == IMPACT else "soft"
+    amplitude, beam, _, _ = _Run(scene, rung, REFERENCE).go(times)
+    other = _Run(scene, rung, _CONTROL).go()[0]
+    agreement = abs(other / amplitude - 1.0)
+    spread = None
+    if agreement > 1e-3:
+        run = _Run(scene, rung, 1e-7)
+        values = sorted(run.go(None, d)[0] for d in _ENSEMBLE)
+        spread = values[0], statistics.median(values), values[-1]
+    return Reference(amplitude, agreement, spread, times, beam)
+
+
+def measure(scene: Scene, reference: Reference, patience: float = PATIENCE) -> Iterator[Point]:
+    """Yield one point after another: the rungs, then the peers from loose to fine until their patience ends."""
+    if contact_of(scene).law != IMPACT:
+        for rtol in SOFT:
+            yield _rung(scene, "soft", rtol, reference)
+    yield _rung(scene, "impact", scene.tolerance, reference)
+    yield _rung(scene, "simplified", scene.tolerance, reference)
+    for method in PEERS:
+        for tolerance in PEER_TOLERANCES[method]:
+            try:
+                point = _peer(scene, method, tolerance, reference)
+            except PeerError:
+                return
+            yield point
+            if point.time_s > patience:
+                break
+
+
+def with_front(points: list[Point]) -> list[Point]:
+    """Return the points with those marked that no other beats in both time and amplitude error."""
+    marked = []
+    for point in points:
+        beaten = any(
+            q.time_s <= point.time_s and q.amplitude_error <= point.amplitude_error and q != point for q in points
+        )
+        marked.append(Point(**(asdict(point) | {"front": not beaten and math.isfinite(point.amplitude_error)})))
+    return marked
+
+
+def answers(points: list[Point]) -> list[dict[str, Any]]:
+    """Return what to run for an amplitude error of 1 %, 0.1 %, 1e-6, and how long LSODA takes for the same."""
+    found = []
+    for target in (1e-2, 1e-3, 1e-6):
+        ours = _quickest([p for p in points if p.method in ("soft", "impact", "simplified")], target)
+        theirs = _quickest([p for p in points if p.method in ("odeint", "lsoda")], target)
+        found.append(
+            {
+                "error": target,
+                "run": None if ours is None else f"{ours.method}, rtol {ours.tolerance:g}",
+                "time_s": None if ours is None else ours.time_s,
+                "lsoda": None if theirs is None else f"{theirs.method}, rtol {theirs.tolerance:g}",
+                "lsoda_time_s": None if theirs is None else theirs.time_s,
+                "ratio": None if ours is None or theirs is None else theirs.time_s / ours.time_s,
+            }
+        )
+    return found
+
+
+def _quickest(points: list[Point], target: float) -> Point | None:
+    """Return the quickest point within the target, whose method stays within it at every finer tolerance too."""
+    within = [p for p in points if p.amplitude_error <= target and _stays(p, points, target)]
+    return min(within, key=lambda p: p.time_s, default=None)
+
+
+def _stays(point: Point, points: list[Point], target: float) -> bool:
+    finer = (p for p in points if p.method == point.method and p.tolerance < point.tolerance)
+    return all(p.amplitude_error <= target for p in finer)
+
+
+def _rung(scene: Scene, rung: str, rtol: float, reference: Reference) -> Point:
+    run = _Run(scene, rung, rtol)
+    try:
+        amplitude, beam, residual, wall = run.go(reference.times)
+    except NumericalFailure as error:
+        return Point(rung, rtol, math.nan, math.nan, math.nan, math.nan, None, str(error))
+    repeats = _REPEATS if wall < 0.1 else 3
+    wall = statistics.median(run.go()[3] for _ in range(repeats))
+    return _point(rung, rtol, wall, amplitude, beam, residual, "", reference)
+
+
+def _peer(scene: Scene, method: str, tolerance: float, reference: Reference) -> Point:
+    result = run_peer(scene, method, tolerance)
+    walls = [result.wall_s]
+    while len(walls) < 5 and sum(walls) < 0.5:
+        walls.append(run_peer(scene, method, tolerance).wall_s)
+    note = result.message or ("grain left the container" if result.escaped else "")
+    sound = len(result.times) > 1 and math.isfinite(result.amplitude)
+    beam = result.beam_at(reference.times) if sound else np.full(len(reference.times), math.nan)
+    wall = statistics.median(walls)
+    return _point(method, tolerance, wall, result.amplitude, beam, result.energy_residual, note, reference)
+
+
+def _point(
+    method: str, tolerance: float, wall: float, amplitude: float, beam: Array, residual: float, note: str,
+    reference: Reference,
+) -> Point:  # fmt: skip
+    error = abs(amplitude / reference.amplitude - 1.0)
+    length = min(len(beam), len(reference.beam))
+    apart = float(np.max(np.abs(beam[:length] - reference.beam[:length]), initial=0.0)) / reference.amplitude
+    return Point(method, tolerance, wall, amplitude, error, apart, abs(residual), note)
+
+
+_NO_LOG = np.zeros((0, state.COLUMNS))

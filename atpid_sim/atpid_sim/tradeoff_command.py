@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_sim tradeoff`: the speed-accuracy table of a scene (JSON, Markdown) and its picture (PNG)."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from atpid_sim.figures.numbers import metadata_of
+from atpid_sim.scene import load_scene
+from atpid_sim.tradeoff import PATIENCE, Point, Reference, answers, measure, reference_of, with_front
+
+#: Smallest error drawn: below it the reference itself is in doubt.
+_FLOOR = 1e-12
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("scene", metavar="SCENE.yaml", help="what to measure on (docs/scenes.md)")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for tradeoff.json, tradeoff.md, tradeoff.png")
+    parser.add_argument(
+        "--patience", type=float, default=PATIENCE, metavar="S", help="a method slower than this [s] stops getting finer"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure everything on one scene; return 0. Raises SceneError, NumericalFailure."""
+    scene = load_scene(args.scene)
+    console = Console(stderr=True)
+    folder = Path(args.out)
+    folder.mkdir(parents=True, exist_ok=True)
+    with console.status("reference") as status:
+        reference = reference_of(scene)
+        points: list[Point] = []
+        for point in measure(scene, reference, args.patience):
+            points.append(point)
+            status.update(f"{point.method} {point.tolerance:g}: {1e3 * point.time_s:.2f} ms")
+    points = with_front(points)
+    found = answers(points) if reference.spread is None else []
+    text = _markdown(Path(args.scene).name, reference, points, found)
+    (folder / "tradeoff.json").write_text(json.dumps(_plain(args.scene, reference, points, found), indent=1) + "\n")
+    (folder / "tradeoff.md").write_text(text, encoding="utf-8")
+    _draw(Path(args.scene).stem, reference, points, folder / "tradeoff.png")
+    print(text)
+    return 0
+
+
+def _plain(scene: str, reference: Reference, points: list[Point], found: list[dict[str, Any]]) -> dict[str, Any]:
+    rows = [{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(p).items()} for p in points]
+    return {
+        "scene": Path(scene).name,
+        "reference": {
+            "amplitude": reference.amplitude,
+            "agreement": reference.agreement,
+            "spread": reference.spread,
+        },
+        "points": rows,
+        "answers": found,
+    }
+
+
+def _markdown(name: str, reference: Reference, points: list[Point], found: list[dict[str, Any]]) -> str:
+    lines = [f"Scene `{name}`; {_said(reference)}", ""]
+    if reference.spread is None:
+        lines += ["| method | tolerance | time [ms] | amplitude error | trajectory error | energy residual | |"]
+    else:
+        lines += ["| method | tolerance | time [ms] | amplitude [m] | inside the spread | energy residual | |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    lines += [_row(point, reference) for point in points]
+    if found:
+        lines += ["", "| error of the amplitude | run | time [ms] | LSODA (scipy, compiled right-hand side) | time [ms] | ratio |", "|---|---|---|---|---|---|"]  # fmt: skip # noqa: E501
+        lines += [_answer(answer) for answer in found]
+    return "\n".join([*lines, ""])
+
+
+def _said(reference: Reference) -> str:
+    if reference.spread is None:
+        return f"reference {reference.amplitude:.12g} m, two tolerances agree to {reference.agreement:.0e}."
+    low, middle, high = reference.spread
+    return (
+        f"chaotic: two tolerances of 1e-11 and 1e-12 differ by {reference.agreement:.0%}, so there is no reference to be "
+        f"near. An ensemble of starts 1e-6 apart gives {low:.4g} to {high:.4g} m, median {middle:.4g} m: what a single "
+        "run gives, by any method, is one draw."
+    )
+
+
+def _row(point: Point, reference: Reference) -> str:
+    residual = "" if point.energy_residual is None else f"{point.energy_residual:.0e}"
+    note = point.note + (" **front**" if point.front and reference.spread is None else "")
+    if reference.spread is None:
+        middle = f"{point.amplitude_error:.1e} | {point.trajectory_error:.1e}"
+    else:
+        inside = reference.spread[0] <= point.amplitude <= reference.spread[2]
+        middle = f"{point.amplitude:.5g} | {'yes' if inside else 'no'}"
+    return f"| {point.method} | {point.tolerance:g} | {1e3 * point.time_s:.3g} | {middle} | {residual} | {note.strip()} |"
+
+
+def _answer(answer: dict[str, Any]) -> str:
+    ours = "none of ours" if answer["run"] is None else answer["run"]
+    theirs = "not reached" if answer["lsoda"] is None else answer["lsoda"]
+    times = ["" if answer[key] is None else f"{1e3 * answer[key]:.3g}" for key in ("time_s", "lsoda_time_s")]
+    ratio = "" if answer["ratio"] is None else f"{answer['ratio']:.0f}"
+    return f"| {answer['error']:g} | {ours} | {times[0]} | {theirs} | {times[1]} | {ratio} |"
+
+
+def _draw(name: str, reference: Reference, points: list[Point], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(9.0, 5.5), layout="constrained")
+    drawn = [p for p in points if math.isfinite(p.amplitude_error) and math.isfinite(p.time_s)]
+    for number, method in enumerate(dict.fromkeys(p.method for p in drawn)):
+        chosen = [p for p in drawn if p.method == method]
+        own = method in ("soft", "impact", "simplified")
+        axes.plot(
+            [1e3 * p.time_s for p in chosen], [max(p.amplitude_error, _FLOOR) for p in chosen],
+            marker="o" if own else "s", linestyle="-" if own else "--", linewidth=1.8 if own else 1.0,
+            markersize=6 if own else 4, color=f"C{number}" if number < 10 else "k", label=method,
+        )  # fmt: skip
+    front = sorted((p for p in drawn if p.front), key=lambda p: p.time_s)
+    if reference.spread is None:
+        axes.plot(
+            [1e3 * p.time_s for p in front], [max(p.amplitude_error, _FLOOR) for p in front],
+            "o", markersize=13, fillstyle="none", color="k", linestyle="none", label="nothing better (front)",
+        )  # fmt: skip
+    else:
+        width = (reference.spread[2] - reference.spread[0]) / reference.amplitude
+        axes.axhspan(_FLOOR, max(width, _FLOOR), color="0.9", zorder=0, label="within the spread of the ensemble")
+    title = f"{name}: time against error" + ("" if reference.spread is None else " (chaotic: no method can converge)")
+    axes.set(xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel="error of the amplitude [-]", title=title)
+    axes.grid(visible=True, which="major", alpha=0.3)
+    axes.legend(fontsize=8, ncols=2)
+    figure.savefig(path, dpi=130, metadata=metadata_of(figure))
+    pyplot.close(figure)

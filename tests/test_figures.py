@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures of README and docs show what is computed now.
+
+No pixels are compared: each PNG carries the numbers of its curves (atpid_sim.figures.numbers). Those that take seconds
+are drawn again and compared; the whole set is made by `make figures`.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from atpid_control.figures import identification, selection
+from atpid_sim.figures import contact, free_decay
+from atpid_sim.figures.numbers import Numbers, numbers_in, numbers_of
+from atpid_sim.maps import HeightMap
+
+ROOT = Path(__file__).resolve().parent.parent
+PICTURES = sorted(ROOT.glob("docs/**/*.png"))
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+#: Of the largest value on the axis: what processors round otherwise is far below, a changed model above.
+CLOSE = 0.01
+
+
+def shown() -> dict[Path, Path]:
+    """Return each picture a page shows, with that page."""
+    found = re.compile(r"!\[[^]]*\]\(([^)\s]+)\)")
+    return {(page.parent / name).resolve(): page for page in PAGES for name in found.findall(page.read_text())}
+
+
+def bench_again(folder: Path) -> Numbers:
+    command = [sys.executable, "-m", "atpid_control", "bench", "scenes/thesis_4_3.yaml", "--out", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110.0)
+    assert done.returncode == 0, done.stderr
+    return numbers_in(folder / "overview.png")
+
+
+#: The pictures made again here; one of the identifier's stands for the others, which take a minute.
+AGAIN: dict[str, Callable[[Path], Numbers]] = {
+    "bench": bench_again,
+    "contact_laws": lambda folder: numbers_in(contact.draw(folder)[0]),
+    "free_decay": lambda folder: numbers_in(free_decay.draw(folder)[0]),
+    "identification_ramps": lambda folder: numbers_of(identification.draw_ramps()),
+    "selection_map": lambda folder: numbers_in(selection.draw_map(folder, HeightMap.load(selection._SHIPPED))),
+}
+
+
+def test_every_picture_shown_exists_and_every_picture_is_shown() -> None:
+    assert [f"{page.name}: {path.name}" for path, page in shown().items() if not path.is_file()] == []
+    assert [path.name for path in PICTURES if path not in shown()] == []
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.name)
+def test_every_picture_carries_its_numbers(picture: Path) -> None:
+    panels = numbers_in(picture)
+    assert any(curves for curves in panels.values())
+
+
+@pytest.mark.parametrize("name", AGAIN)
+def test_a_picture_shows_what_is_computed_now(name: str, tmp_path: Path) -> None:
+    now, printed = AGAIN[name](tmp_path), numbers_in(ROOT / "docs/figures" / f"{name}.png")
+    assert differences(printed, now) == [], f"{name}.png is out of date: run `make figures`"
+
+
+def differences(printed: Numbers, now: Numbers) -> list[str]:
+    """Describe each curve whose numbers are others; panels and curves must be the same."""
+    if {panel: len(curves) for panel, curves in printed.items()} != {
+        panel: len(curves) for panel, curves in now.items()
+    }:
+        return [f"other panels or curves: {list(printed)}, now {list(now)}"]
+    return [
+        f"{panel}, curve {place}: {one}, now {other}"
+        for panel, curves in printed.items()
+        for place, (one, other) in enumerate(zip(curves, now[panel], strict=True))
+        if not alike(one, other)
+    ]
+
+
+def alike(one: list[float], other: list[float]) -> bool:
+    """Compare (smallest, largest, mean) of x, then of y, each by its own largest value."""
+    scales = [max(map(abs, one[part : part + 3])) for part in range(0, len(one), 3) for _ in range(3)]
+    same_length = len(one) == len(other)
+    return same_length and all(abs(a - b) <= CLOSE * s for a, b, s in zip(one, other, scales, strict=True))
