@@ -16,7 +16,7 @@ from atpid_sim.maps import MapEntry
 Array = NDArray[np.float64]
 
 #: Share above the map's amplitude from which a period rumbles, and share of the best height from which it can.
-EXCESS, NEAR = 0.15, 0.9
+EXCESS, NEAR = 0.15, 0.95
 
 #: A period is calming down where it swings less than this share of both the last period and the one so many before.
 _FALLING, _BEFORE = 0.97, 8

@@ -56,8 +56,9 @@ class SearchServer:
             self._ended.set_result(None)
 
     def close(self) -> None:
-        """Take the action down."""
-        self._server.destroy()
+        """Take the action down; a second time does nothing."""
+        if self._server in self._node.waitables:
+            self._server.destroy()
 
     def _asked(self, goal: SearchHeight.Goal) -> GoalResponse:
         """Refuse, with the reason in the log, what cannot be searched."""

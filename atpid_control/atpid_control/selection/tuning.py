@@ -12,7 +12,7 @@ _SHARE, _DIVISOR = 0.10, 1.5
 _DONE = 0.01
 
 #: And no later than this many heights, or turns (the step is then half a percent): the thesis needed 16 heights.
-_MOST, _TURNS = 30, 12
+_MOST, _TURNS = 24, 12
 
 Probe = Callable[[float], float]
 

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the documentation says: its commands, links, headings and the names it mentions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("bags/*.md"))]
+MADE = {".venv", ".git", "build", "install", "log", "out", "src", "__pycache__"}
+
+_COMMAND = re.compile(r"(?:sudo )?(?:make|python -m|ros2|\. ros2_ws/activate)\b.*")
+_LINK = re.compile(r"\[[^]]*\]\(([^)\s]+)\)")
+
+
+class Said(NamedTuple):
+    """A piece of text and the page it stands on."""
+
+    page: str
+    text: str
+
+
+def files() -> list[Path]:
+    """Return every file of the project that is not made by set-up or a run."""
+
+    def below(folder: Path) -> Iterator[Path]:
+        for path in folder.iterdir():
+            if path.name in MADE or path.is_symlink():
+                continue
+            yield from below(path) if path.is_dir() else [path]
+
+    return list(below(ROOT))
+
+
+def code(page: Path) -> Iterator[str]:
+    """Return each indented or fenced line, and each `span` of the other lines."""
+    fenced = False
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if line.startswith("```"):
+            fenced = not fenced
+        elif fenced or line.startswith("    "):
+            yield line.strip()
+        else:
+            yield from re.findall(r"`([^`]+)`", line)
+
+
+def pieces() -> list[Said]:
+    """Return all code of all pages."""
+    return [Said(page.name, text.replace("\\|", "|")) for page in PAGES for text in code(page)]
+
+
+def commands() -> list[Said]:
+    """Return what a reader may type, without the remark after it."""
+    found = [Said(page, _COMMAND.search(text)) for page, text in pieces()]  # type: ignore[arg-type]
+    whole = [Said(page, match[0]) for page, match in found if match and match.start() <= len('eval "$(')]  # type: ignore[index, union-attr]
+    return [Said(page, re.split(r"\s+# ", text)[0].strip()) for page, text in whole]
+
+
+def links(page: Path) -> list[str]:
+    """Return the targets of a page's links that lie in the project."""
+    return [target for target in _LINK.findall(page.read_text(encoding="utf-8")) if "://" not in target]
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors a page's headings get."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    headings = re.findall(r"^#+ +(.+)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation is true: its commands run, its links lead somewhere, and what it names exists."""
+
+from __future__ import annotations
+
+import contextlib
+import fnmatch
+import functools
+import importlib
+import importlib.util
+import io
+import re
+import runpy
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+from documented import PAGES, ROOT, Said, anchors, commands, files, links, pieces
+
+#: The tests that run a documented command, or a shorter one like it: file, pattern for the command's beginning, test.
+RUN = {
+    "tests/test_bootstrap.py": {
+        r"\. ros2_ws/activate$": "test_an_activated_shell_finds_what_a_fresh_one_does",
+        r"make setup$": "test_a_second_run_does_nothing",
+    },
+    "tests/test_docs.py": {r"python -m atpid_control report ": "test_the_report_of_the_recorded_bag"},
+    "tests/test_figures.py": {
+        r"make (bench|figures)$": "test_a_picture_shows_what_is_computed_now",
+        r"python -m atpid_control bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
+        r"python -m atpid_sim\.figures\.(contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
+    },
+    "tests/test_emulated_stand.py": {
+        r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
+        r"python -m atpid_driver standin": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
+        r"python -m atpid_driver\.nodes\.feed_node": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
+        r"python -m atpid_driver\.emulator run": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
+    },
+    "tests/test_graph_real_time.py": {
+        r"python -m atpid_control bench .*--real-time": "test_nothing_is_lost_in_real_time"
+    },
+    "tests/test_replay.py": {r"ros2 run atpid_control replay_node": "test_ctrl_c_ends_a_replay_quietly"},
+    "atpid_sim/test/test_cli.py": {
+        r"python -m atpid_sim simulate ": "test_simulate_without_json_is_a_table_for_people",
+        r"python -m atpid_sim map ": "test_map_writes_a_map_and_a_header",
+    },
+    "atpid_sim/test/test_scene.py": {
+        r"python -m atpid_sim\.figures\.scenes$": "test_the_documented_tables_are_the_schema"
+    },
+    "atpid_control/test/test_select_command.py": {
+        r"python -m atpid_control select ": "test_json_is_one_object_and_nothing_else"
+    },
+    "atpid_control/test/test_beam_calibration.py": {
+        r"python -m atpid_control calibrate-beam .*--with-added": "test_two_recordings_through_the_command",
+        r"python -m atpid_control calibrate-beam ": "test_the_command_writes_a_beam_block_a_scene_takes",
+    },
+    "atpid_control/test/test_recording.py": {
+        r"python -m atpid_control\.recording verify": "test_verify_prints_what_it_read",
+        r"python -m atpid_control\.recording repair": "test_what_is_no_bag_is_one_line",
+        r"python -m atpid_control\.recording extract": "test_what_a_bag_keeps_can_be_taken_out",
+    },
+    "atpid_driver/test/test_calibration.py": {
+        r"python -m atpid_driver calibrate ": "test_the_command_makes_a_file_and_a_picture",
+        r"python -m atpid_driver reading ": "test_readings_are_taken_from_the_device",
+    },
+    "atpid_driver/test/test_acquisition_load.py": {
+        r"python -m atpid_driver load ": "test_nothing_is_lost_at_full_rate"
+    },
+    "atpid_driver/test/test_acquisition_node.py": {
+        r"ros2 run atpid_driver labjack_node": "test_interrupted_the_process_leaves_cleanly"
+    },
+    "atpid_driver/test/test_motor_process.py": {
+        r"ros2 run atpid_driver motor_node": "test_ctrl_c_in_motion_stops_the_motor_at_once"
+    },
+    "atpid_driver/test/test_firmware_frames.py": {
+        r"make firmware$": "test_100_000_harmful_frames_move_nothing",
+        r"make -C atpid_driver/firmware TABLE=": "test_lookup_takes_the_nearest_amplitude",
+        r"python -m atpid_driver\.emulator fuzz": "test_100_000_harmful_frames_move_nothing",
+    },
+}
+#: Commands no test runs, and why. That ours exist and take the options shown is tested all the same.
+NOT_RUN = {
+    r"make test$": "it runs this",
+    r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
+    r"make -C atpid_driver/firmware flash": "needs a board",
+    r"python -m serial\.tools\.miniterm": "needs a board",
+    r"python -m nidaqmx installdriver$": "installs NI's driver",
+    r"python -m atpid_(sim|control) (tradeoff|extremes|sweep|seeds|figures) ": "minutes; their parts have tests of their own",
+    r"ros2 launch( |$)": "the wheels have no launch; tests/test_launch.py and test_replay.py read the files",
+    r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag (info|play))": "the wheels have no ros2",
+}
+#: Options of programs that are not ours.
+FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--symlink-install"}
+#: Names of files that runs make, that the reader gives, or that belong to others.
+MADE_OR_GIVEN = {
+    "MAP.npz", "READINGS.csv", "scenes/a.yaml", "stdint.h", "SCENE.yaml", "bag_0.mcap", "run_0.mcap", "FILE.h", "beam.yaml", "grain.png",
+    "laser_support_A17.yaml", "metadata.yaml", "overview.png", "parameters.yaml", "readings.csv", "report.html",
+    "scene.yaml", "summary.json", "table.h", "tradeoff.json", "tradeoff.md", "tradeoff.png",
+}  # fmt: skip
+_FILE = re.compile(
+    r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"
+)
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+
+
+def ours() -> list[Said]:
+    """Return the documented `python -m` commands of the project's own command lines."""
+    programs = [said for said in commands() if said.text.startswith("python -m atpid_")]
+    return [said for said in programs if "--ros-args" not in said.text]
+
+
+@functools.cache
+def help_of(module: str, *words: str) -> str:
+    """Return what `python -m module words --help` prints."""
+    said, before = io.StringIO(), sys.argv
+    sys.argv = [module, *words, "--help"]
+    try:
+        with contextlib.redirect_stdout(said), warnings.catch_warnings(), contextlib.suppress(SystemExit):
+            warnings.simplefilter("ignore", RuntimeWarning)  # it is imported already
+            runpy.run_module(module, run_name="__main__", alter_sys=True)
+    finally:
+        sys.argv = before
+    return said.getvalue()
+
+
+def help_for(command: str) -> str:
+    """Return the help of the sub-command a documented command uses."""
+    module, *words = command.removeprefix("python -m ").split()
+    named = [re.fullmatch(r"[a-z][a-z-]*", word.strip('")')) for word in words[:2]]
+    used = [match[0] for match in named if match]
+    return help_of(module.strip('")'), *(used if named and named[0] else []))
+
+
+def patterns() -> list[str]:
+    return [pattern for tests in RUN.values() for pattern in tests] + list(NOT_RUN)
+
+
+def test_every_documented_command_is_run_or_there_is_a_reason() -> None:
+    known = re.compile("|".join(patterns()))
+    assert [said for said in commands() if not known.match(said.text)] == []
+
+
+def test_the_tests_named_for_commands_exist() -> None:
+    named = [(file, name) for file, tests in RUN.items() for name in tests.values()]
+    assert [place for place in named if f"def {place[1]}(" not in (ROOT / place[0]).read_text()] == []
+
+
+def test_every_pattern_is_needed() -> None:
+    typed = [said.text for said in commands()]
+    assert [pattern for pattern in patterns() if not any(re.match(pattern, text) for text in typed)] == []
+
+
+@pytest.mark.parametrize("said", sorted(set(ours())), ids=lambda said: said.text[10:60])
+def test_the_command_is_there_and_takes_these_options(said: Said) -> None:
+    if len(said.text.split()) == 3:  # a module without arguments
+        assert importlib.util.find_spec(said.text.split()[2]) is not None
+        return
+    printed = help_for(said.text)
+    assert printed.startswith("usage: "), said
+    assert [option for option in _OPTION.findall(said.text) if option not in printed] == []
+
+
+def test_every_option_mentioned_belongs_to_a_command() -> None:
+    known = FOREIGN_OPTIONS | {option for said in ours() for option in _OPTION.findall(help_for(said.text))}
+    mentioned = [
+        (said.page, option) for said in pieces() if said.text.startswith("--") for option in _OPTION.findall(said.text)
+    ]
+    assert [(page, option) for page, option in mentioned if option not in known] == []
+
+
+def test_every_make_target_exists() -> None:
+    for said in commands():
+        words = said.text.removeprefix("sudo ").split()
+        if words[0] != "make":
+            continue
+        folder = Path(words[words.index("-C") + 1]) if "-C" in words else Path()
+        targets = re.findall(r"^([a-z-]+):", (ROOT / folder / "Makefile").read_text(), flags=re.MULTILINE)
+        named = [word for word in words[1:] if "=" not in word and word not in ("-C", str(folder))]
+        assert set(named) <= set(targets), said
+
+
+def test_every_file_mentioned_exists() -> None:
+    there = [f"/{path.relative_to(ROOT)}" for path in files()]
+
+    def known(name: str) -> bool:
+        if name in MADE_OR_GIVEN or name.startswith(("out/", "/", "KEPT/", "path/to/")):
+            return True
+        return bool(fnmatch.filter(there, f"*/{name.removeprefix('./')}"))
+
+    mentioned = {(said.page, name) for said in pieces() for name in _FILE.findall(said.text)}
+    assert sorted((page, name) for page, name in mentioned if not known(name)) == []
+
+
+def test_every_module_mentioned_exists() -> None:
+    names = {(said.page, name) for said in pieces() for name in re.findall(r"\batpid_\w+(?:\.\w+)+", said.text)}
+    dotted = [(page, name) for page, name in names if not _FILE.search(name) and not name.endswith("npz")]
+    assert sorted((page, name) for page, name in dotted if not importable(name)) == []
+
+
+def importable(name: str) -> bool:
+    """Whether the dotted name is a module, or something in one."""
+    if importlib.util.find_spec(name.split(".")[0]) is None:
+        return False
+    with contextlib.suppress(ModuleNotFoundError):
+        return importlib.import_module(name) is not None
+    module, _, last = name.rpartition(".")
+    return "." in name and importable(module) and hasattr(importlib.import_module(module), last)
+
+
+@pytest.mark.parametrize(
+    "page", [p for p in files() if p.suffix == ".md"], ids=lambda path: str(path.relative_to(ROOT))
+)
+def test_links_lead_somewhere(page: Path) -> None:
+    broken = []
+    for target in links(page):
+        name, _, anchor = target.partition("#")
+        place = (page.parent / name).resolve() if name else page
+        if not place.exists() or (anchor and anchor not in anchors(place)):
+            broken.append(target)
+    assert broken == []
+
+
+def test_the_index_names_every_page() -> None:
+    index = {(ROOT / "docs" / target.partition("#")[0]).resolve() for target in links(ROOT / "docs/README.md")}
+    assert [
+        page.name for page in PAGES if page.parent.name == "docs" and page.name != "README.md" and page not in index
+    ] == []
+
+
+def test_the_report_of_the_recorded_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from atpid_control.cli import main
+
+    (bag,) = (path.parent for path in ROOT.glob("bags/*/metadata.yaml"))
+    assert main(["report", str(bag), "--out", str(tmp_path / "report")]) == 0
+    assert str(tmp_path / "report" / "report.html") in capsys.readouterr().out
+    assert (tmp_path / "report" / "overview.png").is_file()
