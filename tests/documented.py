@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("bags/*.md"))]
-MADE = {".venv", ".git", "build", "install", "log", "out", "src", "__pycache__"}
+MADE = {"build", "install", "log", "out", "src", "__pycache__"}
 
 _COMMAND = re.compile(r"(?:sudo )?(?:make|python -m|ros2|\. ros2_ws/activate)\b.*")
 _LINK = re.compile(r"\[[^]]*\]\(([^)\s]+)\)")
@@ -28,7 +28,7 @@ def files() -> list[Path]:
 
     def below(folder: Path) -> Iterator[Path]:
         for path in folder.iterdir():
-            if path.name in MADE or path.is_symlink():
+            if path.name in MADE or path.is_symlink() or (path.name.startswith(".") and path.name != ".ci"):
                 continue
             yield from below(path) if path.is_dir() else [path]
 

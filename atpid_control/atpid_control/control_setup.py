@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 from atpid_control import hold, identification
 from atpid_control.controller import Controller, ProfileController, SelectingController
-from atpid_control.selection import HeightSelector
+from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.step_back import StepBack
 from atpid_control.watch import DriftAlarm, SteadyTwin
 from atpid_control.watch.reality import RealityCheck
@@ -16,6 +17,17 @@ from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
 Value = Callable[[str], Any]
+
+
+def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None) -> HeightSelector:
+    """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where it cannot be."""
+    if method != "direct":
+        return make_selector(method, scene, height_map)
+    # here, since only this method has to load the simulation
+    from atpid_control.selection.direct import DirectSelector
+    from atpid_control.selection.margin import Uncertainty
+
+    return DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
 
 
 def controller_of(value: Value, scene: Scene, selector: HeightSelector) -> Controller:

@@ -101,9 +101,7 @@ class SelectingController:
         """Hold the beam against the twin where excitation, ceiling and beam have settled."""
         if self._reality is None or not self._retreat.settled or estimate.quality != Quality.STEADY:
             return Answer(self._command)
-        said = self._reality.check(
-            time, (estimate.amplitude, estimate.frequency), height, estimate.beam_amplitude
-        )
+        said = self._reality.check(time, (estimate.amplitude, estimate.frequency), height, estimate.beam_amplitude)
         if math.isnan(self._command.predicted_amplitude):
             # stepped back, at the end of the range, or a method that does not know
             self._command = replace(self._command, predicted_amplitude=self._reality.expected)

@@ -19,7 +19,7 @@ class StepBack:
 
     share: float  # of the clearance above the lowest height given up each time [-]
     settle: int  # estimates after the ceiling has come to rest in which the beam may do anything
-    count: int  # estimates in a row that rumble after that, before each step
+    count: int  # estimates that rumble after that, fading ones left out, before each step
     excess: float  # amplitude of the beam above the predicted that is more than inaccuracy [-]
     memory: float  # change of the excitation's amplitude over which a step back is remembered [-]
 
@@ -42,7 +42,7 @@ class Retreat:
         """Take the settings and the lowest height of the ceiling [m]."""
         self._settings, self._lowest = settings, lowest
         self._rumbling = False
-        self._rumbled = 0  # estimates in a row for which the height is to blame
+        self._rumbled = 0  # estimates for which the height is to blame
         self._stood = 0  # estimates in a row with the ceiling where it was sent
         self._swings: deque[float] = deque(maxlen=_DECAY)  # the beam's latest amplitudes [m]
         self._amplitude = math.nan  # of the excitation it stepped back at [m]
@@ -69,8 +69,9 @@ class Retreat:
         dying = len(self._swings) == _DECAY and swing < _FALLING * self._swings[0]
         as_expected = swing <= (1.0 + self._settings.excess) * expected
         self._stood = self._stood + 1 if standing else 0
-        to_blame = self._rumbling and self._stood > self._settings.settle and not dying and not as_expected
-        self._rumbled = self._rumbled + 1 if to_blame else 0
+        to_blame = self._rumbling and self._stood > self._settings.settle and not as_expected
+        # a rumble swells and fades: while it fades nothing is counted, and nothing forgotten
+        self._rumbled = (self._rumbled + (not dying)) if to_blame else 0
         return self._rumbled >= self._settings.count
 
     def interrupt(self) -> None:

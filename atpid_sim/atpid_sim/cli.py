@@ -14,6 +14,7 @@ COMMANDS = {
     "map": ("atpid_sim.map_command", "compute the best height over support amplitudes and grain masses"),
     "tradeoff": ("atpid_sim.tradeoff_command", "measure speed against accuracy on one scene: table and picture"),
     "extremes": ("atpid_sim.extremes_command", "run random systems far outside the usual range and count the outcomes"),
+    "sweep": ("atpid_sim.sweep_command", "simulate the standard task at many heights and say how fast that goes"),
 }
 DONE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 2, 3, 130
 

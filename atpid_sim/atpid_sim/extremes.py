@@ -36,7 +36,7 @@ _LAWS = ("tsuji", "linear", "hertz", "lee_herrmann", "kuwabara_kono", "walton_br
 class Case(NamedTuple):
     """What became of one extreme system on one rung."""
 
-    index: int
+    number: int
     rung: str
     law: str
     outcome: Outcome
@@ -55,7 +55,11 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     law = _LAWS[int(rng.integers(len(_LAWS)))]
     frequency: Any = _spread(rng, 0.01, 1000.0) if rng.random() < 0.5 else "resonance"
     parts: dict[str, Any] = {
-        "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": float(rng.choice([0.0, 0.56, _spread(rng, 1e-3, 100.0)]))},
+        "beam": {
+            "mass": 0.3258,
+            "stiffness": 427.6,
+            "damping": float(rng.choice([0.0, 0.56, _spread(rng, 1e-3, 100.0)])),
+        },
         "grain": {"mass_fraction": _spread(rng, 1e-3, 0.9), "radius": _RADIUS},
         "contact": _contact(rng, law),
         "excitation": {"amplitude": _spread(rng, 1e-6, 1.0), "frequency": frequency},
@@ -104,9 +108,11 @@ def run_case(seed: int, index: int, rung: str) -> Case:
 def check(case: Case) -> None:
     """Raise NumericalFailure where a case breaks what holds for every system."""
     if case.outcome in (Outcome.STEP_BUDGET, Outcome.STALLED, Outcome.NOT_FINITE, Outcome.ESCAPED):
-        raise NumericalFailure(f"system {case.index}, {case.rung}: {case.outcome.sentence}")
+        raise NumericalFailure(f"system {case.number}, {case.rung}: {case.outcome.sentence}")
     if case.outcome == Outcome.DONE and not (case.finite and case.inside and case.contact_loss >= -1e-9):
-        raise NumericalFailure(f"system {case.index}, {case.rung}: not finite, outside the walls, or energy from a contact")
+        raise NumericalFailure(
+            f"system {case.number}, {case.rung}: not finite, outside the walls, or energy from a contact"
+        )
 
 
 def _spread(rng: np.random.Generator, low: float, high: float) -> float:

@@ -16,6 +16,8 @@ from atpid_sim.batch import on_all_cores
 from atpid_sim.extremes import BUDGET, TOLERANCE, Case, check, run_case
 from atpid_sim.outcome import NumericalFailure, Outcome
 
+_QUANTILES = (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -71,7 +73,7 @@ def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, objec
         "outside": sum(not case.inside for case in done),
         "energy_from_contact": sum(case.contact_loss < -1e-9 for case in done),
         "steps": {name: int(np.quantile(steps, q)) for name, q in (("median", 0.5), ("99 %", 0.99), ("largest", 1.0))},
-        "residual": {name: float(np.quantile(residuals, q)) for name, q in (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))},
+        "residual": {name: float(np.quantile(residuals, q)) for name, q in _QUANTILES},
         "longest_s": max(case.wall_s for case in cases),
         "wall_s": sum(case.wall_s for case in cases),
         "broken": broken,
@@ -79,13 +81,18 @@ def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, objec
 
 
 def _markdown(cases: list[Case], summary: dict[str, object]) -> str:
-    lines = ["| rung | law | runs | done | overlap too deep | other | most steps | median residual |", "|---|---|---|---|---|---|---|---|"]
+    lines = [
+        "| rung | law | runs | done | overlap too deep | other | most steps | median residual |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for rung, law in sorted({(case.rung, case.law) for case in cases}):
         chosen = [case for case in cases if (case.rung, case.law) == (rung, law)]
         done = [case.residual for case in chosen if case.outcome == Outcome.DONE]
         deep = sum(case.outcome == Outcome.OVERLAP_TOO_DEEP for case in chosen)
         middle = f"{np.median(done):.0e}" if done else "-"
         most = max(case.steps for case in chosen)
-        lines.append(f"| {rung} | {law} | {len(chosen)} | {len(done)} | {deep} | {len(chosen) - len(done) - deep} | {most} | {middle} |")
+        lines.append(
+            f"| {rung} | {law} | {len(chosen)} | {len(done)} | {deep} | {len(chosen) - len(done) - deep} | {most} | {middle} |"
+        )
     said = [f"- {key}: {value}" for key, value in summary.items() if key != "broken"]
     return "\n".join([*lines, "", *said, *(f"- BROKEN: {text}" for text in summary["broken"]), ""])  # type: ignore[attr-defined]

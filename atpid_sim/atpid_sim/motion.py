@@ -39,7 +39,7 @@ def classify(scene: Scene, y: Array, n: Counts, out: Array, amplitude: float) ->
 
 
 def _unrest(out: Array, amplitude: float) -> float:
-    """Return the root mean square change between successive periods (or pairs of periods), relative to the amplitude."""
+    """Return the root mean square change between successive periods (or pairs), relative to the amplitude."""
     beam = out[state.S_BEAM]
     if amplitude <= 0.0 or len(beam) < 4 * _STROBES:
         return 0.0

@@ -25,14 +25,14 @@ class Outcome(IntEnum):
 
 _SENTENCES = {
     Outcome.DONE: "the run reached its end",
-    Outcome.STEP_BUDGET: "the step budget was used up before the end: loosen the tolerance, shorten the run or raise the budget",
+    Outcome.STEP_BUDGET: "the step budget was used up before the end: loosen the tolerance or shorten the run",
     Outcome.NOT_FINITE: "a state, force or input was not a finite number: look for NaN or overflow in the scene",
     Outcome.ESCAPED: "the grain left the container beyond its overlap: the result must not be used",
-    Outcome.OVERLAP_TOO_DEEP: "the grain was pressed deeper into a wall than its radius: the contact law does not hold there",
-    Outcome.CEILING_CRUSHES: "the ceiling came closer to the floor than the grain's diameter: keep the height at or above 2 r",
+    Outcome.OVERLAP_TOO_DEEP: "the grain was pressed deeper into a wall than its radius: no contact law holds there",
+    Outcome.CEILING_CRUSHES: "the ceiling came closer than the grain's diameter: keep the height at or above 2 r",
     Outcome.STALLED: "time stopped advancing: events follow each other faster than the clock resolves",
 }
 
 
-class NumericalFailure(ArithmeticError):
+class NumericalFailure(ArithmeticError):  # noqa: N818  a failure is what it is
     """A run that ended in anything but DONE, with what is needed to find out why."""

@@ -54,7 +54,9 @@ def stepper_of(scene: Scene, fidelity: str, rtol: float | None = None) -> Steppe
     tolerance = float(scene.tolerance if rtol is None else rtol)
     if fidelity == "soft":
         if contact.law == IMPACT:
-            raise ValueError("fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law")
+            raise ValueError(
+                "fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law"
+            )
         return _soft(system, contact, tolerance)
     if fidelity == "impact":
         from atpid_sim.engine.impact import impact_stepper

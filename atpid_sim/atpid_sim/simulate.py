@@ -65,7 +65,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling height [m]; impacts (k, 3)."""
+    """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling [m]; impacts (k, 3)."""
 
     time: NDArray[np.float64]
     support: NDArray[np.float64]
@@ -98,7 +98,7 @@ def simulate(
     table = drive_table(scene, scene.steady_window)
     warm_up(stepper)
     begun = time.perf_counter()
-    first, y, n, out, events = _integrate(scene, stepper, table)
+    first, y, n, out, _events = _integrate(scene, stepper, table)
     wall = time.perf_counter() - begun
     amplitude = half_peak_to_peak(y)
     undamped = undamped_amplitude(scene, table)
@@ -130,12 +130,17 @@ def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | 
     """Run a scene and return its motion at i / rate [s] over the whole run. Raises NumericalFailure as `simulate`."""
     choice = choose(scene, fidelity)
     stepper = stepper_of(scene, choice.fidelity, _TOLERANCE_SHARE * scene.tolerance if rtol is None else rtol)
-    count = int(math.floor(scene.duration * rate * (1.0 + 1e-12))) + 1
+    count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
     out, events = np.zeros((state.ROWS, count)), np.zeros((_LOG, state.COLUMNS))
     y, n = initial_state(scene)
     advance(stepper, drive_table(scene), y, n, (math.inf, math.inf), (0.0, 1.0 / rate), out, events)
     out = out[:, : n[state.SAMPLE]]
-    return Trajectory(np.arange(out.shape[1]) / rate, *out, events[: n[state.EVENTS]])
+    return Trajectory(np.arange(out.shape[1]) / rate, *_series(out), events[: n[state.EVENTS]])
+
+
+def _series(out: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    support, beam, rate, acceleration, grain, ceiling = out
+    return support, beam, rate, acceleration, grain, ceiling
 
 
 def advance(

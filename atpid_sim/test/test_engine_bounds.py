@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the proof in docs/no_missed_impact.md rests on: the jerk and snap bounds hold, and a safe step never passes a root."""
+"""What docs/no_missed_impact.md rests on: jerk and snap bounds hold, and a safe step never passes a root."""
 
 import math
 
@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 
 from atpid_sim.engine.advance import safe_rate_step, safe_step
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at, support_at
-
 
 
 def number(low: float, high: float) -> st.SearchStrategy[float]:

@@ -112,7 +112,7 @@ def test_error_falls_with_the_tolerance(contact):
     exact = ran(scene, rtol=1e-12)[0][state.BEAM]
     errors = [abs(ran(scene, rtol=rtol)[0][state.BEAM] - exact) for rtol in (1e-4, 1e-6, 1e-8)]
     # without damping in the contact small errors grow from bounce to bounce
-    assert errors[2] <= (1e-8 if contact.get('damping_ratio', 0.0) else 1e-6)
+    assert errors[2] <= (1e-8 if contact.get("damping_ratio", 0.0) else 1e-6)
     assert errors[2] <= 0.01 * errors[0] or errors[2] <= 1e-9
 
 
@@ -125,7 +125,9 @@ def test_a_grain_at_rest_sinks_to_its_static_overlap():
 
 
 def test_the_impact_rung_sticks_instead_of_bouncing_for_ever():
-    scene = scene_of(LAWS[0], duration=4.0, excitation={"amplitude": 1e-4, "frequency": "resonance"}, ceiling={"height": 0.05})
+    scene = scene_of(
+        LAWS[0], duration=4.0, excitation={"amplitude": 1e-4, "frequency": "resonance"}, ceiling={"height": 0.05}
+    )
     y, n, log, _ = ran(scene, "impact", prepare=approach(0.3))
     assert n[state.MODE] == state.ON_FLOOR
     assert len(log) < 30

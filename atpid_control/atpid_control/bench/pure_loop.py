@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.control_setup import controller_of, identifier_of
+from atpid_control.bench.errors import BenchError
+from atpid_control.control_setup import controller_of, identifier_of, selector_of
 from atpid_control.controller import Answer, Command
 from atpid_control.hold import Estimate
 from atpid_control.identification import Estimate as Identified
-from atpid_control.selection import make_selector
 from atpid_control.watch import RumbleSettings, RumbleWatch
 from atpid_sim.plant import Plant
-from atpid_sim.scene import Scene
+from atpid_sim.scene import ControlledCeiling, Scene
 from atpid_sim.stream import Stream
 
 Array = NDArray[np.float64]
@@ -80,13 +80,13 @@ def run_loop(
     model: the scene the controller believes in, where that is not the one that runs. Raises SelectionError, HoldError
     or IdentificationError for parameters that do not fit, NumericalFailure where the plant fails.
     """
-    believed = model or scene
+    believed, moved = model or scene, controlled(scene)
     chosen, seen = parameters["selector_node"], parameters["identifier_node"]
-    selector = make_selector(believed.ceiling.controller, believed, height_map)
+    selector = selector_of(chosen.__getitem__, controlled(believed).controller, believed, height_map)
     controller = controller_of(chosen.__getitem__, believed, selector)
     identifier, watch = identifier_of(seen), RumbleWatch(rumble_settings(seen))
     stream = Stream(scene, Plant(scene))
-    ceiling = Ceiling(stream.height, scene.ceiling.range, scene.ceiling.speed)
+    ceiling = Ceiling(stream.height, moved.range, moved.speed)
     run, last = LoopRun(scene), 0.0
     while not stream.finished:
         reached = ceiling.height(last)
@@ -103,6 +103,13 @@ def run_loop(
         ceiling.send(answer.command, last)
         _note(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))
     return run
+
+
+def controlled(scene: Scene) -> ControlledCeiling:
+    """Return the scene's ceiling; raise BenchError where no controller moves it."""
+    if not isinstance(scene.ceiling, ControlledCeiling):
+        raise BenchError(f"ceiling: given {scene.ceiling.kind}; allowed: one that a `controller` moves")
+    return scene.ceiling
 
 
 def rumble_settings(parameters: Mapping[str, Any]) -> RumbleSettings:

@@ -7,6 +7,8 @@ ceiling being near or above the best height. Up to four periods in between are b
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,7 @@ def amplitudes(run: LoopRun) -> Array:
     """Return half the peak-to-peak (n,) [m] of the true beam in each whole period of the excitation."""
     beam, length = run.beam, run.scene.sensors.laser.rate / run.scene.frequency_hz
     edges = np.round(length * np.arange(int(beam.size / length) + 1)).astype(int)
-    return np.array([0.5 * np.ptp(beam[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    return np.array([0.5 * np.ptp(beam[a:b]) for a, b in pairwise(edges)])
 
 
 def _calming(swings: Array) -> NDArray[np.bool_]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control seeds SCENE.yaml ...`: the loop with many noises, without the graph: what is left, rumble."""
+"""`python -m atpid_control seeds SCENE.yaml ...`: the loop without the graph, with many noises; how well, how calm."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,12 @@ from rich.table import Table
 from atpid_control.bench.errors import BenchError
 from atpid_control.bench.graph import PARTS
 from atpid_control.bench.maps import amplitudes_of, map_for
-from atpid_control.bench.pure_loop import LoopRun, run_loop
+from atpid_control.bench.pure_loop import LoopRun, controlled, run_loop
 from atpid_control.bench.rumbling import longest_rumble
 from atpid_sim.batch import cores
 from atpid_sim.excitation import amplitude_points
 from atpid_sim.maps import HeightMap, Rig
-from atpid_sim.scene import ControlledCeiling, Scene, load_scene
+from atpid_sim.scene import Scene, load_scene
 
 #: The end of a stage in which it is measured, as the bench's summary does [s].
 WINDOW = 2.0
@@ -66,7 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--decibels", type=float, help="signal to noise at the smallest amplitude [dB]; default: the scene's noise"
     )
-    parser.add_argument("--margin", type=float, help="standard deviations the height is safe for; default: selector.yaml")
+    parser.add_argument(
+        "--margin", type=float, help="standard deviations the height is safe for; default: selector.yaml"
+    )
     parser.add_argument("--json", action="store_true", help="print every run as JSON instead of the table")
 
 
@@ -97,10 +100,9 @@ def run_all(
     jobs = []
     for path in scenes:
         scene = load_scene(path)
-        if not isinstance(scene.ceiling, ControlledCeiling):
-            raise BenchError(f"{path}: its ceiling is moved by no controller; allowed: ceiling with `controller`")
         # the map is the measure of rumble whatever method selects; made here, once, where there is none
-        height_map = map_for(scene.with_(ceiling=scene.ceiling.model_dump(mode="json") | {"controller": "lookup"}))
+        ceiling = controlled(scene).model_dump(mode="json", exclude_none=True)
+        height_map = map_for(scene.with_(ceiling=ceiling | {"controller": "lookup"}))
         assert height_map is not None
         jobs += [(path, seed, parameters, decibels, height_map) for seed in seeds]
     # threads started before a fork would be copied half alive
@@ -113,7 +115,7 @@ def run_seed(
 ) -> SeedRun:
     """Run one scene with one seed and return what is to be said of it."""
     scene = noisy(load_scene(path), seed, decibels)
-    used = height_map if scene.ceiling.controller == "lookup" else None
+    used = height_map if controlled(scene).controller == "lookup" else None
     ran = run_loop(scene, parameters, used)
     stages = tuple(measured(ran, HeightMap.load(height_map)))
     return SeedRun(path.stem, seed, stages, len(ran.said("step_back")), len(ran.said("drift")))
@@ -138,7 +140,7 @@ def measured(ran: LoopRun, height_map: HeightMap) -> Iterator[Stage]:
     scene, rate = ran.scene, ran.scene.sensors.laser.rate
     rig, fraction, beam = Rig(scene, 1e-5), scene.grain.mass_fraction, ran.beam
     points = amplitude_points(scene)
-    for (t0, a0), (end, a1) in zip(points, [*points[1:], (scene.duration, points[-1][1])], strict=True):
+    for (t0, a0), (end, a1) in pairwise([*points, (scene.duration, points[-1][1])]):
         t1 = min(end, scene.duration)
         if a0 != a1 or a0 <= 0.0 or t1 <= t0:
             continue
@@ -160,7 +162,16 @@ def table(done: list[SeedRun]) -> Table:
     """Return one row a stage: the worst and the mean of all seeds."""
     result = Table(box=SIMPLE_HEAD, pad_edge=False, title="over all seeds", title_justify="left")
     result.add_column("scene")
-    for name in ("A [m]", "seeds", "height [m]", "reduction [%]\nmean", "\nworst", "longest\nrumble [s]", "step\nbacks", "drifts"):
+    for name in (
+        "A [m]",
+        "seeds",
+        "height [m]",
+        "reduction [%]\nmean",
+        "\nworst",
+        "longest\nrumble [s]",
+        "step\nbacks",
+        "drifts",
+    ):
         result.add_column(name, justify="right", no_wrap=True)
     for scene in dict.fromkeys(one.scene for one in done):
         runs = [one for one in done if one.scene == scene]

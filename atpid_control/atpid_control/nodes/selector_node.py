@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -21,10 +22,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
-from atpid_control.control_setup import controller_of
+from atpid_control.control_setup import controller_of, selector_of
 from atpid_control.controller import Answer, Command, Controller
 from atpid_control.hold import Estimate, HoldError, Quality
-from atpid_control.selection import SelectionError, make_selector
+from atpid_control.selection import SelectionError
 from atpid_sim.nodes.life import run, scene_given
 from atpid_sim.nodes.messages import HELLO, STATES, nanoseconds_of
 from atpid_sim.nodes.twice import StartedTwiceError, check_alone
@@ -55,6 +56,11 @@ PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("drift_noise", TYPES.DOUBLE, "scatter of the beam's amplitude from period to period, one standard deviation [-]"),
     ("drift_periods", TYPES.DOUBLE, "settled periods between false alarms of a model that is off by all it may"),
     ("margin", TYPES.DOUBLE, "standard deviations of the amplitude the height must be safe for [-]"),
+    (
+        "stiffness_uncertainty",
+        TYPES.DOUBLE,
+        "with a margin, what `direct` takes the model's stiffness to be off by [-]",
+    ),
 )
 
 
@@ -68,8 +74,8 @@ class SelectorNode(Node):
             self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
         scene = scene_given(self)
         self._block = scene.recording.block
-        self._margin = float(self._value("margin"))
-        self._selector = make_selector(self._method(scene), scene, self._map_file(scene))
+        self._lockstep = bool(self._value("lockstep"))
+        self._selector = selector_of(self._value, self._method(scene), scene, self._map_file(scene))
         self._controller = self._make_controller(scene)
         self.done: Future = Future()
         self._latest: Estimate | None = None
@@ -100,7 +106,7 @@ class SelectorNode(Node):
         return controller_of(self._value, scene, self._selector)
 
     def _make_topics(self) -> None:
-        lockstep = bool(self._value("lockstep"))
+        lockstep = self._lockstep
         command = QoSProfile(depth=10 if lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
         if not lockstep:
             command.deadline = Duration(seconds=COMMAND_DEADLINE)
@@ -132,10 +138,18 @@ class SelectorNode(Node):
         )
         if estimate.quality == Quality.STEADY:
             self._latest = estimate
+        begun = time.monotonic()
         answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)
         self._publish(message, answer.command)
         if answer.kind:
             self._tell(message, answer)
+        self._tell_slow(message, time.monotonic() - begun)
+
+    def _tell_slow(self, answered: Excitation, taken: float) -> None:
+        """Say that a selection has held up the loop; not in lockstep, which waits and says nothing of the machine."""
+        if not self._lockstep and taken > self._block:
+            text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
+            self._tell(answered, Answer(Command(), "slow", text, taken))
 
     def _publish(self, answered: Excitation, command: Command) -> None:
         message = CeilingCommand(**vars(command))

@@ -37,7 +37,8 @@ class LookupSelector:
         try:
             best = self._map.lookup(amplitude, self._mass_fraction)
             # the best height grows with the amplitude: that of the error bar's lower end is safe for all of it
-            safe = self._map.lookup(amplitude - margin * amplitude_std, self._mass_fraction) if margin > 0.0 else best
+            lower = max(amplitude - margin * amplitude_std, float(self._map.amplitudes[0]))
+            safe = self._map.lookup(lower, self._mass_fraction) if margin > 0.0 else best
         except MapError as error:
             raise SelectionError(str(error)) from None
         # the map knows the best height only, not what another height does at this amplitude

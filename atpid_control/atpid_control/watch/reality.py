@@ -52,7 +52,6 @@ class RealityCheck:
         if not state.alarm or self._said:
             return ""
         self._said = True
-        return (
-            f"drift: the beam swings {abs(state.deviation):.0%} {'more' if state.deviation > 0.0 else 'less'} than the model"
-            f" ({swing:.4f} m against {self.expected:.4f} m): check grain, beam and scene"
-        )
+        side = "more" if state.deviation > 0.0 else "less"
+        text = f"the beam swings {abs(state.deviation):.0%} {side} than the model says ({swing:.4f} m against"
+        return f"{text} {self.expected:.4f} m): check grain, beam and scene"

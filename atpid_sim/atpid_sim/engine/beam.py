@@ -177,9 +177,10 @@ def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
         envelope = math.sqrt(q_in * q_in + q_out * q_out)
         squared = arc.omega * arc.omega
         if arc.a1 != 0.0:
-            envelope = max(
-                envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until)
-            ) + 3.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
+            envelope = (
+                max(envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until))
+                + 3.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
+            )
         bound += squared * arc.omega * envelope
     a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
     natural = arc.stiffness / arc.mass
@@ -216,9 +217,10 @@ def snap_bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
         rate += arc.a1 * s + arc.omega * amplitude * c
         envelope = math.sqrt(q_in * q_in + q_out * q_out)
         if arc.a1 != 0.0:
-            envelope = max(
-                envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until)
-            ) + 4.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
+            envelope = (
+                max(envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until))
+                + 4.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
+            )
         bound = squared * squared * envelope
     a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
     natural = arc.stiffness / arc.mass

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,9 @@ def with_ceiling(rows: Array, heights: Points) -> Array:
     kinks = [t for t in at if rows[0, START] < t < rows[-1, END]]
     table = cut(rows, kinks)
     table[:, HEIGHT] = np.interp(table[:, START], at, values)
-    table[:, HEIGHT_RATE] = (np.interp(table[:, END], at, values) - table[:, HEIGHT]) / (table[:, END] - table[:, START])
+    table[:, HEIGHT_RATE] = (np.interp(table[:, END], at, values) - table[:, HEIGHT]) / (
+        table[:, END] - table[:, START]
+    )
     return table
 
 
@@ -87,7 +90,7 @@ def support_displacement(rows: Array, t: float) -> float:
 
 def _split(edges: list[float], longest: float) -> list[float]:
     fine = [edges[0]]
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in pairwise(edges):
         pieces = max(1, math.ceil((right - left) / longest))
         if pieces > 10_000_000:
             raise NumericalFailure(f"a run of {right - left:g} s has more than {pieces * _PERIODS_PER_ROW:g} periods")

@@ -19,7 +19,6 @@ from atpid_sim.engine.state import (
     GRAIN_RATE,
     MEMORY,
     MODE,
-    OFF_CEILING,
     OFF_FLOOR,
     ON_CEILING,
     ON_FLOOR,
@@ -39,7 +38,9 @@ def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, bud
     Leaves y at that time and n[MODE] at what comes next; a contact that begins afresh is marked by a negative
     y[MEMORY]. `sampling`: (first instant, period, start of the row) [s].
     """
-    arc = arc_from(system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE])
+    arc = arc_from(
+        system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE]
+    )
     gravity = system.gravity
     grain0, rate0, begin = y[GRAIN], y[GRAIN_RATE], tau
     height, height_rate = segment[10], segment[11]

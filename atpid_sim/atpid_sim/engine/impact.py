@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 #: Bounces that would all be over within this many radians of the fastest swing are taken as one: the grain sticks.
 _SETTLED = 0.01
 
-#: Play below this share of the grain's radius is none: less than any contact is deep, and elastic bounces in it never end.
+#: Play below this share of the grain's radius is none: no contact is so shallow, and elastic bounces never end.
 _NO_PLAY = 1e-5
 
 #: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
@@ -73,7 +73,8 @@ def _collide(y, n, arc, tau, system, law, p, height_rate, held):  # type: ignore
     fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
     rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
-    sticks = held or push >= rounding and closing * fastest <= push * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
+    still = push * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
+    sticks = held or (push >= rounding and closing * fastest <= still)
     if sticks:
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)
@@ -103,7 +104,7 @@ def _stick(y, n, segment, tau, until, system, held, observing, sampling, out, bu
     x, v, a, jerk, snap = snap_bounded_at(arc, tau, until)
     pressing = side * (a + system.gravity)
     least = 1e-9 * stride
-    # a first step is made in any case: whether the wall presses at the very moment of the impact is a matter of rounding
+    # a first step is made in any case: whether the wall presses at the very impact is a matter of rounding
     while (pressing >= 0.0 or tau == begin or held) and tau < until and n[CONTACT_STEPS] < budget:
         n[CONTACT_STEPS] += 1
         longest = min(stride, until - tau)

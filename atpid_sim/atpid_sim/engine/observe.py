@@ -42,7 +42,7 @@ def flight_extreme(y, arc, left, right, v_left, v_right):  # type: ignore[no-unt
     """Note the beam's turning point between two local times where its velocity changed sign."""
     s = left - v_left * (right - left) / (v_right - v_left)
     for _ in range(4):
-        x, v, a, _u, _w = beam_at(arc, s)
+        _x, v, a, _u, _w = beam_at(arc, s)
         if a == 0.0:
             break
         step = -v / a
@@ -117,7 +117,7 @@ def write_sample(out, i, support, x, v, a, grain, ceiling):  # type: ignore[no-u
 
 @kernel
 def flight_samples(n, out, first, period, origin, arc, left, right, grain, rate, gravity, height, height_rate):  # type: ignore[no-untyped-def]
-    """Write all samples whose instants lie in the flight (left, right], in local time of the row that began at `origin`."""
+    """Write the samples of the flight (left, right], in local time of the row that began at `origin`."""
     while n[SAMPLE] < out.shape[1]:
         tau = first + n[SAMPLE] * period - origin
         if tau > right:
@@ -152,9 +152,9 @@ def next_sample(n, out, sampling):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def contact_samples(
+def contact_samples(  # type: ignore[no-untyped-def]
     n, out, sampling, segment, side, slack, tau, elapsed, x, v, overlap, rate, a, x1, v1, overlap1, rate1, a1
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Write all samples whose instants lie in a contact step of `elapsed` [s] from local time tau on; returns the next.
 
     Beam displacement and velocity, overlap and its rate, beam acceleration at the step's start, and at its end (1).

@@ -26,7 +26,9 @@ def run_one_mass(table, system, mass, y, n, observe, sampling, out, budget):  # 
         tau, until = y[TIME] - start, end - start
         arc = arc_from(mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE])
         x, v, _a, _u, _w = beam_at(arc, tau)
-        stride = 1.0 / max(math.sqrt(system.stiffness / mass), segment[4] if segment[2] != 0.0 or segment[3] != 0.0 else 0.0)
+        stride = 1.0 / max(
+            math.sqrt(system.stiffness / mass), segment[4] if segment[2] != 0.0 or segment[3] != 0.0 else 0.0
+        )
         flight_work(y, arc, tau, until)
         if observing:
             note_extreme(y, x)

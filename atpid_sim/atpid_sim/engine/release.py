@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where inside a step the contact force vanishes, or a hysteretic contact turns round: regula falsi on shorter steps."""
+"""Where inside a step the contact force vanishes, or a hysteretic contact turns round: by regula falsi."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def _end_of(resting, segment, touching, p, tau, sine, cosine, smooth, s, h, x, v
 
 
 @kernel
-def detachment(
+def detachment(  # type: ignore[no-untyped-def]
     resting, segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_force
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Size of the step at whose end the contact force vanishes, given that it changes sign within h (Illinois)."""
     left, right = 0.0, h
     f_left, f_right = k[2], end_force
@@ -46,9 +46,9 @@ def detachment(
 
 
 @kernel
-def turning_point(
+def turning_point(  # type: ignore[no-untyped-def]
     resting, segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k, end_rate
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Size of the step at whose end the overlap rate vanishes: the turning point of a hysteretic contact (Illinois)."""
     left, right = 0.0, h
     f_left, f_right = rate, end_rate

@@ -50,14 +50,16 @@ def _support(segment, at):  # type: ignore[no-untyped-def]
 
 @kernel
 def stiffness_and_damping(touching, p, overlap, rate):  # type: ignore[no-untyped-def]
-    """Derivatives of the contact force by the overlap [N/m] and by its rate [N s/m]; every law is linear in the rate."""
+    """Derivatives of the contact force by overlap [N/m] and rate [N s/m]; every law is linear in the rate."""
     law, memory = touching.law, touching.memory
     apart = _APART * max(abs(overlap), 1e-15)
     if touching.hysteretic:  # one-sided: the force has a kink where unloading begins
         ahead = apart if rate > 0.0 else -apart
         stiff = (force(law, overlap + ahead, rate, memory, p) - force(law, overlap, rate, memory, p)) / ahead
     else:
-        stiff = 0.5 * (force(law, overlap + apart, rate, memory, p) - force(law, overlap - apart, rate, memory, p)) / apart
+        stiff = (
+            0.5 * (force(law, overlap + apart, rate, memory, p) - force(law, overlap - apart, rate, memory, p)) / apart
+        )
     return stiff, force(law, overlap, 1.0, memory, p) - force(law, overlap, 0.0, memory, p)
 
 
@@ -91,7 +93,7 @@ def implicit_step(segment, touching, p, tau, h, x, v, overlap, rate, k):  # type
     m11, m12 = g - av - ax / g, -(ar + ao / g)
     m21, m22 = -(bv + bx / g), g - br - bo / g
     scale = 1.0 / (m11 * m22 - m12 * m21)
-    u0, w0, a0 = _support(segment, tau)
+    _u0, w0, a0 = _support(segment, tau)
     pull_rate = touching.stiffness * w0 + touching.damping * a0
     fa, fb = h * pull_rate * inverse, h * side * pull_rate * inverse
     ih = 1.0 / h
@@ -164,7 +166,15 @@ def implicit_step(segment, touching, p, tau, h, x, v, overlap, rate, k):  # type
     errors = ((px + v6) / g, v6, (po + r6) / g, r6)
     xs, vs, os, rs = xs + errors[0], vs + v6, os + errors[2], rs + r6
     last = slope(touching, p, u5, w5, xs, vs, os, rs)
-    return xs, vs, os, rs, last, errors, _flows(segment, touching, p, tau, h, x, v, overlap, rate, k, xs, vs, os, rs, last)
+    return (
+        xs,
+        vs,
+        os,
+        rs,
+        last,
+        errors,
+        _flows(segment, touching, p, tau, h, x, v, overlap, rate, k, xs, vs, os, rs, last),
+    )
 
 
 @kernel

@@ -84,7 +84,9 @@ def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
     for row in range(table.shape[0]):
         a0, a1, omega = abs(table[row, A0]), abs(table[row, A1]), table[row, OMEGA]
         swing = max(a0, a0 + a1 * (table[row, END] - table[row, START]))
-        motion = max(motion, min(omega * omega, natural) * swing, 2.0 * abs(table[row, C2]), natural * abs(table[row, C0]))
+        motion = max(
+            motion, min(omega * omega, natural) * swing, 2.0 * abs(table[row, C2]), natural * abs(table[row, C0])
+        )
     pace = max(0.05 * (motion + system.gravity), 1e-12)
     overlap = 0.1 * resting_overlap(law, p, system.grain_mass * pace)
     return overlap, math.sqrt(pace * overlap), 1e-3 * motion / natural + overlap
@@ -117,7 +119,9 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
         while tau < until:
             before = tau
             if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
-                tau = touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, observing, where, out, budget)
+                tau = touch(
+                    y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, observing, where, out, budget
+                )
             else:
                 tau = fly(y, n, segment, tau, until, system, law, p, observing, where, out, budget)
                 if y[MEMORY] < 0.0:

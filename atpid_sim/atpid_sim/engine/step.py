@@ -7,7 +7,6 @@ decimetres keeps its digits. `rest.py` has the implicit step for a grain that re
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from atpid_sim.contact.dispatch import force
@@ -82,7 +81,14 @@ def explicit_step(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, o
     if smooth:
         s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
         z2, z3, z4, z5, z6 = s2 * s2 * s2, s3 * s3 * s3, s4 * s4 * s4, s5 * s5 * s5, s6 * s6 * s6
-        w1, w2, w3, w4, w5, w6 = 4.0 * h * s * s * s, 4.0 * h * z2, 4.0 * h * z3, 4.0 * h * z4, 4.0 * h * z5, 4.0 * h * z6
+        w1, w2, w3, w4, w5, w6 = (
+            4.0 * h * s * s * s,
+            4.0 * h * z2,
+            4.0 * h * z3,
+            4.0 * h * z4,
+            4.0 * h * z5,
+            4.0 * h * z6,
+        )
         past = s * s * s * s
         t2, t3, t4, t5, t6 = z2 * s2 - past, z3 * s3 - past, z4 * s4 - past, z5 * s5 - past, z6 * s6 - past
     else:
@@ -96,9 +102,7 @@ def explicit_step(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, o
     # stage slopes already multiplied by the step: x, v, overlap, rate
     kx1, kv1, ko1, kr1 = w1 * v, w1 * a1, w1 * rate, w1 * b1
     v2, r2 = v + 0.2 * kv1, rate + 0.2 * kr1
-    a2, b2, _f, _p, _d, _c = slope(
-        touching, p, u2, m2, x + 0.2 * kx1, v2, overlap + 0.2 * ko1, r2
-    )
+    a2, b2, _f, _p, _d, _c = slope(touching, p, u2, m2, x + 0.2 * kx1, v2, overlap + 0.2 * ko1, r2)
     kx2, kv2, ko2, kr2 = w2 * v2, w2 * a2, w2 * r2, w2 * b2
     v3, r3 = v + 3.0 / 40.0 * kv1 + 9.0 / 40.0 * kv2, rate + 3.0 / 40.0 * kr1 + 9.0 / 40.0 * kr2
     a3, b3, f3, p3, d3, c3 = slope(

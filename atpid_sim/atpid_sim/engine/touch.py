@@ -55,8 +55,9 @@ _SETTLED = 100
 #: Steps of one uninterrupted contact after which the ringing of a grain at rest counts by its displacement alone.
 _PATIENCE = 3000
 
-#: After twenty times as many, ringing counts this much less: an elastic grain that rings for ever is brought to rest.
-_ENDURANCE = 300.0
+#: After twenty times as many, an error of this share of the overlap is allowed: an elastic grain that rings for ever is
+#: brought to rest, and only the beam goes on being computed to the tolerance.
+_ENDURANCE = 0.3
 
 
 @kernel
@@ -174,7 +175,7 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         depth = max(abs(o1), overlap, 0.1 * deepest, scale[0], min(_DEPTH_FLOOR * swing, scale[0] / rtol))
         speed = max(abs(r1), abs(rate), 0.1 * quickest, scale[1], min(natural * swing, scale[1] / rtol))
         if taken > _PATIENCE:
-            depth *= _ENDURANCE if taken > 20 * _PATIENCE else 1.0
+            depth *= max(1.0, _ENDURANCE / rtol) if taken > 20 * _PATIENCE else 1.0
             speed = max(speed, contact_pace(touching, p, overlap, rate)[1] * depth)
         error = _weighed(errors, depth, speed, swing, natural, rtol)
         leaving = k1[2] <= 0.0
@@ -197,15 +198,47 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         size = h
         if turning:
             size = turning_point(
-                way == _RESTING, segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, h, x, v, overlap, rate, k, r1
+                way == _RESTING,
+                segment,
+                touching,
+                p,
+                tau,
+                sine,
+                cosine,
+                way == _SMOOTH,
+                s,
+                h,
+                x,
+                v,
+                overlap,
+                rate,
+                k,
+                r1,
             )
         elif leaving:
             size = detachment(
-                way == _RESTING, segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, h, x, v, overlap, rate, k, k1[2]
+                way == _RESTING,
+                segment,
+                touching,
+                p,
+                tau,
+                sine,
+                cosine,
+                way == _SMOOTH,
+                s,
+                h,
+                x,
+                v,
+                overlap,
+                rate,
+                k,
+                k1[2],
             )
         if size < h:
             if way == _RESTING:
-                x1, v1, o1, r1, k1, errors, sums = implicit_step(segment, touching, p, tau, size, x, v, overlap, rate, k)
+                x1, v1, o1, r1, k1, errors, sums = implicit_step(
+                    segment, touching, p, tau, size, x, v, overlap, rate, k
+                )
             else:
                 x1, v1, o1, r1, k1, errors, sums = explicit_step(
                     segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, size, x, v, overlap, rate, k

@@ -44,7 +44,8 @@ def _title(axes: Any) -> str:
 
 def _panel(axes: Any) -> list[list[float]]:
     curves = [_summary(line.get_xdata()) + _summary(line.get_ydata()) for line in axes.get_lines()]
-    bars = [[bar.get_width(), bar.get_height()] for bar in axes.patches if hasattr(bar, "get_width")]
+    charts = [container.patches for container in axes.containers if hasattr(container, "patches")]
+    bars = [[bar.get_width(), bar.get_height()] for chart in charts for bar in chart]
     return curves + ([_summary(column) for column in np.transpose(bars)] if bars else [])
 
 

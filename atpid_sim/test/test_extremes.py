@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Far outside the thesis's range: a named outcome, nothing infinite, nobody outside, no energy from contacts."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from atpid_sim.cli import main
+from atpid_sim.engine import state
+from atpid_sim.extremes import extreme_scene, run_case
+from atpid_sim.outcome import Outcome
+from atpid_sim.run import drive_table, initial_state, stepper_of
+from atpid_sim.scene import load_scene
+from atpid_sim.simplified import ClosedForm, steady_amplitude
+from atpid_sim.simulate import simulate
+
+NAMED = set(Outcome)
+STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
+
+
+@given(index=st.integers(0, 100_000), rung=st.sampled_from(["soft", "impact"]))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_an_extreme_system_ends_with_a_name(index, rung):
+    case = run_case(7, index, rung)
+    assert case.outcome in NAMED and case.outcome.sentence
+    assert case.outcome not in (Outcome.NOT_FINITE, Outcome.ESCAPED, Outcome.STALLED)
+    if case.outcome == Outcome.DONE:
+        assert case.finite and case.inside
+        assert case.contact_loss >= -1e-9
+
+
+def test_a_system_is_the_same_each_time():
+    assert extreme_scene(3, 17) == extreme_scene(3, 17)
+    assert extreme_scene(3, 17) != extreme_scene(3, 18)
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [{"law": "impact", "restitution": 1.0}, {"law": "hertz", "young_modulus": 2.1e8, "poisson_ratio": 0.2}],
+    ids=["impact", "hertz"],
+)
+def test_an_elastic_grain_without_play_is_carried(contact):
+    scene = STANDARD.with_(contact=contact, ceiling={"height": 0.017}, duration=2.0, steady_window=[1.0, 2.0])
+    y, n = initial_state(scene)
+    stepper = stepper_of(scene, "impact")
+    none, log = np.zeros((state.ROWS, 0)), np.zeros((0, state.COLUMNS))
+    outcome = stepper(drive_table(scene), y, n, scene.steady_window, (0.0, 1.0), none, log, 100_000)
+    assert outcome == Outcome.DONE
+    assert y[state.GRAIN] == pytest.approx(y[state.BEAM], abs=1e-9)
+
+
+def test_the_command_writes_its_table(tmp_path, capsys):
+    assert main(["extremes", "--systems", "4", "--seed", "7", "--rungs", "impact", "--out", str(tmp_path)]) == 0
+    told = json.loads((tmp_path / "extremes.json").read_text())
+    assert told["runs"] == 4 and told["broken"] == []
+    assert (tmp_path / "extremes.md").read_text() in capsys.readouterr().out
+
+
+def test_a_million_periods_keep_their_phase():
+    scene = STANDARD.with_(
+        excitation={"amplitude": 0.001, "frequency": 1000.0}, ceiling={"height": 0.017}, duration=1000.0,
+        steady_window=[999.9, 1000.0],
+    )  # fmt: skip
+    steady = steady_amplitude(ClosedForm(scene).body, 0.001, 1000.0)
+    assert simulate(scene, "simplified", check=False).amplitude == pytest.approx(steady, rel=1e-6)
