@@ -12,6 +12,9 @@ from atpid_control.hold import HoldError
 #: A beam that swings less than this share of what it did so many estimates ago is calming down.
 _FALLING, _DECAY = 0.97, 8
 
+#: A rumble that comes back so often where the ceiling stands is one, however short each burst.
+_BURSTS = 2
+
 
 @dataclass(frozen=True)
 class StepBack:
@@ -44,6 +47,8 @@ class Retreat:
         self._rumbling = False
         self._rumbled = 0  # estimates for which the height is to blame
         self._stood = 0  # estimates in a row with the ceiling where it was sent
+        self._bursts = 0  # rumbles that began with the ceiling standing and the beam too large
+        self._limit = math.nan  # amplitude of the beam from which it is too large [m], NaN: any
         self._swings: deque[float] = deque(maxlen=_DECAY)  # the beam's latest amplitudes [m]
         self._amplitude = math.nan  # of the excitation it stepped back at [m]
         self._kept = 1.0  # share of the selected clearance that was left then [-]
@@ -55,8 +60,12 @@ class Retreat:
 
     def hear(self, kind: str) -> None:
         """Take note of an event: `rumble`, or `calm` when that has ended."""
-        if kind in ("rumble", "calm"):
-            self._rumbling = kind == "rumble"
+        if kind not in ("rumble", "calm"):
+            return
+        self._rumbling = kind == "rumble"
+        if self._rumbling and self._stood > self._settings.settle and self._swings:
+            # the watch sees a burst when it is nearly over: that it was too large shows behind it
+            self._bursts += not max(self._swings) <= self._limit
 
     def watch(self, swing: float, expected: float, standing: bool) -> bool:
         """Take one more estimate; return whether it is time for a step.
@@ -67,16 +76,16 @@ class Retreat:
         """
         self._swings.append(swing)
         dying = len(self._swings) == _DECAY and swing < _FALLING * self._swings[0]
-        as_expected = swing <= (1.0 + self._settings.excess) * expected
+        self._limit = (1.0 + self._settings.excess) * expected
         self._stood = self._stood + 1 if standing else 0
-        to_blame = self._rumbling and self._stood > self._settings.settle and not as_expected
+        to_blame = self._rumbling and self._stood > self._settings.settle and not swing <= self._limit
         # a rumble swells and fades: while it fades nothing is counted, and nothing forgotten
         self._rumbled = (self._rumbled + (not dying)) if to_blame else 0
-        return self._rumbled >= self._settings.count
+        return self._rumbled >= self._settings.count or self._bursts >= _BURSTS
 
     def interrupt(self) -> None:
         """Begin to count anew: another height was selected."""
-        self._rumbled = self._stood = 0
+        self._rumbled = self._stood = self._bursts = 0
 
     def lower(self, height: float, amplitude: float) -> float:
         """Return the height [m] one step below `height`, never below the lowest; remembered for `amplitude` [m]."""

@@ -7,6 +7,7 @@ import argparse
 import json
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -58,7 +59,7 @@ def _broken(case: Case) -> str:
     return ""
 
 
-def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, object]:
+def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, Any]:
     done = [case for case in cases if case.outcome == Outcome.DONE]
     steps = np.array([case.steps for case in cases])
     residuals = np.array([case.residual for case in done] or [0.0])
@@ -80,7 +81,7 @@ def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, objec
     }
 
 
-def _markdown(cases: list[Case], summary: dict[str, object]) -> str:
+def _markdown(cases: list[Case], summary: dict[str, Any]) -> str:
     lines = [
         "| rung | law | runs | done | overlap too deep | other | most steps | median residual |",
         "|---|---|---|---|---|---|---|---|",
@@ -92,7 +93,8 @@ def _markdown(cases: list[Case], summary: dict[str, object]) -> str:
         middle = f"{np.median(done):.0e}" if done else "-"
         most = max(case.steps for case in chosen)
         lines.append(
-            f"| {rung} | {law} | {len(chosen)} | {len(done)} | {deep} | {len(chosen) - len(done) - deep} | {most} | {middle} |"
+            f"| {rung} | {law} | {len(chosen)} | {len(done)} | {deep} | "
+            f"{len(chosen) - len(done) - deep} | {most} | {middle} |"
         )
     said = [f"- {key}: {value}" for key, value in summary.items() if key != "broken"]
-    return "\n".join([*lines, "", *said, *(f"- BROKEN: {text}" for text in summary["broken"]), ""])  # type: ignore[attr-defined]
+    return "\n".join([*lines, "", *said, *(f"- BROKEN: {text}" for text in summary["broken"]), ""])

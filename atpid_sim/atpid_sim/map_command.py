@@ -25,6 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--header", metavar="FILE.h", help="also write a table for the motor's firmware, one mass fraction"
     )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="compute on the Dask cluster of this scheduler (optional extra)"
+    )
     parser.add_argument("--workers", type=int, default=None, metavar="K", help="threads; default: all cores")
 
 
@@ -37,7 +40,13 @@ def run(args: argparse.Namespace) -> int:
     with _bar() as bar:
         task = bar.add_task("height map", total=len(amplitudes) * len(fractions))
         made = build_map(
-            scene, amplitudes, fractions, args.out, lambda done, _: bar.update(task, completed=done), args.workers
+            scene,
+            amplitudes,
+            fractions,
+            args.out,
+            lambda done, _: bar.update(task, completed=done),
+            args.workers,
+            args.scheduler,
         )
     if args.header:
         write_header(made, fractions[0], args.header)

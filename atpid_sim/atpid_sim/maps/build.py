@@ -14,6 +14,7 @@ import numpy as np
 
 from atpid_sim.batch import on_all_cores
 from atpid_sim.maps.best import best_height
+from atpid_sim.maps.cluster import on_cluster
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.height_map import FORMAT, HeightMap
 from atpid_sim.maps.identity import identity_of
@@ -37,11 +38,13 @@ def build_map(
     out: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
     workers: int | None = None,
+    scheduler: str | None = None,
 ) -> HeightMap:
     """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
 
     With `out` it is also written there, and a run that was killed goes on where it stopped: points lie in a journal
-    beside the file. `progress(done, total)` is called after each point. Raises MapError, NumericalFailure.
+    beside the file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
+    use instead of this machine's cores. Raises MapError, NumericalFailure.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
     identity, tolerance = identity_of(scene), max(scene.tolerance, _FINEST)
@@ -53,7 +56,11 @@ def build_map(
         missing = [point for point in wanted if point not in known]
         report = progress or _silent
         report(len(wanted) - len(missing), len(wanted))
-        for point, values in _compute(scene, missing, tolerance, workers):
+        if scheduler is None:
+            computed = _compute(scene, missing, tolerance, workers)
+        else:
+            computed = on_cluster(scheduler, scene, missing, tolerance, _LOYALTY)
+        for point, values in computed:
             known[point] = values
             if journal:
                 journal.note(point, values)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Predicted against measured: drift is said once, and not for noise, transients or what the twin cannot say."""
+
+import math
+
+import numpy as np
+import pytest
+
+from atpid_control.watch import DriftAlarm
+from atpid_control.watch.reality import RealityCheck
+
+TONE = (0.015, 5.0)
+
+
+class Fixed:
+    """Expects the same everywhere."""
+
+    def __init__(self, amplitude):
+        self.amplitude, self.asked = amplitude, 0
+
+    def expected(self, amplitude, frequency, height):
+        self.asked += 1
+        return self.amplitude
+
+
+def check(expected=0.1):
+    twin = Fixed(expected)
+    return RealityCheck(twin, DriftAlarm(tolerance=0.15, noise=0.02, periods=1e4)), twin
+
+
+def said(reality, swings, start=0.0):
+    """Return the times at which something was said, one estimate each 50 ms."""
+    times = start + 0.05 * np.arange(len(swings))
+    return [float(t) for t, s in zip(times, swings, strict=True) if reality.check(float(t), TONE, 0.3, s)]
+
+
+def test_drift_is_said_once_with_both_amplitudes():
+    reality, _ = check()
+    texts = [reality.check(0.05 * k, TONE, 0.3, 0.14) for k in range(2000)]
+    assert [text for text in texts if text] == [
+        "the beam swings 40% more than the model says (0.1400 m against 0.1000 m): check grain, beam and scene"
+    ]
+
+
+def test_too_little_is_drift_as_well():
+    reality, _ = check()
+    assert len(said(reality, [0.07] * 1000)) == 1
+
+
+def test_the_twin_is_asked_once_a_period():
+    reality, twin = check()
+    said(reality, [0.1] * 400)  # 20 s at 5 Hz
+    assert twin.asked == pytest.approx(100, abs=2)
+
+
+def test_noise_and_what_the_model_is_allowed_to_be_off_say_nothing_in_ten_minutes():
+    reality, _ = check()
+    swings = 0.112 * (1.0 + 0.02 * np.random.default_rng(1).standard_normal(12_000))
+    assert said(reality, swings) == []
+
+
+@pytest.mark.parametrize(("expected", "swing"), [(math.nan, 0.2), (0.1, math.nan)])
+def test_what_is_not_known_says_nothing(expected, swing):
+    reality, _ = check(expected)
+    assert said(reality, [swing] * 1000) == []
+
+
+def test_another_height_does_not_repeat_it_but_agreement_makes_it_news_again():
+    reality, _ = check()
+    assert len(said(reality, [0.14] * 500)) == 1
+    reality.restart()
+    assert said(reality, [0.14] * 500, start=25.0) == []
+    reality.restart()
+    assert said(reality, [0.1] * 500, start=50.0) == []
+    assert len(said(reality, [0.14] * 500, start=75.0)) == 1

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The step back: only when the height is to blame, never below the lowest, never back up while it is remembered."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from atpid_control.hold import HoldError
+from atpid_control.step_back import Retreat, StepBack
+
+SETTINGS = StepBack(share=0.06, settle=4, count=3, excess=0.15, memory=0.05)
+LOWEST = 0.017
+heights = st.floats(LOWEST, 2.0)
+amplitudes = st.floats(1e-3, 0.1)
+
+
+def retreat(**changes):
+    return Retreat(StepBack(**(vars(SETTINGS) | changes)), LOWEST)
+
+
+def steps(machine, swings, expected=0.1, standing=True):
+    """Return at which of the estimates it is time for a step."""
+    return [k for k, swing in enumerate(swings) if machine.watch(swing, expected, standing)]
+
+
+@given(heights, amplitudes, st.integers(1, 200))
+def test_every_step_goes_down_and_none_below_the_lowest(height, amplitude, count):
+    machine = retreat()
+    for _ in range(count):
+        lower = machine.lower(height, amplitude)
+        assert LOWEST <= lower <= height
+        assert lower < height or height - LOWEST < 1e-12
+        height = lower
+
+
+@given(heights, amplitudes, st.integers(1, 10), st.floats(-0.049, 0.049))
+def test_a_selection_for_nearly_the_same_amplitude_does_not_go_back_up(height, amplitude, count, change):
+    machine, lower = retreat(), height
+    for _ in range(count):
+        lower = machine.lower(lower, amplitude)
+    assert machine.allowed(height, amplitude * (1.0 + change)) == pytest.approx(lower, rel=1e-9)
+
+
+@given(heights, amplitudes, st.floats(0.06, 2.0))
+def test_another_excitation_forgets_it(height, amplitude, change):
+    machine = retreat()
+    machine.lower(height, amplitude)
+    assert machine.allowed(height, amplitude * (1.0 + change)) == height
+    assert machine.allowed(height, amplitude) == height
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.booleans()), max_size=60))
+def test_without_a_rumble_it_never_steps(estimates):
+    machine = retreat()
+    assert not any(machine.watch(swing, 0.1, standing) for swing, standing in estimates)
+
+
+@given(st.lists(st.floats(0.0, 0.115), max_size=60))
+def test_a_beam_as_expected_is_left_alone_whatever_the_watch_says(swings):
+    machine = retreat()
+    for swing in swings:
+        machine.hear("calm")
+        machine.hear("rumble")
+        assert not machine.watch(swing, 0.1, True)
+
+
+def test_the_ceiling_has_to_stand_and_the_beam_to_have_settled():
+    machine = retreat()
+    machine.hear("rumble")
+    assert steps(machine, [0.15] * 50, standing=False) == []
+    assert steps(machine, [0.15] * 7) == [6]  # 4 to settle, 3 that count
+
+
+def test_while_it_fades_nothing_is_counted_and_nothing_forgotten():
+    machine = retreat(settle=0, count=12)
+    machine.hear("rumble")
+    swelling, fading = [0.15 + 0.01 * k for k in range(8)], [0.2 - 0.01 * k for k in range(5)]
+    assert steps(machine, swelling) == []
+    assert steps(machine, fading) == []
+    assert steps(machine, [0.2] * 12)
+
+
+def test_short_bursts_that_come_back_are_a_rumble():
+    machine = retreat(count=50)
+    steps(machine, [0.1] * 10)
+    for burst in range(2):
+        assert steps(machine, [0.15, 0.16]) == []
+        machine.hear("rumble")
+        assert bool(steps(machine, [0.12, 0.1])) == (burst == 1)
+        machine.hear("calm")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"share": 0.0}, {"share": 1.0}, {"count": 0}, {"settle": -1}, {"excess": -0.1}, {"memory": math.nan}],
+)
+def test_contradictory_settings_are_refused_in_one_line(changes):
+    with pytest.raises(HoldError, match=r"given .*; allowed: "):
+        retreat(**changes)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map on a Dask cluster: two workers, one of which is killed, give the map this machine gives."""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import distributed
+import numpy as np
+import pytest
+
+from atpid_sim.maps import MapError, build_map
+from atpid_sim.scene import load_scene
+
+SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
+AMPLITUDES = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def dask(role: str, *arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "distributed.cli." + role, *arguments]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.fixture
+def cluster() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A scheduler and two workers on the loopback: its address and the workers' processes."""
+    port = free_port()
+    address = f"tcp://127.0.0.1:{port}"
+    processes = [dask("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--no-show")]
+    options = ["--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    processes += [dask("dask_worker", address, *options) for _ in range(2)]
+    with ExitStack() as ends:
+        for process in processes:
+            ends.callback(process.wait)
+            ends.callback(process.kill)
+        with distributed.Client(address, timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
+        yield address, processes[1:]
+
+
+@pytest.mark.timeout(240)
+def test_a_cluster_that_loses_a_worker_gives_the_same_map(cluster, tmp_path):
+    address, workers = cluster
+    done_when_killed = []
+
+    def progress(done: int, total: int) -> None:
+        if done >= 1 and not done_when_killed:
+            workers[0].kill()
+            done_when_killed.append(done)
+
+    scene = load_scene(SCENE)
+    made = build_map(scene, AMPLITUDES, [0.1], tmp_path / "far.npz", progress, scheduler=address)
+    here = build_map(scene, AMPLITUDES, [0.1], tmp_path / "here.npz")
+    assert done_when_killed and done_when_killed[0] < len(AMPLITUDES)
+    np.testing.assert_array_equal(made.heights, here.heights)
+    assert workers[0].wait() != 0
+
+
+def test_a_scheduler_that_is_not_there_is_said_in_one_line(monkeypatch):
+    monkeypatch.setattr("atpid_sim.maps.cluster._PATIENCE", 1.0)
+    with pytest.raises(MapError, match="no Dask scheduler answers there") as caught:
+        build_map(load_scene(SCENE), AMPLITUDES, [0.1], scheduler=f"tcp://127.0.0.1:{free_port()}")
+    assert "\n" not in str(caught.value)
