@@ -40,12 +40,15 @@ def bench_again(folder: Path) -> Numbers:
     return numbers_in(folder / "overview.png")
 
 
-#: The pictures made again here; one of the identifier's stands for the others, which take a minute.
+#: The pictures made again here; those left out take minutes, or show chaotic motion, whose numbers are luck.
 AGAIN: dict[str, Callable[[Path], Numbers]] = {
     "bench": bench_again,
     "contact_laws": lambda folder: numbers_in(contact.draw(folder)[0]),
     "free_decay": lambda folder: numbers_in(free_decay.draw(folder)[0]),
     "identification_ramps": lambda folder: numbers_of(identification.draw_ramps()),
+    "identification_spoiled": lambda folder: numbers_of(identification.draw_spoiled()),
+    "identification_beam": lambda folder: numbers_of(identification.draw_beam()),
+    "identification_watch": lambda folder: numbers_of(identification.draw_watch()),
     "selection_map": lambda folder: numbers_in(selection.draw_map(folder, HeightMap.load(selection._SHIPPED))),
 }
 

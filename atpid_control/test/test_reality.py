@@ -50,7 +50,7 @@ def test_too_little_is_drift_as_well():
 def test_the_twin_is_asked_once_a_period():
     reality, twin = check()
     said(reality, [0.1] * 400)  # 20 s at 5 Hz
-    assert twin.asked == pytest.approx(100, abs=2)
+    assert 80 <= twin.asked <= 100
 
 
 def test_noise_and_what_the_model_is_allowed_to_be_off_say_nothing_in_ten_minutes():

@@ -25,7 +25,11 @@ from rclpy.task import Future
 from atpid_control.control_setup import controller_of, selector_of
 from atpid_control.controller import Answer, Command, Controller
 from atpid_control.hold import Estimate, HoldError, Quality
+from atpid_control.nodes.height_services import HeightServices, refused, select_height
+from atpid_control.nodes.map_server import MapServer
+from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection import SelectionError
+from atpid_control.selection.search_run import SearchingController
 from atpid_sim.nodes.life import run, scene_given
 from atpid_sim.nodes.messages import HELLO, STATES, nanoseconds_of
 from atpid_sim.nodes.twice import StartedTwiceError, check_alone
@@ -82,6 +86,13 @@ class SelectorNode(Node):
         self._start_ns: int | None = None
         self._height = math.nan
         self._make_topics()
+        self._method_services = HeightServices(
+            self, scene, self._map_file(scene), lambda: self._latest, lambda: self._height
+        )
+        self._maps = MapServer(self)
+        # a ceiling that no controller moves cannot be searched
+        borrowed = self._controller if isinstance(self._controller, SearchingController) else None
+        self._search = SearchServer(self, borrowed) if borrowed else None
         self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _value(self, name: str) -> Any:
@@ -103,6 +114,7 @@ class SelectorNode(Node):
             # once for nothing: a method that simulates loads its kernels now, not while the structure vibrates
             with suppress(SelectionError):
                 self._selector.select(scene.grain.radius, frequency=scene.frequency_hz)
+            return SearchingController(controller_of(self._value, scene, self._selector), scene.ceiling.range)
         return controller_of(self._value, scene, self._selector)
 
     def _make_topics(self) -> None:
@@ -141,6 +153,8 @@ class SelectorNode(Node):
         begun = time.monotonic()
         answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)
         self._publish(message, answer.command)
+        if self._search:
+            self._search.report()
         if answer.kind:
             self._tell(message, answer)
         self._tell_slow(message, time.monotonic() - begun)
@@ -164,29 +178,10 @@ class SelectorNode(Node):
 
     def _on_select(self, request: SelectHeight.Request, response: SelectHeight.Response) -> SelectHeight.Response:
         """Answer for the amplitude asked about or, where it is 0 or NaN, for the latest steady estimate."""
-        amplitude, std, frequency = request.amplitude, request.amplitude_std, request.frequency or math.nan
-        response.method, response.height = self._selector.method, math.nan
-        response.beam_amplitude = response.efficiency = response.price = math.nan
-        if not amplitude > 0.0:
-            if self._latest is None:
-                response.message = (
-                    f"amplitude: given {amplitude:g} and no steady estimate yet; give an amplitude above 0 m"
-                )
-                return response
-            amplitude, std, frequency = self._latest.amplitude, self._latest.amplitude_std, self._latest.frequency
         try:
-            chosen = self._selector.select(amplitude, std, frequency, margin=request.margin, height=self._height)
+            return select_height(self._selector, request, response, self._latest, self._height)
         except SelectionError as error:
-            response.message = str(error)
-            return response
-        response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m"
-        response.height, response.beam_amplitude, response.efficiency = (
-            chosen.height,
-            chosen.beam_amplitude,
-            chosen.efficiency,
-        )
-        response.price, response.evaluations, response.wall_time = chosen.price, chosen.evaluations, chosen.wall_s
-        return response
+            return refused(self._selector.method, str(error), response)
 
     def _stay_alone(self) -> None:
         try:
@@ -200,6 +195,9 @@ class SelectorNode(Node):
 
     def close(self) -> None:
         """Stop the timer; the motor notices the silence by itself."""
+        self._maps.close()
+        if self._search:
+            self._search.close()
         self._alone_timer.cancel()
 
 

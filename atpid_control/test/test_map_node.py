@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The map action over real DDS: progress, the file, cancel and resume, refusals in one line."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from action_msgs.msg import GoalStatus
+from atpid_interfaces.action import ComputeMap
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from atpid_control.nodes.map_server import MapServer
+from atpid_sim.maps import HeightMap
+
+SCENE = str(Path(__file__).parents[2] / "scenes" / "standard.yaml")
+
+
+class Stand:
+    """A node that serves maps and a client, on one executor."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes = [Node(name, context=self.context) for name in ("selector_node", "client")]
+        self.server = MapServer(self.nodes[0])
+        self.client = ActionClient(self.nodes[1], ComputeMap, "selector_node/compute_map")
+        for node in self.nodes:
+            self.executor.add_node(node)
+        self.feedback: list[Any] = []
+
+    def wait(self, future: Any) -> Any:
+        end = time.monotonic() + 90.0
+        while not future.done():
+            assert time.monotonic() < end, "the answer waited for did not come"
+            self.executor.spin_once(timeout_sec=0.02)
+        return future.result()
+
+    def ask(self, out: Path, amplitudes: list[float], scene: str = SCENE) -> Any:
+        assert self.client.wait_for_server(timeout_sec=20.0)
+        goal = ComputeMap.Goal(scene=scene, amplitudes=amplitudes, mass_fractions=[0.1], out=str(out))
+        return self.wait(self.client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback)))
+
+    def close(self) -> None:
+        self.server.close()
+        for node in self.nodes:
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    made = Stand()
+    yield made
+    made.close()
+
+
+def test_a_map_is_made_with_progress(stand, tmp_path):
+    answer = stand.wait(stand.ask(tmp_path / "made.npz", [0.01, 0.012, 0.014]).get_result_async())
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED and answer.result.success
+    assert HeightMap.load(tmp_path / "made.npz").lookup(0.012, 0.1).height == pytest.approx(0.235, abs=0.03)
+    assert stand.feedback and all(message.total == 3 for message in stand.feedback)
+
+
+def test_a_cancelled_map_is_kept_and_goes_on(stand, tmp_path):
+    amplitudes = [0.01 + 0.0005 * k for k in range(40)]
+    goal = stand.ask(tmp_path / "map.npz", amplitudes)
+    while not any(message.done for message in stand.feedback):
+        stand.executor.spin_once(timeout_sec=0.02)
+    stand.wait(goal.cancel_goal_async())
+    answer = stand.wait(goal.get_result_async())
+    assert answer.status == GoalStatus.STATUS_CANCELED and not answer.result.success
+    assert "goes on from there" in answer.result.message
+    assert not (tmp_path / "map.npz").exists() and list(tmp_path.iterdir())
+
+
+def test_bad_input_is_answered_in_one_line(stand, tmp_path):
+    answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.02, 0.01]).get_result_async())
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert "rising" in answer.result.message and "\n" not in answer.result.message
+    answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.01, 0.02], "nowhere.yaml").get_result_async())
+    assert "nowhere.yaml" in answer.result.message

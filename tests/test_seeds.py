@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The adaptive loop without the graph: the reductions of Fig. 4.8, rumble, drift, and how fast a step is identified."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from graph_runs import in_lockstep, scene_file
+
+from atpid_control.bench.errors import BenchError
+from atpid_control.bench.maps import map_for
+from atpid_control.bench.pure_loop import run_loop
+from atpid_control.bench.rumbling import longest_rumble
+from atpid_control.bench.seeds import configured, measured, noisy, run_seed
+from atpid_control.cli import main
+from atpid_sim.maps import HeightMap
+from atpid_sim.scene import load_scene
+
+# brute force allows 79.5, 85 and 86.9 % at 0.01 m
+STEPPED = [("stepped_4_8", 0.76), ("stepped_4_8_phi_0_2", 0.82), ("stepped_4_8_phi_0_3", 0.86)]
+
+
+@pytest.fixture(scope="module")
+def height_map(scenes):
+    return map_for(load_scene(scenes / "stepped_4_8.yaml"))
+
+
+@pytest.mark.parametrize(("name", "least"), STEPPED)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stepped_excitation_is_reduced_in_every_stage_without_rumble(scenes, height_map, name, least, seed):
+    ran = run_seed(scenes / f"{name}.yaml", seed, configured(), 40.0, height_map)
+    assert [stage.excitation_amplitude for stage in ran.stages] == [0.03, 0.02, 0.01]
+    assert min(stage.efficiency for stage in ran.stages) >= least
+    assert (ran.step_backs, ran.drifts) == (0, 0)
+    if name == "stepped_4_8":
+        assert max(stage.rumble for stage in ran.stages) <= 1.0
+
+
+@pytest.mark.parametrize(("method", "least"), [("pca", 0.76), ("direct", 0.76)])
+def test_the_methods_that_compute_reach_it_as_well(scenes, height_map, method, least):
+    scene = load_scene(scenes / "stepped_4_8.yaml")
+    scene = scene.with_(ceiling=scene.ceiling.model_dump(mode="json", exclude_none=True) | {"controller": method})
+    stages = list(measured(run_loop(noisy(scene, 1, 40.0), configured()), HeightMap.load(height_map)))
+    assert min(stage.efficiency for stage in stages) >= least
+
+
+def test_the_thesis_bench_keeps_its_heights_and_amplitudes(scenes, height_map):
+    ran = run_seed(scenes / "thesis_4_3.yaml", 1, configured(), None, height_map)
+    assert [stage.height for stage in ran.stages] == pytest.approx([0.29, 0.76, 0.57], rel=0.05)
+    assert max(1.0 - stage.efficiency for stage in ran.stages) <= 0.24
+    assert (ran.step_backs, ran.drifts) == (0, 0)
+
+
+@pytest.mark.parametrize("decibels", [40.0, 60.0])
+def test_two_periods_after_a_step_the_amplitude_is_within_one_per_cent(scenes, height_map, decibels):
+    scene = load_scene(scenes / "stepped_4_8.yaml")
+    ran = run_loop(noisy(scene, 3, decibels), configured(), height_map)
+    time = np.array(ran.time)
+    amplitude = np.array([estimate.amplitude for estimate in ran.estimates])
+    for begin, end, true in ((0.2, 8.0, 0.03), (8.2, 15.0, 0.02), (15.2, 22.0, 0.01)):
+        due = (time >= begin + 2.0 / scene.frequency_hz) & (time <= end)
+        assert amplitude[due] == pytest.approx(np.full(due.sum(), true), rel=0.01)
+
+
+def test_the_loop_without_the_graph_decides_as_the_graph_does(scenes, height_map, tmp_path):
+    path = scene_file(scenes / "stepped_4_8.yaml", tmp_path, duration=4.0, steady_window=[3.0, 4.0])
+    bag = in_lockstep(path, tmp_path / "run")
+    ran = run_loop(load_scene(path), configured(), height_map)
+    sent = [message.height for _, message in bag.messages("/ceiling/command")]
+    assert [answer.command.height for answer in ran.answers] == pytest.approx(sent, rel=1e-12, nan_ok=True)
+    beam = np.concatenate([message.beam for _, message in bag.messages("/plant/truth")])
+    assert np.max(np.abs(ran.beam - beam)) <= 1e-9
+
+
+def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes, height_map, tmp_path):
+    good = HeightMap.load(height_map)
+    replace(good, heights=1.1 * good.heights).save(tmp_path / "high.npz")
+    scene = load_scene(scenes / "stepped_4_8.yaml").with_(duration=8.0, steady_window=[6.0, 8.0])
+    ran = run_loop(scene, configured(), tmp_path / "high.npz")
+    steps = ran.said("step_back")
+    assert steps
+    after = [answer.command.height for t, answer in zip(ran.time, ran.answers, strict=True) if t >= steps[0][0]]
+    assert max(after) < 1.1 * good.lookup(0.03, 0.1).height
+    assert all(later <= earlier for earlier, later in zip(after, after[1:], strict=False))
+    # the bench's own measure sees the rumble as well
+    assert longest_rumble(ran, (0.2, 8.0), good.lookup(0.03, 0.1)) > 1.0
+
+
+def test_a_grain_lighter_than_believed_is_said_as_drift_once(scenes, height_map):
+    believed = load_scene(scenes / "thesis_4_3.yaml")
+    real = believed.with_(grain={"mass_fraction": 0.085, "radius": 0.0085}, frequency=believed.frequency_hz)
+    ran = run_loop(real, configured(), height_map, model=believed)
+    drifts = ran.said("drift")
+    assert len(drifts) == 1
+    assert "more than the model says" in drifts[0][1]
+    assert drifts[0][0] < 6.0  # in the first stage
+    assert {answer.severity for answer in ran.answers if answer.kind == "drift"} == {2}
+
+
+def test_the_command_prints_its_table_and_refuses_what_it_cannot_run(scenes, capsys):
+    assert main(["seeds", str(scenes / "stepped_4_8.yaml"), "--seeds", "1", "--decibels", "40"]) == 0
+    assert "stepped_4_8" in capsys.readouterr().out
+    assert main(["seeds", str(scenes / "standard.yaml"), "--seeds", "1"]) == 2
+    assert "controller" in capsys.readouterr().err
+    with pytest.raises(BenchError, match="allowed: at least 1"):
+        from argparse import Namespace
+
+        from atpid_control.bench.seeds import run
+
+        run(Namespace(seeds=0))
