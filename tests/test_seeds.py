@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The adaptive loop without the graph: the reductions of Fig. 4.8, rumble, drift, and how fast a step is identified."""
 
+from argparse import Namespace
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from atpid_control.bench.errors import BenchError
 from atpid_control.bench.maps import map_for
 from atpid_control.bench.pure_loop import run_loop
 from atpid_control.bench.rumbling import longest_rumble
-from atpid_control.bench.seeds import configured, measured, noisy, run_seed
+from atpid_control.bench.seeds import configured, measured, noisy, run, run_seed
 from atpid_control.cli import main
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
@@ -81,7 +83,7 @@ def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes, height_map
     assert steps
     after = [answer.command.height for t, answer in zip(ran.time, ran.answers, strict=True) if t >= steps[0][0]]
     assert max(after) < 1.1 * good.lookup(0.03, 0.1).height
-    assert all(later <= earlier for earlier, later in zip(after, after[1:], strict=False))
+    assert all(later <= earlier for earlier, later in pairwise(after))
     # the bench's own measure sees the rumble as well
     assert longest_rumble(ran, (0.2, 8.0), good.lookup(0.03, 0.1)) > 1.0
 
@@ -103,8 +105,4 @@ def test_the_command_prints_its_table_and_refuses_what_it_cannot_run(scenes, cap
     assert main(["seeds", str(scenes / "standard.yaml"), "--seeds", "1"]) == 2
     assert "controller" in capsys.readouterr().err
     with pytest.raises(BenchError, match="allowed: at least 1"):
-        from argparse import Namespace
-
-        from atpid_control.bench.seeds import run
-
         run(Namespace(seeds=0))

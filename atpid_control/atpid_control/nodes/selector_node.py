@@ -76,6 +76,7 @@ class SelectorNode(Node):
         super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
         for name, default, text in PARAMETERS:
             self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
+            self._value(name)  # refused now, before anything is loaded
         scene = scene_given(self)
         self._block = scene.recording.block
         self._lockstep = bool(self._value("lockstep"))
