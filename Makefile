@@ -41,12 +41,17 @@ test: setup ## format, types, import rules, then all tests; stops at the first t
 
 .PHONY: figures
 figures: setup ## make every picture of README and docs again (a few minutes)
-	@$(IN_WORKSPACE) set -e; \
+	@. ros2_ws/activate || exit 2; set -e; \
 	python -m atpid_control bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
 	python -m atpid_sim.figures.free_decay --out docs/figures; \
 	python -m atpid_sim.figures.contact --out docs/figures; \
 	python -m atpid_control figures identification --out docs/figures; \
-	python -m atpid_control figures selection --out docs/figures
+	python -m atpid_control figures selection --out docs/figures; \
+	for scene in standard sticking irregular; do \
+	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
+	done; \
+	python -m atpid_sim.tradeoff_page --out docs \
+	    --regular out/tradeoff/standard --sticking out/tradeoff/sticking --irregular out/tradeoff/irregular
 
 .PHONY: firmware
 firmware: ## build the motor's firmware (needs the AVR tools)

@@ -85,7 +85,7 @@ NOT_RUN = {
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",
     r"python -m nidaqmx installdriver$": "installs NI's driver",
-    r"python -m atpid_(sim|control) (tradeoff|extremes|sweep|seeds|figures) ": "minutes; their parts have tests",
+    r"python -m atpid_(sim|control)( |\.)(tradeoff|extremes|sweep|seeds|figures \w)": "minutes; their parts have tests",
     r"ros2 launch( |$)": "the wheels have no launch; tests/test_launch.py and test_replay.py read the files",
     r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag (info|play))": "the wheels have no ros2",
 }
@@ -94,9 +94,9 @@ FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--symlink-install"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
-    "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml", "scene.yaml",
+    "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "report.html", "overview.png", "grain.png", "tradeoff.json", "tradeoff.md", "tradeoff.png",
-    "stdint.h",
+    "scene.yaml", "stdint.h",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"

@@ -64,14 +64,22 @@ def test_two_periods_after_a_step_the_amplitude_is_within_one_per_cent(scenes, h
         assert amplitude[due] == pytest.approx(np.full(due.sum(), true), rel=0.01)
 
 
-def test_the_loop_without_the_graph_decides_as_the_graph_does(scenes, height_map, tmp_path):
-    path = scene_file(scenes / "stepped_4_8.yaml", tmp_path, duration=4.0, steady_window=[3.0, 4.0])
+@pytest.mark.parametrize(("too_high", "kinds"), [(1.0, set()), (1.1, {"step_back"})])
+def test_the_loop_without_the_graph_decides_as_the_graph_does(scenes, height_map, tmp_path, too_high, kinds):
+    good = HeightMap.load(height_map)
+    replace(good, heights=too_high * good.heights).save(tmp_path / "map.npz")
+    ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": "map.npz"}
+    changes = {"duration": 8.0, "steady_window": [7.0, 8.0], "ceiling": ceiling}
+    path = scene_file(scenes / "stepped_4_8.yaml", tmp_path, **changes)
     bag = in_lockstep(path, tmp_path / "run")
-    ran = run_loop(load_scene(path), configured(), height_map)
+    ran = run_loop(load_scene(path), configured(), tmp_path / "map.npz")
     sent = [message.height for _, message in bag.messages("/ceiling/command")]
     assert [answer.command.height for answer in ran.answers] == pytest.approx(sent, rel=1e-12, nan_ok=True)
     beam = np.concatenate([message.beam for _, message in bag.messages("/plant/truth")])
     assert np.max(np.abs(ran.beam - beam)) <= 1e-9
+    told = [event.kind for _, event in bag.messages("/events") if event.header.frame_id == "selector_node"]
+    assert told == [answer.kind for answer in ran.answers if answer.kind]
+    assert set(told) == kinds
 
 
 def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes, height_map, tmp_path):

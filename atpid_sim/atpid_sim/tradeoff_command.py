@@ -93,7 +93,7 @@ def _said(reference: Reference) -> str:
         return f"reference {reference.amplitude:.12g} m, two tolerances agree to {reference.agreement:.0e}."
     low, middle, high = reference.spread
     return (
-        f"chaotic: two tolerances of 1e-11 and 1e-12 differ by {reference.agreement:.0%}, so there is no reference to be near. "
+        f"chaotic: tolerances of 1e-11 and 1e-12 differ by {reference.agreement:.0%}, so there is nothing to be near. "
         f"An ensemble of starts 1e-6 apart gives {low:.4g} to {high:.4g} m, median {middle:.4g} m: what a single "
         "run gives, by any method, is one draw."
     )

@@ -183,9 +183,7 @@ def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
     """Return severity, kind, value and text of a rumble's beginning or end."""
     if not state.rumbling:
         return Event.INFO, "calm", state.scatter, "the beam's response is regular again"
-    text = (
-        f"rumble: the beam's amplitude scatters by {state.scatter:.1%} from period to period at {state.amplitude:.4f} m"
-    )
+    text = f"the beam's amplitude scatters by {state.scatter:.1%} from period to period at {state.amplitude:.4f} m"
     return Event.WARNING, "rumble", state.scatter, text
 
 

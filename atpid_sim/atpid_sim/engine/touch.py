@@ -55,9 +55,8 @@ _SETTLED = 100
 #: Steps of one uninterrupted contact after which the ringing of a grain at rest counts by its displacement alone.
 _PATIENCE = 3000
 
-#: After twenty times as many, an error of this share of the overlap is allowed: an elastic grain that rings for ever is
-#: brought to rest, and only the beam goes on being computed to the tolerance.
-_ENDURANCE = 0.3
+#: Steps after which only the beam is still computed to the tolerance: elastic ringing without end is damped out.
+_ENDURANCE = 60_000
 
 
 @kernel
@@ -150,6 +149,8 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
     natural = math.sqrt(system.stiffness / system.beam_mass)
     fastest = max(segment[4] if segment[2] != 0.0 or segment[3] != 0.0 else 0.0, natural)
     way = _SMOOTH if overlap <= 0.0 else _PLAIN
+    if way == _PLAIN and n[CONTACT_STEPS] > _ENDURANCE:
+        way = _RESTING  # a force near zero for long: the noise of explicit steps would let go again and again
     origin, s = (tau, 0.0) if way == _SMOOTH else (0.0, tau)
     h = min(y[FIRST_STEP], (until - tau) ** 0.25) if way == _SMOOTH else 1e-2 * y[FIRST_STEP] ** 4
     sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
@@ -175,7 +176,7 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         depth = max(abs(o1), overlap, 0.1 * deepest, scale[0], min(_DEPTH_FLOOR * swing, scale[0] / rtol))
         speed = max(abs(r1), abs(rate), 0.1 * quickest, scale[1], min(natural * swing, scale[1] / rtol))
         if taken > _PATIENCE:
-            depth *= max(1.0, _ENDURANCE / rtol) if taken > 20 * _PATIENCE else 1.0
+            depth = math.inf if taken > _ENDURANCE else depth
             speed = max(speed, contact_pace(touching, p, overlap, rate)[1] * depth)
         error = _weighed(errors, depth, speed, swing, natural, rtol)
         leaving = k1[2] <= 0.0
