@@ -10,7 +10,8 @@ from atpid_sim.contact.ids import IMPACT
 from atpid_sim.run import FIDELITIES, is_closed
 from atpid_sim.scene import Scene
 
-#: Amplitude error of instantaneous impacts against the soft contact, relative (measured 4e-3 on the standard task: docs/tradeoff.md).
+#: Amplitude error of instantaneous impacts against the soft contact, relative (4e-3 on the standard task, measured:
+#: docs/tradeoff.md).
 IMPACT_MODEL_ERROR = 1e-2
 
 #: One mass against soft contact for the closed damper: the grain's play of micrometres (measured: 2e-4 at most).

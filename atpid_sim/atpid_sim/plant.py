@@ -68,7 +68,7 @@ class Plant:
         return float(self._y[state.TIME])
 
     def advance(self, duration_ticks: int, rate: float, target: float, speed: float) -> PlantBlock:
-        """Advance by `duration_ticks` samples at `rate` [Hz] while the ceiling goes toward `target` [m] at `speed` [m/s].
+        """Advance by `duration_ticks` samples at `rate` [Hz], the ceiling going toward `target` [m] at `speed` [m/s].
 
         A speed of 0 holds it. Samples are at the start of the run plus i / rate. Raises NumericalFailure with time and
         state where the motion cannot be followed: what was computed up to there is lost with the plant.
@@ -85,7 +85,9 @@ class Plant:
                 f"grain {self._y[state.GRAIN]:.6g} m, ceiling {self.height:.6g} m)"
             )
         self._ticks += duration_ticks
-        self.height = float(table[-1, drive.HEIGHT] + table[-1, drive.HEIGHT_RATE] * (table[-1, drive.END] - table[-1, drive.START]))
+        self.height = float(
+            table[-1, drive.HEIGHT] + table[-1, drive.HEIGHT_RATE] * (table[-1, drive.END] - table[-1, drive.START])
+        )
         if speed > 0.0 and abs(self.height - target) < 1e-12:
             self.height = target
         return self._block(begin, end, rate, table, out, outcome)
