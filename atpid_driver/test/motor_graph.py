@@ -28,6 +28,10 @@ SIMULATED: dict[str, Any] = {
 }
 
 
+#: Time from one command to the next [s].
+BLOCK = 0.05
+
+
 class Stand:
     """A motor node and a node that commands it, in one context on one executor."""
 
@@ -52,10 +56,14 @@ class Stand:
     def until(
         self, condition: Callable[[], object], act: Callable[[], None] = lambda: None, limit: float = 20.0
     ) -> None:
-        end = time.monotonic() + limit
+        now = time.monotonic()
+        end, due = now + limit, now
         while not condition():
-            assert time.monotonic() < end, "the event waited for did not come"
-            act()
+            now = time.monotonic()
+            assert now < end, "the event waited for did not come"
+            if now >= due:
+                act()
+                due = now + BLOCK  # as often as the loop does: a flood starves the port's thread of this interpreter
             self.executor.spin_once(timeout_sec=0.02)
 
     def command(self, height: float, stamp: float, sequence: int = 1, frame_id: str = "selector_node") -> None:

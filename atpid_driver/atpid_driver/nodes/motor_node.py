@@ -50,6 +50,7 @@ class MotorNode(MotorLife):
         self._born = time.monotonic()
         self._stamp = 0
         self._initial: float | None = None
+        self._recover_after = 0.0
         self._last_refused: object = None
         self._last_faults = NO_FAULT
         self._open_topics()
@@ -144,10 +145,18 @@ class MotorNode(MotorLife):
 
     def _each_period(self) -> None:
         reading = self._read()
-        if self._initial is not None and self._active and (reading.ready or _lost_link(reading)):
+        if self._initial is not None and self._active and (reading.ready or self._shall_recover(reading)):
             self._go_to_initial(self._initial, reading)
         stamp = self.get_clock().now().to_msg()
         self._publish(reading, Header(stamp=stamp, frame_id=self.get_name()))
+
+    def _shall_recover(self, reading: Reading) -> bool:
+        """Whether a lost link is to be taken up again: once a second, so that requests cannot pile up."""
+        lost = reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS
+        if not lost or time.monotonic() < self._recover_after:
+            return False
+        self._recover_after = time.monotonic() + RETRY
+        return True
 
     def _go_to_initial(self, height: float, reading: Reading) -> None:
         """Go to the first height after homing, until it is reached; a command takes precedence.
@@ -248,10 +257,6 @@ class MotorNode(MotorLife):
     def _now(self) -> int:
         """Return the time the ceiling moves by [ns]: the last command's stamp in lockstep, else the steady clock."""
         return self._stamp if self.settings.lockstep else time.monotonic_ns()
-
-
-def _lost_link(reading: Reading) -> bool:
-    return reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS
 
 
 def main(args: list[str] | None = None) -> int:
