@@ -8,6 +8,7 @@ import os
 import socket
 from collections.abc import Iterator, MutableMapping
 from contextlib import contextmanager, suppress
+from itertools import count
 
 from atpid_control.bench.errors import BenchError
 
@@ -15,6 +16,7 @@ from atpid_control.bench.errors import BenchError
 LOWEST, HIGHEST = 1, 101
 # DDS: port of the domain's multicast and of its first participant (RTPS 2.5, section 9.6.2.3)
 _BASE, _GAIN, _FIRST_UNICAST = 7400, 250, 10
+_turn = count()
 
 
 @contextmanager
@@ -41,9 +43,11 @@ def own_domain(wanted: int | None = None, environment: MutableMapping[str, str] 
 def _claim(wanted: int | None) -> tuple[int, socket.socket]:
     if wanted is not None and not 0 <= wanted <= 232:
         raise BenchError(f"--domain: given {wanted}; allowed: 0 to 232")
-    # starting from the process id, benches started together look in different places first
+    # starting from the process id, benches started together look in different places first; and no process takes a
+    # domain twice in a row, for discovery may keep names of the run before for some seconds
     span = HIGHEST - LOWEST + 1
-    candidates = [wanted] if wanted is not None else [LOWEST + (os.getpid() + k) % span for k in range(span)]
+    start = os.getpid() + next(_turn)
+    candidates = [wanted] if wanted is not None else [LOWEST + (start + k) % span for k in range(span)]
     for domain in candidates:
         holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         with suppress(OSError):
