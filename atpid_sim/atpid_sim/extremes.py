@@ -150,7 +150,7 @@ def _patience(scene: Scene, least: float, most: float, closing: float) -> float:
 
 
 def _steps(n: Any) -> int:
-    return int(n[state.CONTACT_STEPS] + n[state.FLIGHT_STEPS] + n[state.REJECTED])
+    return int(state.spent(n))
 
 
 def _inside(y: Any, table: Any) -> bool:

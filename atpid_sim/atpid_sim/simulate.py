@@ -120,7 +120,7 @@ def simulate(
         spread=verdict.spread,
         energy_residual=ledger.residual,
         ledger=ledger,
-        steps=int(n[state.CONTACT_STEPS] + n[state.FLIGHT_STEPS] + n[state.REJECTED]),
+        steps=int(state.spent(n)),
         wall_s=wall,
         result=Outcome.DONE.sentence,
     )
@@ -159,7 +159,7 @@ def advance(
     if outcome != Outcome.DONE:
         raise NumericalFailure(
             f"{outcome.sentence} (at {y[state.TIME]:.6f} s: beam {y[state.BEAM]:.6g} m, "
-            f"grain {y[state.GRAIN]:.6g} m above its rest, {n[state.CONTACT_STEPS] + n[state.FLIGHT_STEPS]} steps)"
+            f"grain {y[state.GRAIN]:.6g} m above its rest, {state.spent(n)} steps)"
         )
 
 

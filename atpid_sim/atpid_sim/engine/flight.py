@@ -22,6 +22,7 @@ from atpid_sim.engine.state import (
     OFF_FLOOR,
     ON_CEILING,
     ON_FLOOR,
+    spent,
 )
 
 #: A gap below this fraction of the motion's size is a touch; it is far above rounding and far below any overlap.
@@ -104,9 +105,9 @@ def fly(y, n, segment, tau, until, system, law, p, observing, sampling, out, bud
                 n[MODE] = ON_FLOOR if side > 0.0 else ON_CEILING
                 break
             step = min(step, safe_step(overlap, closing, acceleration, jerk, longest))
-        n[FLIGHT_STEPS] += 1
-        if tau >= until or n[FLIGHT_STEPS] > budget:
+        if tau >= until or spent(n) >= budget:
             break
+        n[FLIGHT_STEPS] += 1
         ahead = until if step >= until - tau else tau + step
         if ahead == tau:  # below the clock's resolution: take the surface as reached
             ahead = min(until, tau * (1.0 + 4e-16) + 1e-300)

@@ -21,7 +21,6 @@ from atpid_sim.engine.state import (
     CEILING_WORK,
     CONTACT_LOSS,
     CONTACT_STEPS,
-    FLIGHT_STEPS,
     FREE,
     GRAIN,
     GRAIN_RATE,
@@ -31,6 +30,7 @@ from atpid_sim.engine.state import (
     SAMPLE,
     TIME,
     TOUCHING,
+    spent,
 )
 from atpid_sim.outcome import Outcome
 from atpid_sim.system import System
@@ -105,7 +105,7 @@ def _stick(y, n, segment, tau, until, system, held, observing, sampling, out, bu
     pressing = side * (a + system.gravity)
     least = 1e-9 * stride
     # a first step is made in any case: whether the wall presses at the very impact is a matter of rounding
-    while (pressing >= 0.0 or tau == begin or held) and tau < until and n[CONTACT_STEPS] < budget:
+    while (pressing >= 0.0 or tau == begin or held) and tau < until and spent(n) < budget:
         n[CONTACT_STEPS] += 1
         longest = min(stride, until - tau)
         # the wall surely presses this long: its rate of change is known, and changes no faster than the snap
@@ -170,7 +170,7 @@ def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, bud
                     arc = arc_from(system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE])  # fmt: skip # noqa: E501
                     _collide(y, n, arc, tau, system, law, p, segment[HEIGHT_RATE], held)
             y[TIME] = start + tau
-            if n[CONTACT_STEPS] >= budget or n[FLIGHT_STEPS] > budget:
+            if spent(n) >= budget:
                 return STEP_BUDGET
             if not (math.isfinite(y[BEAM]) and math.isfinite(y[BEAM_RATE]) and math.isfinite(y[GRAIN_RATE])):
                 return NOT_FINITE

@@ -152,13 +152,13 @@ def next_sample(n, out, sampling):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def contact_samples(  # type: ignore[no-untyped-def]
-    n, out, sampling, segment, side, slack, tau, elapsed, x, v, overlap, rate, a, x1, v1, overlap1, rate1, a1
-):  # fmt: skip
+def contact_samples(n, out, sampling, segment, side, slack, tau, elapsed, begin, end):  # type: ignore[no-untyped-def]
     """Write all samples whose instants lie in a contact step of `elapsed` [s] from local time tau on; returns the next.
 
-    Beam displacement and velocity, overlap and its rate, beam acceleration at the step's start, and at its end (1).
+    `begin`, `end`: the motion (`step.Motion`) at the step's ends.
     """
+    x, v, overlap, rate, a = begin.x, begin.v, begin.overlap, begin.rate, begin.slope[0]
+    x1, v1, overlap1, rate1, a1 = end.x, end.v, end.overlap, end.rate, end.slope[0]
     at = next_sample(n, out, sampling)
     while at <= tau + elapsed:
         s = min(1.0, max(0.0, (at - tau) / elapsed))

@@ -33,15 +33,15 @@ def run_one_mass(table, system, mass, y, n, observe, sampling, out, budget):  # 
         if observing:
             note_extreme(y, x)
             while tau < until:
+                if n[FLIGHT_STEPS] >= budget:
+                    return STEP_BUDGET
+                n[FLIGHT_STEPS] += 1
                 ahead = min(until, tau + stride)
                 x1, v1, _a, _u, _w = beam_at(arc, ahead)
                 note_extreme(y, x1)
                 if v * v1 < 0.0:
                     flight_extreme(y, arc, tau, ahead, v, v1)
                 tau, v = ahead, v1
-                n[FLIGHT_STEPS] += 1
-                if n[FLIGHT_STEPS] > budget:
-                    return STEP_BUDGET
         while n[SAMPLE] < out.shape[1]:
             at = sampling[0] + n[SAMPLE] * sampling[1] - start
             if at > until:

@@ -13,7 +13,7 @@ import math
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.kernel import inlined, kernel
 from atpid_sim.engine.observe import hermite, hermite_rate
-from atpid_sim.engine.step import slope
+from atpid_sim.engine.step import Motion, slope
 
 #: Relative distance over which the force is differenced; its error, 1e-8, is far below that of a step.
 _APART = 1e-4
@@ -82,8 +82,9 @@ def _accelerations(touching, p, u, w, x, v, overlap, rate):  # type: ignore[no-u
 
 
 @kernel
-def implicit_step(segment, touching, p, tau, h, x, v, overlap, rate, k):  # type: ignore[no-untyped-def]
+def implicit_step(segment, touching, p, tau, h, motion):  # type: ignore[no-untyped-def]
     """One step of size h from local time tau; arguments and result as `step.explicit_step`."""
+    x, v, overlap, rate, k = motion
     side, inverse, reduced = touching.side, touching.beam_inverse, touching.reduced_inverse
     stiff, damp = stiffness_and_damping(touching, p, overlap, rate)
     g = 1.0 / (_GAMMA * h)
@@ -166,23 +167,18 @@ def implicit_step(segment, touching, p, tau, h, x, v, overlap, rate, k):  # type
     errors = ((px + v6) / g, v6, (po + r6) / g, r6)
     xs, vs, os, rs = xs + errors[0], vs + v6, os + errors[2], rs + r6
     last = slope(touching, p, u5, w5, xs, vs, os, rs)
-    return (
-        xs,
-        vs,
-        os,
-        rs,
-        last,
-        errors,
-        _flows(segment, touching, p, tau, h, x, v, overlap, rate, k, xs, vs, os, rs, last),
-    )
+    end = Motion(xs, vs, os, rs, last)
+    return end, errors, _flows(segment, touching, p, tau, h, motion, end)
 
 
 @kernel
-def _flows(segment, touching, p, tau, h, x, v, overlap, rate, k, x1, v1, overlap1, rate1, last):  # type: ignore[no-untyped-def]
+def _flows(segment, touching, p, tau, h, begin, end):  # type: ignore[no-untyped-def]
     """Integrals of the powers of contact, support and beam damper and of the force over a step, by Lobatto's rule.
 
     The overlap between the ends is a cubic: its accelerations are the small difference of large forces.
     """
+    x, v, overlap, rate, k = begin
+    x1, v1, overlap1, rate1, last = end
     absorbed, work, loss = k[5] + last[5], k[3] + last[3], k[4] + last[4]
     for node in (_INNER, 1.0 - _INNER):
         u, w, _a = _support(segment, tau + node * h)

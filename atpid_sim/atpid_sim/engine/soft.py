@@ -17,12 +17,10 @@ from atpid_sim.engine.state import (
     BEGUN,
     CEILING_HITS,
     CONTACT_LOSS,
-    CONTACT_STEPS,
     E_SPEED,
     E_TIME,
     E_WALL,
     EVENTS,
-    FLIGHT_STEPS,
     FLOOR_HITS,
     GRAIN,
     GRAIN_RATE,
@@ -30,10 +28,10 @@ from atpid_sim.engine.state import (
     MODE,
     ON_CEILING,
     ON_FLOOR,
-    REJECTED,
     TIME,
     WINDOW_CEILING,
     WINDOW_FLOOR,
+    spent,
 )
 from atpid_sim.engine.touch import touch
 
@@ -88,7 +86,7 @@ def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
             motion, min(omega * omega, natural) * swing, 2.0 * abs(table[row, C2]), natural * abs(table[row, C0])
         )
     pace = max(0.05 * (motion + system.gravity), 1e-12)
-    overlap = 0.1 * resting_overlap(law, p, system.grain_mass * pace)
+    overlap = 0.1 * resting_overlap(law, p, system.grain_mass * pace, 0.1)
     return overlap, math.sqrt(pace * overlap), 1e-3 * motion / natural + overlap
 
 
@@ -133,7 +131,7 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
                     overlap = -lift if n[MODE] == ON_FLOOR else lift - room
                     y[CONTACT_LOSS] -= energy(law, max(overlap, 0.0), y[MEMORY], p)
             y[TIME] = start + tau
-            if n[CONTACT_STEPS] + n[REJECTED] > budget or n[FLIGHT_STEPS] > budget:
+            if spent(n) >= budget:
                 return STEP_BUDGET
             fault = _fault(y, segment[HEIGHT] + segment[HEIGHT_RATE] * tau, slack, system.radius)
             if fault != DONE:

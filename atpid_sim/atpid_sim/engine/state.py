@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_sim.engine.kernel import kernel
+
 # real state, float64 (SIZE,)
 (
     TIME,  # [s]
@@ -28,7 +30,7 @@ from numpy.typing import NDArray
 ) = range(17)
 
 # counters, int64 (COUNTS,)
-MODE, FLOOR_HITS, CEILING_HITS, WINDOW_FLOOR, WINDOW_CEILING, CONTACT_STEPS, FLIGHT_STEPS, REJECTED, SAMPLE, EVENTS, COUNTS = range(11)  # fmt: skip # noqa: E501
+MODE, FLOOR_HITS, CEILING_HITS, WINDOW_FLOOR, WINDOW_CEILING, CONTACT_STEPS, FLIGHT_STEPS, REJECTED, SAMPLE, EVENTS, LOW_HOPS, COUNTS = range(12)  # fmt: skip # noqa: E501
 
 # modes
 FREE, ON_FLOOR, ON_CEILING, OFF_FLOOR, OFF_CEILING = range(5)  # OFF_: overlapped, but without force
@@ -38,6 +40,12 @@ S_SUPPORT, S_BEAM, S_RATE, S_ACCELERATION, S_GRAIN, S_CEILING, ROWS = range(7)
 
 # columns of the impact log, float64 (capacity, 3): time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
 E_TIME, E_WALL, E_SPEED, COLUMNS = range(4)
+
+
+@kernel
+def spent(n):  # type: ignore[no-untyped-def]
+    """Steps of the budget that are used up: those of contacts and flights, and the rejected ones."""
+    return n[CONTACT_STEPS] + n[FLIGHT_STEPS] + n[REJECTED]
 
 
 def at_rest(beam: float, rate: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -27,6 +27,25 @@ class Touch(NamedTuple):
     reduced_inverse: float  # 1 / beam mass + 1 / grain mass
 
 
+class Moment(NamedTuple):
+    """Where a step begins: local time [s], the method's own variable, and sine and cosine of the support's phase."""
+
+    tau: float
+    s: float
+    sine: float
+    cosine: float
+
+
+class Motion(NamedTuple):
+    """Beam and overlap in contact, with what `slope` says of them there [SI units]."""
+
+    x: float
+    v: float
+    overlap: float
+    rate: float
+    slope: tuple[float, float, float, float, float, float]
+
+
 @inlined
 def _turn(angle):  # type: ignore[no-untyped-def]
     """Sine and cosine of an angle below 0.2 rad, by their series to the last digit."""
@@ -70,13 +89,14 @@ def slope(touching, p, u, w, x, v, overlap, rate):  # type: ignore[no-untyped-de
 
 
 @kernel
-def explicit_step(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, overlap, rate, k):  # type: ignore[no-untyped-def]
-    """One Dormand-Prince step of size h in the variable s, from local time tau on; time goes as s^4 if `smooth`.
+def explicit_step(segment, touching, p, smooth, moment, h, motion):  # type: ignore[no-untyped-def]
+    """One Dormand-Prince step of size h in the variable s; time goes as s^4 if `smooth`.
 
-    `sine`, `cosine`: of the support's phase at tau; `k`: accelerations, force and powers there. Returns the end state,
-    the same at the end, the error estimate of the four states, and the integrals of the powers of contact, support and
-    beam damper and of the force.
+    Returns the motion at the end, the error estimate of its four states, and the integrals of the powers of contact,
+    support and beam damper and of the force.
     """
+    tau, s, sine, cosine = moment
+    x, v, overlap, rate, k = motion
     a1, b1, f1, p1, d1, c1 = k
     if smooth:
         s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
@@ -153,4 +173,4 @@ def explicit_step(segment, touching, p, tau, sine, cosine, smooth, s, h, x, v, o
     work = g1 * w1 * p1 + g3 * w3 * p3 + g4 * w4 * p4 + g5 * w5 * p5 + g6 * w6 * p6
     loss = g1 * w1 * d1 + g3 * w3 * d3 + g4 * w4 * d4 + g5 * w5 * d5 + g6 * w6 * d6
     impulse = g1 * w1 * f1 + g3 * w3 * f3 + g4 * w4 * f4 + g5 * w5 * f5 + g6 * w6 * f6
-    return x1, v1, o1, r1, last, errors, (absorbed, work, loss, impulse)
+    return Motion(x1, v1, o1, r1, last), errors, (absorbed, work, loss, impulse)

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 
 from atpid_sim.contact.dispatch import energy, release_rate
-from atpid_sim.engine.kernel import kernel
+from atpid_sim.engine.drive import A0, A1, HEIGHT, HEIGHT_RATE, OMEGA, PHASE
+from atpid_sim.engine.kernel import inlined, kernel
 from atpid_sim.engine.observe import contact_samples, next_sample, note_extreme, step_extreme
 from atpid_sim.engine.release import detachment, turning_point
-from atpid_sim.engine.rest import contact_pace, implicit_step
+from atpid_sim.engine.rest import contact_pace
 from atpid_sim.engine.state import (
     BEAM,
     BEAM_LOSS,
@@ -36,15 +37,14 @@ from atpid_sim.engine.state import (
     ON_FLOOR,
     REJECTED,
     TOUCHING,
+    spent,
 )
-from atpid_sim.engine.step import Touch, explicit_step, slope, support_ahead
+from atpid_sim.engine.step import Moment, Motion, Touch, slope, support_ahead
+from atpid_sim.engine.trial import PLAIN, RESTING, SMOOTH, trial
 
 #: Overlaps are measured to the relative tolerance of at least this share of the beam's swing: an error of an overlap
 #: moves the beam by no more than itself, and finer control of the micrometres of a resting grain buys nothing.
 _DEPTH_FLOOR = 0.01
-
-#: Ways to step: from the touch on in the fourth root of time, in plain time, implicitly.
-_SMOOTH, _PLAIN, _RESTING = range(3)
 
 #: Steps times the contact's pace from which stability holds the explicit method back.
 _STIFF = 2.0
@@ -80,9 +80,44 @@ def _remember(touching, memory):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _first(y, touching, p, segment, slack, moment):  # type: ignore[no-untyped-def]
+    """Motion with which the contact is taken up."""
+    x, v = y[BEAM], y[BEAM_RATE]
+    lift, rate = y[GRAIN] - x, y[GRAIN_RATE] - v
+    if touching.side > 0.0:
+        overlap, rate = -lift, -rate
+    else:
+        overlap, rate = (
+            lift - (segment[HEIGHT] + segment[HEIGHT_RATE] * moment.tau - slack),
+            rate - segment[HEIGHT_RATE],
+        )
+    overlap = max(0.0, overlap)
+    u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
+    return Motion(x, v, overlap, rate, slope(touching, p, u, w, x, v, overlap, rate))
+
+
+@kernel
+def _put_back(y, touching, segment, slack, tau, motion):  # type: ignore[no-untyped-def]
+    """Enter the motion at local time tau into the state."""
+    y[BEAM], y[BEAM_RATE] = motion.x, motion.v
+    if touching.side > 0.0:
+        y[GRAIN], y[GRAIN_RATE] = motion.x - motion.overlap, motion.v - motion.rate
+    else:
+        y[GRAIN] = motion.x + segment[HEIGHT] + segment[HEIGHT_RATE] * tau - slack + motion.overlap
+        y[GRAIN_RATE] = motion.v + motion.rate + segment[HEIGHT_RATE]
+
+
+@inlined
+def _moment(segment, tau, s):  # type: ignore[no-untyped-def]
+    """Where the next step begins."""
+    angle = segment[OMEGA] * tau + segment[PHASE]
+    return Moment(tau, s, math.sin(angle), math.cos(angle))
+
+
+@inlined
 def _fitted(way, h, tau, origin, s, until, longest):  # type: ignore[no-untyped-def]
     """Step in the method's own variable, its end in local time, and whether it reaches `until`."""
-    if way == _SMOOTH:
+    if way == SMOOTH:
         end = origin + (s + h) ** 4
         if end - tau > longest:
             h = (tau - origin + longest) ** 0.25 - s
@@ -94,12 +129,37 @@ def _fitted(way, h, tau, origin, s, until, longest):  # type: ignore[no-untyped-
     return (until - tau, until, True) if tau + h >= until else (h, tau + h, False)
 
 
-@kernel
-def _weighed(errors, depth, speed, swing, natural, rtol):  # type: ignore[no-untyped-def]
+@inlined
+def _weighed(touching, p, begin, end, errors, deepest, quickest, natural, rest, scale, rtol, taken):  # type: ignore[no-untyped-def]
     """Error of a step over the one allowed; overlap and beam each count in their own size."""
+    swing = abs(begin.x - rest) + abs(begin.v) / natural + scale[2]
+    # errors as large as a resting grain's overlap would let go of it and catch it again without end
+    depth = max(abs(end.overlap), begin.overlap, 0.1 * deepest, scale[0], min(_DEPTH_FLOOR * swing, scale[0] / rtol))
+    speed = max(abs(end.rate), abs(begin.rate), 0.1 * quickest, scale[1], min(natural * swing, scale[1] / rtol))
+    if taken > _PATIENCE:
+        depth = math.inf if taken > _ENDURANCE else depth
+        speed = max(speed, contact_pace(touching, p, begin.overlap, begin.rate)[1] * depth)
     inner = (errors[2] / depth) ** 2 + (errors[3] / speed) ** 2
     outer = errors[0] ** 2 + (errors[1] / natural) ** 2
     return max(0.5 * math.sqrt(inner + outer / (swing * swing)) / rtol, 1e-6)
+
+
+@kernel
+def _repeated(way, h, error, missed):  # type: ignore[no-untyped-def]
+    """Size with which a rejected step is tried again."""
+    if missed:
+        return 0.5 * h
+    if math.isnan(error):
+        return 0.1 * h
+    return h * max(0.2, 0.9 * error ** (-0.25 if way == RESTING else -0.2))
+
+
+@inlined
+def _next(way, h, logarithm, previous):  # type: ignore[no-untyped-def]
+    """Size of the step after one whose error had this logarithm, and the one before it that of `previous`."""
+    if way == RESTING:
+        return h * min(6.0, max(0.2, 0.9 * math.exp(-0.25 * logarithm)))
+    return h * min(5.0, max(0.2, 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)))
 
 
 @kernel
@@ -116,18 +176,28 @@ def _book(y, touching, p, moving, overlap, overlap1, sums):  # type: ignore[no-u
 
 
 @kernel
-def _let_go(y, n, touching, p, overlap, least):  # type: ignore[no-untyped-def]
-    """End a contact whose force has vanished; returns the overlap that is left and sets the mode."""
-    law, memory = touching.law, y[MEMORY]
+def _watch(y, elapsed, begin, end):  # type: ignore[no-untyped-def]
+    """Note what one step adds to the observation window."""
+    y[TOUCHING] += elapsed
+    note_extreme(y, end.x)
+    if begin.v * end.v < 0.0:
+        step_extreme(y, elapsed, begin.x, begin.v, begin.slope[0], end.x, end.v, end.slope[0])
+
+
+@kernel
+def _let_go(y, n, touching, p, motion, least):  # type: ignore[no-untyped-def]
+    """End a contact whose force has vanished and set the mode; returns the motion with what overlap is left."""
+    law, memory, overlap, rate = touching.law, y[MEMORY], motion.overlap, motion.rate
     y[CONTACT_LOSS] += energy(law, max(overlap, 0.0), memory, p)  # still compressed, but nothing holds it
     undamped = not touching.hysteretic and release_rate(law, overlap, memory, p) == -math.inf
     if undamped or overlap < 1e-6 * max(least, memory):
         overlap = 0.0  # with no damping to speak of the force vanishes only where the surfaces part
+        rate = min(rate, 0.0)  # they do part: a rate that rounding left closing would find the same contact again
     if overlap > 0.0:
         n[MODE] = OFF_FLOOR if touching.side > 0.0 else OFF_CEILING
     else:
         n[MODE] = FREE
-    return overlap
+    return Motion(motion.x, motion.v, overlap, rate, motion.slope)
 
 
 @kernel
@@ -138,167 +208,87 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
     `scale`: overlap [m], overlap rate [m/s] and swing [m] below which errors count as absolute.
     """
     touching = _touching(y, n, system, law, hysteretic)
-    side = touching.side
-    height, height_rate = segment[10], segment[11]
     slack = 2.0 * system.radius
-    moving = 0.0 if side > 0.0 else height_rate
-    x, v = y[BEAM], y[BEAM_RATE]
-    lift = y[GRAIN] - x
-    overlap = max(0.0, -lift if side > 0.0 else lift - (height + height_rate * tau - slack))
-    rate = v - y[GRAIN_RATE] if side > 0.0 else y[GRAIN_RATE] - v - height_rate
+    moving = 0.0 if touching.side > 0.0 else segment[HEIGHT_RATE]
     natural = math.sqrt(system.stiffness / system.beam_mass)
-    fastest = max(segment[4] if segment[2] != 0.0 or segment[3] != 0.0 else 0.0, natural)
-    way = _SMOOTH if overlap <= 0.0 else _PLAIN
-    if way == _PLAIN and n[CONTACT_STEPS] > _ENDURANCE:
-        way = _RESTING  # a force near zero for long: the noise of explicit steps would let go again and again
-    origin, s = (tau, 0.0) if way == _SMOOTH else (0.0, tau)
-    h = min(y[FIRST_STEP], (until - tau) ** 0.25) if way == _SMOOTH else 1e-2 * y[FIRST_STEP] ** 4
-    sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
-    u, w = support_ahead(segment, tau, 0.0, sine, cosine)
-    k = slope(touching, p, u, w, x, v, overlap, rate)
-    deepest, quickest = overlap, abs(rate)
+    fastest = max(segment[OMEGA] if segment[A0] != 0.0 or segment[A1] != 0.0 else 0.0, natural)
     rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    motion = _first(y, touching, p, segment, slack, _moment(segment, tau, 0.0))
+    way, origin, s, h = SMOOTH, tau, 0.0, min(y[FIRST_STEP], (until - tau) ** 0.25)
+    if motion.overlap > 0.0:
+        # a force near zero for long: the noise of explicit steps would let go again and again
+        way = RESTING if n[CONTACT_STEPS] > _ENDURANCE else PLAIN
+        origin, s, h = 0.0, tau, 1e-2 * y[FIRST_STEP] ** 4
+    moment = _moment(segment, tau, s)
+    deepest, quickest = motion.overlap, abs(motion.rate)
     previous = 0.0
     taken = 0
     due = next_sample(n, out, sampling)
-    while tau < until:
-        h, end, finishing = _fitted(way, h, tau, origin, s, until, (0.3 if way == _RESTING else 0.15) / fastest)
-        if n[CONTACT_STEPS] + n[REJECTED] > budget:
-            break
-        if way == _RESTING:
-            x1, v1, o1, r1, k1, errors, sums = implicit_step(segment, touching, p, tau, h, x, v, overlap, rate, k)
-        else:
-            x1, v1, o1, r1, k1, errors, sums = explicit_step(
-                segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, h, x, v, overlap, rate, k
-            )
-        swing = abs(x - rest) + abs(v) / natural + scale[2]
-        # errors as large as a resting grain's overlap would let go of it and catch it again without end
-        depth = max(abs(o1), overlap, 0.1 * deepest, scale[0], min(_DEPTH_FLOOR * swing, scale[0] / rtol))
-        speed = max(abs(r1), abs(rate), 0.1 * quickest, scale[1], min(natural * swing, scale[1] / rtol))
-        if taken > _PATIENCE:
-            depth = math.inf if taken > _ENDURANCE else depth
-            speed = max(speed, contact_pace(touching, p, overlap, rate)[1] * depth)
-        error = _weighed(errors, depth, speed, swing, natural, rtol)
-        leaving = k1[2] <= 0.0
+    while tau < until and spent(n) < budget:
+        h, end_time, finishing = _fitted(way, h, tau, origin, s, until, (0.3 if way == RESTING else 0.15) / fastest)
+        end, errors, sums = trial(way, segment, touching, p, moment, h, motion)
+        error = _weighed(touching, p, motion, end, errors, deepest, quickest, natural, rest, scale, rtol, taken)
+        leaving = end.slope[2] <= 0.0
         # a whole contact inside the first step: it must be seen, unless it is too faint to matter
-        missed = leaving and taken == 0 and way == _SMOOTH and rate * (end - tau) > 1e-3 * scale[0]
+        missed = leaving and taken == 0 and way == SMOOTH and motion.rate * (end_time - tau) > 1e-3 * scale[0]
         if missed or not error <= 1.0:
             n[REJECTED] += 1
-            if missed:
-                h *= 0.5
-            elif math.isnan(error):
-                h *= 0.1
-                if h < 1e-25:
-                    x = math.nan  # no step is short enough: the force itself is not a number
-                    break
-            else:
-                h *= max(0.2, 0.9 * error ** (-0.25 if way == _RESTING else -0.2))
+            h = _repeated(way, h, error, missed)
+            if h < 1e-25 and math.isnan(error):
+                y[BEAM] = math.nan  # no step is short enough: the force itself is not a number
+                return tau
             continue
         # the kink of a hysteretic law: below the deepest overlap the rate may change its sign without one
-        turning = hysteretic and rate > 0.0 and r1 < 0.0 and overlap >= touching.memory
+        turning = hysteretic and motion.rate > 0.0 and end.rate < 0.0 and motion.overlap >= touching.memory
         size = h
         if turning:
-            size = turning_point(
-                way == _RESTING,
-                segment,
-                touching,
-                p,
-                tau,
-                sine,
-                cosine,
-                way == _SMOOTH,
-                s,
-                h,
-                x,
-                v,
-                overlap,
-                rate,
-                k,
-                r1,
-            )
+            size = turning_point(way, segment, touching, p, moment, h, motion, end.rate)
         elif leaving:
-            size = detachment(
-                way == _RESTING,
-                segment,
-                touching,
-                p,
-                tau,
-                sine,
-                cosine,
-                way == _SMOOTH,
-                s,
-                h,
-                x,
-                v,
-                overlap,
-                rate,
-                k,
-                k1[2],
-            )
+            size = detachment(way, segment, touching, p, moment, h, motion, end.slope[2])
         if size < h:
-            if way == _RESTING:
-                x1, v1, o1, r1, k1, errors, sums = implicit_step(
-                    segment, touching, p, tau, size, x, v, overlap, rate, k
-                )
-            else:
-                x1, v1, o1, r1, k1, errors, sums = explicit_step(
-                    segment, touching, p, tau, sine, cosine, way == _SMOOTH, s, size, x, v, overlap, rate, k
-                )
-            end = origin + (s + size) ** 4 if way == _SMOOTH else tau + size
+            end, errors, sums = trial(way, segment, touching, p, moment, size, motion)
+            end_time = origin + (s + size) ** 4 if way == SMOOTH else tau + size
             leaving = leaving and not turning
             finishing = False
             if turning:
-                r1 = 0.0
+                end = Motion(end.x, end.v, end.overlap, 0.0, end.slope)
         n[CONTACT_STEPS] += 1
-        elapsed = end - tau
-        if taken == 0 and way == _SMOOTH:
+        elapsed = end_time - tau
+        if taken == 0 and way == SMOOTH:
             y[FIRST_STEP] = h
         taken += 1
-        _book(y, touching, p, moving, overlap, o1, sums)
+        _book(y, touching, p, moving, motion.overlap, end.overlap, sums)
         if observing:
-            y[TOUCHING] += elapsed
-            note_extreme(y, x1)
-            if v * v1 < 0.0:
-                step_extreme(y, elapsed, x, v, k[0], x1, v1, k1[0])
-        if due <= end:
-            due = contact_samples(
-                n, out, sampling, segment, side, slack, tau, elapsed, x, v, overlap, rate, k[0], x1, v1, o1, r1, k1[0]
-            )
-        tau, x, v, overlap, rate, k = end, x1, v1, o1, r1, k1
+            _watch(y, elapsed, motion, end)
+        if due <= end_time:
+            due = contact_samples(n, out, sampling, segment, touching.side, slack, tau, elapsed, motion, end)
+        tau, motion = end_time, end
         s += size
-        deepest = max(overlap, 0.9 * deepest)
-        quickest = max(abs(rate), 0.9 * quickest)
-        if overlap > y[MEMORY]:
-            y[MEMORY] = overlap
+        deepest = max(motion.overlap, 0.9 * deepest)
+        quickest = max(abs(motion.rate), 0.9 * quickest)
+        if motion.overlap > y[MEMORY]:
+            y[MEMORY] = motion.overlap
             if hysteretic:
-                touching = _remember(touching, overlap)
+                touching = _remember(touching, motion.overlap)
         if leaving:
-            overlap = _let_go(y, n, touching, p, overlap, scale[0])
+            motion = _let_go(y, n, touching, p, motion, scale[0])
             break
-        if overlap > system.radius or finishing:
+        if motion.overlap > system.radius or finishing:
             break
         logarithm = math.log(error)
-        if way == _RESTING:
-            h *= min(6.0, max(0.2, 0.9 * math.exp(-0.25 * logarithm)))
-        else:
-            sine, cosine = math.sin(segment[4] * tau + segment[5]), math.cos(segment[4] * tau + segment[5])
-            h *= min(5.0, max(0.2, 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)))
+        h = _next(way, h, logarithm, previous)
         previous = max(logarithm, -9.0)
-        if way == _SMOOTH and (rate <= 0.0 or turning):
+        if way == SMOOTH and (motion.rate <= 0.0 or turning):
             # from the deepest point on plain time: s^4 would only slow the step control down
             h = 4.0 * s * s * s * h
-            way, origin = _PLAIN, 0.0
-        if way != _RESTING and taken > _SETTLED and taken % 8 == 0:
-            held_back = elapsed * contact_pace(touching, p, overlap, rate)[0] > _STIFF
+            way, origin = PLAIN, 0.0
+        if way != RESTING and taken > _SETTLED and taken % 8 == 0:
+            held_back = elapsed * contact_pace(touching, p, motion.overlap, motion.rate)[0] > _STIFF
             if held_back or taken > _PATIENCE:
-                way, h = _RESTING, elapsed
-        if way != _SMOOTH:
-            s = tau
+                way, h = RESTING, elapsed
+        moment = _moment(segment, tau, s if way == SMOOTH else tau)
+        s = moment.s
     if observing and n[MODE] != ON_FLOOR:
         y[LONGEST] = max(y[LONGEST], sampling[2] + tau - y[BEGUN])
-    y[BEAM], y[BEAM_RATE] = x, v
-    if side > 0.0:
-        y[GRAIN], y[GRAIN_RATE] = x - overlap, v - rate
-    else:
-        y[GRAIN], y[GRAIN_RATE] = x + height + height_rate * tau - slack + overlap, v + rate + height_rate
+    _put_back(y, touching, segment, slack, tau, motion)
     return tau
