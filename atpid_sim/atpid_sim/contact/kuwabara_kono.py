@@ -11,7 +11,8 @@ import math
 from numba import njit
 
 from atpid_sim.contact.hertz import elastic_energy, elastic_force
-from atpid_sim.contact.rebound import hertz_rebound, hertz_time
+from atpid_sim.contact.rebound import hertz_time
+from atpid_sim.contact.rebound_series import KUWABARA_KONO, series_rebound
 
 DESCRIPTION = "Hertz with damping by the root of the overlap, Kuwabara-Kono (Eq. 3.11)"
 
@@ -42,4 +43,4 @@ def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     if speed <= 0.0:
         return 1.0
     time = hertz_time(speed, mass, p[0])
-    return hertz_rebound(p[1] * time * math.sqrt(speed * time) / mass, 0.5)
+    return series_rebound(p[1] * time * math.sqrt(speed * time) / mass, 0.5, KUWABARA_KONO)

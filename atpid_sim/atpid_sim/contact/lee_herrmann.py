@@ -11,7 +11,8 @@ import math
 from numba import njit
 
 from atpid_sim.contact.hertz import elastic_energy, elastic_force
-from atpid_sim.contact.rebound import hertz_rebound, hertz_time
+from atpid_sim.contact.rebound import hertz_time
+from atpid_sim.contact.rebound_series import LEE_HERRMANN, series_rebound
 
 DESCRIPTION = "Hertz with linear damping, Lee-Herrmann (Eq. 3.10)"
 
@@ -41,4 +42,4 @@ def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-] at an approach speed [m/s]; it rises with the speed; mass [kg] is the reduced one."""
     if speed <= 0.0:
         return 1.0 if p[1] == 0.0 else 0.0
-    return hertz_rebound(p[1] * hertz_time(speed, mass, p[0]) / mass, 0.0)
+    return series_rebound(p[1] * hertz_time(speed, mass, p[0]) / mass, 0.0, LEE_HERRMANN)
