@@ -10,23 +10,32 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from atpid_sim.contact import contact_of, restitution_of
-from atpid_sim.contact.ids import IMPACT
+from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
 from atpid_sim.engine import state
+from atpid_sim.engine.release import resting_overlap
+from atpid_sim.engine.rest import contact_pace
+from atpid_sim.engine.step import Touch
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import drive_table, initial_state, ledger_of, stepper_of
+from atpid_sim.run import drive_table, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.system import reduced_mass, system_of
 
-#: Steps one extreme system may take.
-BUDGET = 2_000_000
 TOLERANCE = 1e-4
-#: A run lasts ten periods of the drive, but no longer than it takes to cross the play this often.
-_CROSSINGS = 20_000.0
+#: A run lasts ten periods of the drive, but no longer than it takes to cross the play or ring on a wall this often.
+_EVENTS = 50_000.0
+#: Share of a run before the ceiling moves.
+_STILL = 0.3
+#: Play below which a grain does not cross it: it is in contact all the time [m].
+_LEAST_PLAY = 1e-6
+#: Damping rate times duration from which a ringing is over long before the end.
+_FADED = 100.0
 #: Restitution above which a grain keeps its speed.
 _ELASTIC = 0.8
 _RADIUS = 0.0085
@@ -41,6 +50,7 @@ class Case(NamedTuple):
     law: str
     outcome: Outcome
     steps: int
+    budget: int
     wall_s: float
     residual: float  # of the energy ledger, relative
     contact_loss: float  # relative to the energy turned over; negative where a contact gave energy
@@ -73,34 +83,39 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     speed = _spread(rng, 1e-3, 10.0)
     draft = scene_from_mapping(parts)
     whole = 10.0 / draft.frequency_hz
-    plays = min(first, second) - 2.0 * _RADIUS, max(first, second) - 2.0 * _RADIUS
+    plays = first - 2.0 * _RADIUS, second - 2.0 * _RADIUS
     duration = min(whole, _patience(draft, *plays, speed if second != first else 0.0))
     parts["duration"] = duration
     parts["ceiling"] = {"height": first}
     if second != first:
-        begin = 0.3 * duration
+        begin = _STILL * duration
         parts["ceiling"] = {"profile": [[0.0, first], [begin, first], [begin + abs(second - first) / speed, second]]}
     return scene_from_mapping(parts), duration < whole
+
+
+def rungs_for(seed: int, index: int, rungs: Sequence[str]) -> list[str]:
+    """Return those of the rungs that carry this system's law: an instantaneous contact has no force to integrate."""
+    scene, _ = extreme_scene(seed, index)
+    return [rung for rung in rungs if rung == "impact" or contact_of(scene).law != IMPACT]
 
 
 def run_case(seed: int, index: int, rung: str) -> Case:
     """Carry one extreme system by a rung; whatever happens is an outcome, never an exception."""
     scene, shortened = extreme_scene(seed, index)
-    contact = contact_of(scene)
-    used = "impact" if contact.law == IMPACT else rung
     table = drive_table(scene, scene.steady_window)
     y, n = initial_state(scene)
     first = y.copy()
-    stepper = stepper_of(scene, used, TOLERANCE)
+    stepper = stepper_of(scene, rung, TOLERANCE)
     none, log = np.zeros((state.ROWS, 0)), np.zeros((0, state.COLUMNS))
+    budget = step_budget(scene)
     begin = time.perf_counter()
-    outcome = stepper(table, y, n, scene.steady_window, (0.0, 1.0), none, log, BUDGET)
+    outcome = stepper(table, y, n, scene.steady_window, (0.0, 1.0), none, log, budget)
     wall = time.perf_counter() - begin
     ledger = ledger_of(scene, table, first, y, int(n[state.MODE]))
     turnover = abs(ledger.input) + ledger.beam_loss + abs(ledger.ceiling_work) + abs(ledger.stored)
     finite = bool(np.isfinite(y[: state.CEILING_WORK + 1]).all())
     return Case(
-        index, used, scene.contact.law, outcome, _steps(n), wall, abs(ledger.residual),
+        index, rung, scene.contact.law, outcome, int(state.spent(n)), budget, wall, abs(ledger.residual),
         ledger.contact_loss / turnover if turnover > 0.0 else 0.0, finite, _inside(y, table), shortened,
     )  # fmt: skip
 
@@ -109,6 +124,8 @@ def check(case: Case) -> None:
     """Raise NumericalFailure where a case breaks what holds for every system."""
     if case.outcome in (Outcome.STEP_BUDGET, Outcome.STALLED, Outcome.NOT_FINITE, Outcome.ESCAPED):
         raise NumericalFailure(f"system {case.number}, {case.rung}: {case.outcome.sentence}")
+    if case.steps > case.budget:
+        raise NumericalFailure(f"system {case.number}, {case.rung}: {case.steps} steps, {case.budget} allowed")
     if case.outcome == Outcome.DONE and not (case.finite and case.inside and case.contact_loss >= -1e-9):
         raise NumericalFailure(
             f"system {case.number}, {case.rung}: not finite, outside the walls, or energy from a contact"
@@ -132,25 +149,54 @@ def _contact(rng: np.random.Generator, law: str) -> dict[str, Any]:
     return {"law": law, "stiffness": _spread(rng, 1e3, 1e8), "restitution": float(rng.uniform(0.01, 1.0))}
 
 
-def _patience(scene: Scene, least: float, most: float, closing: float) -> float:
-    """Return the time [s] in which a grain crosses its play _CROSSINGS times.
+def _patience(scene: Scene, first: float, second: float, closing: float) -> float:
+    """Return the time [s] in which a grain crosses its play, `first` then `second` [m], or rings on a wall this often.
 
-    It crosses the least play at the speed the drive's acceleration gives it there; a grain that keeps its speed from
-    impact to impact does so at the speed it took up in the largest play and from the ceiling.
+    A lossy grain crosses the least play at the speed the drive's acceleration gives it there. One that keeps its speed
+    takes it up in the largest play and from the ceiling, and a closing ceiling drives it: speed times play stays.
     """
     omega = 2.0 * math.pi * scene.frequency_hz
     natural = 2.0 * math.pi * scene.natural_frequency_hz
     amplitude = float(scene.excitation.amplitude)  # type: ignore[union-attr, arg-type]
     pace = scene.gravity + amplitude * max(min(omega, natural) ** 2, 0.1 * omega * natural)
-    least = max(least, 1e-6)
-    kept = 2.0 * closing + math.sqrt(2.0 * pace * max(most, least))
+    first, second = max(first, _LEAST_PLAY), max(second, _LEAST_PLAY)
+    least = min(first, second)
+    kept = 2.0 * closing + math.sqrt(2.0 * pace * max(first, second))
     elastic = restitution_of(contact_of(scene), kept, reduced_mass(system_of(scene))) > _ELASTIC
-    speed = kept if elastic else math.sqrt(0.5 * pace * least)
-    return _CROSSINGS * least / speed
+    if not elastic:
+        crossing = _EVENTS * least / math.sqrt(0.5 * pace * least)
+    elif second >= first or closing == 0.0:
+        crossing = _EVENTS * least / kept
+    else:
+        crossing = _squeezed(kept * first, first, second, closing)
+    return min(crossing, _ringing(scene, pace))
 
 
-def _steps(n: Any) -> int:
-    return int(state.spent(n))
+def _squeezed(invariant: float, first: float, second: float, closing: float) -> float:
+    """Return the duration [s] with _EVENTS crossings, speed times play being `invariant` [m^2/s] throughout."""
+
+    def excess(log_duration: float) -> float:
+        duration = math.exp(log_duration)
+        moving = min((1.0 - _STILL) * duration, (first - second) / closing)
+        last = first - moving * closing
+        before, during = _STILL * duration / first**2, (1.0 / last - 1.0 / first) / closing
+        return invariant * (before + during + ((1.0 - _STILL) * duration - moving) / last**2) - _EVENTS
+
+    return math.exp(brentq(excess, -50.0, 50.0))
+
+
+def _ringing(scene: Scene, pace: float) -> float:
+    """Return the time [s] of _EVENTS swings of a grain pressed on a wall; infinite where its contact damps them."""
+    contact, system = contact_of(scene), system_of(scene)
+    if contact.law == IMPACT:
+        return math.inf
+    law, p = contact
+    overlap = resting_overlap(law, p, system.grain_mass * pace, 0.1)
+    reduced = 1.0 / reduced_mass(system)
+    touching = Touch(law, law == WALTON_BRAUN, overlap, 1.0, system.stiffness, system.damping, system.gravity, 1.0 / system.beam_mass, reduced)  # fmt: skip # noqa: E501
+    together, swing = contact_pace(touching, p, overlap, 0.0)
+    duration = _EVENTS * 2.0 * math.pi / swing
+    return duration if (together - swing) * duration < _FADED else math.inf
 
 
 def _inside(y: Any, table: Any) -> bool:

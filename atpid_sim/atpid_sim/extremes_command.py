@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from atpid_sim.batch import on_all_cores
-from atpid_sim.extremes import BUDGET, TOLERANCE, Case, check, run_case
+from atpid_sim.extremes import TOLERANCE, Case, check, run_case, rungs_for
 from atpid_sim.outcome import NumericalFailure, Outcome
 
 _QUANTILES = (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))
@@ -33,7 +33,12 @@ def run(args: argparse.Namespace) -> int:
     """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a promise."""
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
-    jobs = [(index, rung) for index in range(args.first, args.first + args.systems) for rung in args.rungs.split(",")]
+    asked = args.rungs.split(",")
+    jobs = [
+        (index, rung)
+        for index in range(args.first, args.first + args.systems)
+        for rung in rungs_for(args.seed, index, asked)
+    ]
     cases: list[Case] = []
     with Progress(console=Console(stderr=True)) as bar:
         task = bar.add_task("extreme systems", total=len(jobs))
@@ -66,14 +71,16 @@ def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, Any]:
     return {
         "seed": seed,
         "tolerance": TOLERANCE,
-        "budget": BUDGET,
+        "systems": len({case.number for case in cases}),
         "runs": len(cases),
         "shortened": sum(case.shortened for case in cases),
         "outcomes": {outcome.name: count for outcome, count in Counter(case.outcome for case in cases).items()},
+        "over_budget": sum(case.steps > case.budget for case in cases),
         "not_finite": sum(not case.finite for case in done),
         "outside": sum(not case.inside for case in done),
         "energy_from_contact": sum(case.contact_loss < -1e-9 for case in done),
         "steps": {name: int(np.quantile(steps, q)) for name, q in (("median", 0.5), ("99 %", 0.99), ("largest", 1.0))},
+        "largest_share_of_budget": max(case.steps / case.budget for case in cases),
         "residual": {name: float(np.quantile(residuals, q)) for name, q in _QUANTILES},
         "longest_s": max(case.wall_s for case in cases),
         "wall_s": sum(case.wall_s for case in cases),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,7 +15,7 @@ from atpid_sim.contact.dispatch import energy
 from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
 from atpid_sim.engine import drive, soft, state
 from atpid_sim.engine.one_mass import run_one_mass
-from atpid_sim.excitation import support_rows
+from atpid_sim.excitation import frequency_at, support_rows
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.system import System, system_of
@@ -24,6 +25,11 @@ Counts = NDArray[np.int64]
 
 #: First step of a first contact, as the fourth root of a time [s^(1/4)]; later contacts remember their own.
 _FIRST_STEP = 0.05
+
+#: Steps any run may take, hundreds of times those of the standard task, and what every cycle of beam or drive adds to
+#: them, eight times the standard task's: a hang is impossible, a hard case still ends, and so does a very long one.
+_BUDGET = 5_000_000
+_BUDGET_PER_CYCLE = 1_000
 
 FIDELITIES = ("simplified", "impact", "soft")
 
@@ -107,6 +113,13 @@ def initial_state(scene: Scene, disturbance: float = 0.0) -> tuple[Array, Counts
     y, n = state.at_rest(beam + disturbance * size, 0.0)
     y[state.FIRST_STEP] = _FIRST_STEP
     return y, n
+
+
+def step_budget(scene: Scene) -> int:
+    """Return how many steps a run of this scene may take before it ends as STEP_BUDGET."""
+    tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
+    fastest = max(scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone)))
+    return _BUDGET + int(_BUDGET_PER_CYCLE * scene.duration * fastest)
 
 
 def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:

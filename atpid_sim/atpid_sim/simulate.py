@@ -17,12 +17,9 @@ from atpid_sim.engine.one_mass import run_one_mass
 from atpid_sim.fidelity import Choice, choose
 from atpid_sim.motion import classify
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import Array, Counts, Ledger, Stepper, drive_table, initial_state, ledger_of, stepper_of
+from atpid_sim.run import Array, Counts, Ledger, Stepper, drive_table, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import Scene
 from atpid_sim.system import system_of
-
-#: Steps a run may take: a hundred times the standard task, so that a hang is impossible and a hard case still ends.
-STEP_BUDGET = 5_000_000
 
 #: Impacts remembered of one run.
 _LOG = 20_000
@@ -133,7 +130,7 @@ def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | 
     count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
     out, events = np.zeros((state.ROWS, count)), np.zeros((_LOG, state.COLUMNS))
     y, n = initial_state(scene)
-    advance(stepper, drive_table(scene), y, n, (math.inf, math.inf), (0.0, 1.0 / rate), out, events)
+    advance(stepper, drive_table(scene), y, n, (math.inf, math.inf), (0.0, 1.0 / rate), out, events, step_budget(scene))
     out = out[:, : n[state.SAMPLE]]
     return Trajectory(np.arange(out.shape[1]) / rate, *_series(out), events[: n[state.EVENTS]])
 
@@ -152,7 +149,7 @@ def advance(
     sampling: tuple[float, float],
     out: Array,
     events: Array,
-    budget: int = STEP_BUDGET,
+    budget: int,
 ) -> None:
     """Carry a state through a table, or raise NumericalFailure with the outcome, time and state."""
     outcome = stepper(table, y, n, observe, sampling, out, events, budget)
@@ -172,7 +169,9 @@ def undamped_amplitude(scene: Scene, table: Array) -> float:
     """Return the half peak-to-peak of the closed damper in the same window [m]: beam and grain as one mass."""
     y, n = initial_state(scene)
     system = system_of(scene)
-    run_one_mass(table, system, scene.total_mass, y, n, scene.steady_window, (0.0, 1.0), _NO_SAMPLES, STEP_BUDGET)
+    run_one_mass(
+        table, system, scene.total_mass, y, n, scene.steady_window, (0.0, 1.0), _NO_SAMPLES, step_budget(scene)
+    )
     return half_peak_to_peak(y)
 
 
@@ -189,7 +188,7 @@ def _integrate(scene: Scene, stepper: Stepper, table: Array) -> tuple[Array, Arr
     events = np.zeros((_LOG, state.COLUMNS))
     y, n = initial_state(scene)
     first = y.copy()
-    advance(stepper, table, y, n, (begin, end), (begin, period), out, events)
+    advance(stepper, table, y, n, (begin, end), (begin, period), out, events, step_budget(scene))
     return first, y, n, out, events
 
 

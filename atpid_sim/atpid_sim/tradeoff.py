@@ -18,9 +18,9 @@ from atpid_sim.contact.ids import IMPACT
 from atpid_sim.engine import state
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.peers import PEERS, PeerError, run_peer
-from atpid_sim.run import drive_table, initial_state, ledger_of, stepper_of
+from atpid_sim.run import drive_table, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import Scene
-from atpid_sim.simulate import STEP_BUDGET, advance, half_peak_to_peak, warm_up
+from atpid_sim.simulate import advance, half_peak_to_peak, warm_up
 
 Array = NDArray[np.float64]
 
@@ -89,8 +89,9 @@ class _Run:
         sampling = (0.0, 1.0) if times is None else (float(times[0]), float(times[1] - times[0]))
         y, n = initial_state(self._scene, disturbance)
         first = y.copy()
+        budget = 10 * step_budget(self._scene)
         begin = time.thread_time()
-        advance(self._stepper, self._table, y, n, self._scene.steady_window, sampling, out, _NO_LOG, 100 * STEP_BUDGET)
+        advance(self._stepper, self._table, y, n, self._scene.steady_window, sampling, out, _NO_LOG, budget)
         wall = time.thread_time() - begin
         ledger = ledger_of(self._scene, self._table, first, y, int(n[state.MODE]))
         return half_peak_to_peak(y), out[state.S_BEAM, : n[state.SAMPLE]], ledger.residual, wall

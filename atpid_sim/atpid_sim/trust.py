@@ -10,14 +10,15 @@ import numpy as np
 
 from atpid_sim.engine import state
 from atpid_sim.outcome import Outcome
-from atpid_sim.run import Array, Stepper, initial_state, stepper_of
+from atpid_sim.run import Array, Stepper, initial_state, step_budget, stepper_of
 from atpid_sim.scene import Scene
 
 #: Finer runs to compare with: share of the tolerance, and relative disturbance of the first displacement. The
 #: disturbances are small against any sensor; a closed damper forgets them by its damping, hence not smaller still.
 _CHECKS = ((1e-2, 1e-5), (1e-2, -1e-5), (1e-3, 3e-6))
 _ENSEMBLE = 8
-_BUDGET = 50_000_000
+#: Steps of a finer run, as a multiple of those of the run that is judged.
+_FINER = 10
 
 
 @dataclass(frozen=True)
@@ -61,5 +62,5 @@ def _spread(scene: Scene, stepper: Stepper, table: Array) -> tuple[float, float,
 def _amplitude(scene: Scene, stepper: Stepper, table: Array, disturbance: float) -> float:
     y, n = initial_state(scene, disturbance)
     none, log = np.zeros((state.ROWS, 0)), np.zeros((0, state.COLUMNS))
-    outcome = stepper(table, y, n, scene.steady_window, (0.0, 1.0), none, log, _BUDGET)
+    outcome = stepper(table, y, n, scene.steady_window, (0.0, 1.0), none, log, _FINER * step_budget(scene))
     return float(0.5 * (y[state.HIGHEST] - y[state.LOWEST])) if outcome == Outcome.DONE else float("nan")

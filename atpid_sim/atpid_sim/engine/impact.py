@@ -14,6 +14,7 @@ from atpid_sim.engine.drive import END, HEIGHT, HEIGHT_RATE, START
 from atpid_sim.engine.flight import fly
 from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import flight_extreme, flight_work, note_extreme, write_sample
+from atpid_sim.engine.settle import hops_idly
 from atpid_sim.engine.soft import CEILING_CRUSHES, DONE, NOT_FINITE, STALLED, STEP_BUDGET, log_impact
 from atpid_sim.engine.state import (
     BEAM,
@@ -47,6 +48,9 @@ _NO_PLAY = 1e-5
 #: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
 _STILL = 1e-9
 
+#: Hops below this share of the swing are low.
+_LOW = 1e-8
+
 
 def impact_stepper(system: System, contact: Contact) -> Stepper:
     """Return the stepper of this rung; a law with a force is represented by its restitution."""
@@ -59,10 +63,10 @@ def impact_stepper(system: System, contact: Contact) -> Stepper:
 
 
 @kernel
-def _collide(y, n, arc, tau, system, law, p, height_rate, held):  # type: ignore[no-untyped-def]
+def _collide(y, n, arc, tau, system, law, p, height_rate, held, idle):  # type: ignore[no-untyped-def]
     """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks.
 
-    `held`: floor and ceiling leave it no play.
+    `held`: floor and ceiling leave it no play; `idle`: it has long been hopping too low to matter.
     """
     side = 1.0 if n[MODE] == ON_FLOOR else -1.0
     moving = 0.0 if side > 0.0 else height_rate
@@ -74,7 +78,7 @@ def _collide(y, n, arc, tau, system, law, p, height_rate, held):  # type: ignore
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
     rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
     still = push * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
-    sticks = held or (push >= rounding and closing * fastest <= still)
+    sticks = held or idle or (push >= rounding and closing * fastest <= still)
     if sticks:
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)
@@ -168,7 +172,8 @@ def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, bud
                 if n[MODE] != FREE:
                     log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
                     arc = arc_from(system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE])  # fmt: skip # noqa: E501
-                    _collide(y, n, arc, tau, system, law, p, segment[HEIGHT_RATE], held)
+                    idle = hops_idly(y, n, segment, tau, system, _LOW)
+                    _collide(y, n, arc, tau, system, law, p, segment[HEIGHT_RATE], held, idle)
             y[TIME] = start + tau
             if spent(n) >= budget:
                 return STEP_BUDGET

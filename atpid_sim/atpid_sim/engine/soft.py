@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import math
 
-from atpid_sim.contact.dispatch import energy
+from atpid_sim.contact.dispatch import energy, restitution
 from atpid_sim.engine.drive import A0, A1, C0, C2, END, HEIGHT, HEIGHT_RATE, OMEGA, START
 from atpid_sim.engine.flight import fly
 from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import note_extreme
 from atpid_sim.engine.release import resting_overlap
+from atpid_sim.engine.settle import hops_idly, settle
 from atpid_sim.engine.state import (
     BEAM,
     BEAM_RATE,
@@ -33,7 +34,11 @@ from atpid_sim.engine.state import (
     WINDOW_FLOOR,
     spent,
 )
-from atpid_sim.engine.touch import touch
+from atpid_sim.engine.touch import DEPTH_FLOOR, touch
+
+#: Share of the tolerance with which the contacts of an elastic grain are integrated, and the finest there is.
+_ELASTIC = 0.01
+_FINEST = 1e-12
 
 DONE, STEP_BUDGET, NOT_FINITE, ESCAPED, OVERLAP_TOO_DEEP, CEILING_CRUSHES, STALLED = range(7)  # as in `outcome.py`
 
@@ -91,6 +96,18 @@ def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _contact_tolerance(system, law, p, rtol, scale):  # type: ignore[no-untyped-def]
+    """Tolerance for contacts: what an elastic grain gains or loses in one it keeps for 1 / (1 - e) further ones.
+
+    Restitution is taken where it is largest, at the slow or at the fast end of the run's impacts.
+    """
+    reduced = system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
+    slow, fast = scale[1], scale[1] * math.sqrt(system.radius / scale[0])
+    e = max(restitution(law, slow, reduced, p), restitution(law, fast, reduced, p))
+    return max(rtol * min(1.0, max(_ELASTIC, 2.0 * (1.0 - e))), min(rtol, _FINEST))
+
+
+@kernel
 def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, events, budget):  # type: ignore[no-untyped-def]
     """Integrate through the drive table (rows, 12) from y[TIME] to its end; returns an `Outcome` as an integer.
 
@@ -101,6 +118,7 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
     slack = 2.0 * system.radius
     stuck = 0
     scale = _error_scale(table, system, law, p, y)
+    strict = _contact_tolerance(system, law, p, rtol, scale)
     for row in range(table.shape[0]):
         segment = table[row]
         start, end = segment[START], segment[END]
@@ -118,12 +136,14 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
             before = tau
             if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
                 tau = touch(
-                    y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, observing, where, out, budget
+                    y, n, segment, tau, until, system, law, hysteretic, p, strict, scale, observing, where, out, budget
                 )
             else:
                 tau = fly(y, n, segment, tau, until, system, law, p, observing, where, out, budget)
                 if y[MEMORY] < 0.0:
                     log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
+                    if hops_idly(y, n, segment, tau, system, DEPTH_FLOOR * rtol):
+                        settle(y, n, segment, tau, system, law, p)
                 elif n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
                     # a force again before the surfaces parted: what was given up at the release is held again
                     lift = y[GRAIN] - y[BEAM]

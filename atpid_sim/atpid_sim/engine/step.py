@@ -72,7 +72,8 @@ def support_ahead(segment, tau, ahead, sine, cosine):  # type: ignore[no-untyped
 def slope(touching, p, u, w, x, v, overlap, rate):  # type: ignore[no-untyped-def]
     """Accelerations of beam and overlap, contact force, powers of support, beam damper and contact at one stage.
 
-    The contact's power is that of its damping part alone: what the elastic part takes it gives back, exactly.
+    The contact's power is that of its damping part alone: what the elastic part takes it gives back, exactly. The
+    support's is without stiffness u u', whose integral is known: it can be a million times the rest.
     """
     slip = v - w
     pull = touching.stiffness * (u - x) - touching.damping * slip
@@ -82,7 +83,7 @@ def slope(touching, p, u, w, x, v, overlap, rate):  # type: ignore[no-untyped-de
         (pull - touching.side * push) * touching.beam_inverse - touching.gravity,
         touching.side * pull * touching.beam_inverse - push * touching.reduced_inverse,
         push,
-        pull * w,
+        (pull - touching.stiffness * u) * w,
         touching.damping * slip * slip,
         (push - elastic) * rate,
     )

@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 from atpid_sim.contact.dispatch import energy, release_rate
-from atpid_sim.engine.drive import A0, A1, HEIGHT, HEIGHT_RATE, OMEGA, PHASE
+from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.drive import A0, A1, C0, C1, C2, C3, HEIGHT, HEIGHT_RATE, OMEGA, PHASE
 from atpid_sim.engine.kernel import inlined, kernel
 from atpid_sim.engine.observe import contact_samples, next_sample, note_extreme, step_extreme
 from atpid_sim.engine.release import detachment, turning_point
@@ -44,7 +45,7 @@ from atpid_sim.engine.trial import PLAIN, RESTING, SMOOTH, trial
 
 #: Overlaps are measured to the relative tolerance of at least this share of the beam's swing: an error of an overlap
 #: moves the beam by no more than itself, and finer control of the micrometres of a resting grain buys nothing.
-_DEPTH_FLOOR = 0.01
+DEPTH_FLOOR = 0.01
 
 #: Steps times the contact's pace from which stability holds the explicit method back.
 _STIFF = 2.0
@@ -107,6 +108,12 @@ def _put_back(y, touching, segment, slack, tau, motion):  # type: ignore[no-unty
         y[GRAIN_RATE] = motion.v + motion.rate + segment[HEIGHT_RATE]
 
 
+@kernel
+def _support(segment, tau):  # type: ignore[no-untyped-def]
+    """Support displacement [m]."""
+    return support_at(segment[A0], segment[A1], segment[OMEGA], segment[PHASE], segment[C0], segment[C1], segment[C2], segment[C3], tau)[0]  # fmt: skip # noqa: E501
+
+
 @inlined
 def _moment(segment, tau, s):  # type: ignore[no-untyped-def]
     """Where the next step begins."""
@@ -134,7 +141,7 @@ def _weighed(touching, p, begin, end, errors, deepest, quickest, natural, rest, 
     """Error of a step over the one allowed; overlap and beam each count in their own size."""
     swing = abs(begin.x - rest) + abs(begin.v) / natural + scale[2]
     # errors as large as a resting grain's overlap would let go of it and catch it again without end
-    depth = max(abs(end.overlap), begin.overlap, 0.1 * deepest, scale[0], min(_DEPTH_FLOOR * swing, scale[0] / rtol))
+    depth = max(abs(end.overlap), begin.overlap, 0.1 * deepest, scale[0], min(DEPTH_FLOOR * swing, scale[0] / rtol))
     speed = max(abs(end.rate), abs(begin.rate), 0.1 * quickest, scale[1], min(natural * swing, scale[1] / rtol))
     if taken > _PATIENCE:
         depth = math.inf if taken > _ENDURANCE else depth
@@ -220,6 +227,7 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
         way = RESTING if n[CONTACT_STEPS] > _ENDURANCE else PLAIN
         origin, s, h = 0.0, tau, 1e-2 * y[FIRST_STEP] ** 4
     moment = _moment(segment, tau, s)
+    start = _support(segment, tau)
     deepest, quickest = motion.overlap, abs(motion.rate)
     previous = 0.0
     taken = 0
@@ -288,6 +296,7 @@ def touch(y, n, segment, tau, until, system, law, hysteretic, p, rtol, scale, ob
                 way, h = RESTING, elapsed
         moment = _moment(segment, tau, s if way == SMOOTH else tau)
         s = moment.s
+    y[INPUT] += 0.5 * system.stiffness * (_support(segment, tau) ** 2 - start**2)
     if observing and n[MODE] != ON_FLOOR:
         y[LONGEST] = max(y[LONGEST], sampling[2] + tau - y[BEGUN])
     _put_back(y, touching, segment, slack, tau, motion)
