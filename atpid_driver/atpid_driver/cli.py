@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
+import select
 import sys
 from collections.abc import Sequence
 
@@ -20,11 +22,25 @@ COMMANDS = {
 """Command names, the modules that are imported when they are used, and what they do."""
 
 BAD_INPUT = 2
+NOBODY_READS = 1
+"""The reader of the output has left, as `head` does. Python's manual advises 1, and rich, which prints the tables of
+other packages, ends with it too; a shell's 141 beside it would be a second answer to the same event."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return 0 done, 2 bad input (said in one line)."""
-    given = list(sys.argv[1:] if argv is None else argv)
+    """Run one command; return 0 done, 1 nobody reads the output, 2 bad input (said in one line), 130 after Ctrl-C."""
+    try:
+        status = _run(list(sys.argv[1:] if argv is None else argv))
+        print(end="", flush=True)  # what is left: at the interpreter's exit nothing could be caught
+        return status
+    except BrokenPipeError:
+        if not _nobody_reads():
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return NOBODY_READS
+
+
+def _run(given: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m atpid_driver", description="The hardware of the ATPID stand.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     parsers = {name: commands.add_parser(name, help=text, description=text) for name, (_, text) in COMMANDS.items()}
@@ -33,12 +49,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     module = importlib.import_module(COMMANDS[command][0]) if command else None
     if command and module:
         module.add_arguments(parsers[command])
-    arguments = parser.parse_args(given)
-    assert module is not None  # the parser has left with a usage line otherwise
     try:
+        arguments = parser.parse_args(given)
+        assert module is not None  # the parser has left with a usage line otherwise
         return int(module.run(arguments))
+    except SystemExit:  # argparse has printed its help
+        print(end="", flush=True)
+        raise
     except DriverError as error:
         print(error, file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return 130
+
+
+def _nobody_reads() -> bool:
+    """Return whether the reader of standard output has left; any other broken pipe is an error like the rest."""
+    poll = select.poll()
+    poll.register(sys.stdout, 0)
+    return bool(poll.poll(0))

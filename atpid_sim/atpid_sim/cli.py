@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
+import select
 import sys
 from collections.abc import Sequence
 
@@ -17,14 +19,33 @@ COMMANDS = {
     "sweep": ("atpid_sim.sweep_command", "simulate the standard task at many heights and say how fast that goes"),
 }
 DONE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 2, 3, 130
+#: The reader of the output has left, as `head` does. Python's manual advises 1, and rich, which prints the tables, ends
+#: with it too; a shell's 141 beside it would be a second answer to the same event.
+NOBODY_READS = 1
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return 0, 2 for bad input, 3 for a numerical failure (one line each), 130 after Ctrl-C."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    """Run one command; return 0, 1 where nobody reads the output, 2 for bad input, 3 for a numerical failure, 130
+    after Ctrl-C; 2 and 3 in one line each.
+    """
+    try:
+        status = _run(list(sys.argv[1:] if argv is None else argv))
+        print(end="", flush=True)  # what is left: at the interpreter's exit nothing could be caught
+        return status
+    except BrokenPipeError:
+        if not _nobody_reads():
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return NOBODY_READS
+
+
+def _run(arguments: list[str]) -> int:
     try:
         args = _parser(arguments[0] if arguments else "").parse_args(arguments)
         return int(args.run(args))
+    except SystemExit:  # argparse has printed its help
+        print(end="", flush=True)
+        raise
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
@@ -34,6 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, ValueError) else NUMERICAL_FAILURE
+
+
+def _nobody_reads() -> bool:
+    """Return whether the reader of standard output has left; any other broken pipe is an error like the rest."""
+    poll = select.poll()
+    poll.register(sys.stdout, 0)
+    return bool(poll.poll(0))
 
 
 def _parser(wanted: str) -> argparse.ArgumentParser:

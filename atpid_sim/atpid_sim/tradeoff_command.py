@@ -14,10 +14,24 @@ from rich.console import Console
 
 from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.scene import load_scene
-from atpid_sim.tradeoff import PATIENCE, Point, Reference, answers, measure, reference_of, with_front
+from atpid_sim.tradeoff import (
+    LSODA,
+    OURS,
+    PATIENCE,
+    REFERENCE,
+    Point,
+    Reference,
+    answers,
+    measure,
+    reference_of,
+    tightest,
+    with_front,
+)
 
-#: Smallest error drawn: below it the reference itself is in doubt.
-_FLOOR = 1e-12
+#: Smallest error drawn, as a share of how well the reference itself is known.
+_DRAWN = 1e-2
+#: The two LSODA as the tables name them.
+_NAMES = {"lsoda": "scipy LSODA", "odeint": "odeint"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,9 +62,10 @@ def run(args: argparse.Namespace) -> int:
             points.append(point)
             status.update(f"{point.method} {point.tolerance:g}: {1e3 * point.time_s:.2f} ms")
     points = with_front(points)
-    found = answers(points) if reference.spread is None else []
-    text = _markdown(Path(args.scene).name, reference, points, found)
-    (folder / "tradeoff.json").write_text(json.dumps(_plain(args.scene, reference, points, found), indent=1) + "\n")
+    found, finest = ([], []) if reference.spread else (answers(points), tightest(points))
+    text = _markdown(Path(args.scene).name, reference, points, found + finest)
+    plain = _plain(args.scene, reference, points, found) | {"tightest": finest}
+    (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")
     (folder / "tradeoff.md").write_text(text, encoding="utf-8")
     _draw(Path(args.scene).stem, reference, points, folder / "tradeoff.png")
     print(text)
@@ -81,10 +96,13 @@ def _markdown(name: str, reference: Reference, points: list[Point], found: list[
         lines += ["| method | tolerance | time [ms] | amplitude [m] | inside the spread | energy residual | |"]
     lines += ["|---|---|---|---|---|---|---|"]
     lines += [_row(point, reference) for point in points]
+    lines.append("")
     if found:
-        lines += ["", "| error of the amplitude | run | time [ms] | scipy LSODA [ms] | ratio | odeint [ms] | ratio |"]
+        lines += ["| error of the amplitude | run | time [ms] | scipy LSODA [ms] | ratio | odeint [ms] | ratio |"]
         lines += ["|---|---|---|---|---|---|---|"]
         lines += [_answer(answer) for answer in found]
+    else:
+        lines.append("No ratio to LSODA: where no tolerance reproduces the amplitude, no method keeps to an error.")
     return "\n".join([*lines, ""])
 
 
@@ -113,9 +131,14 @@ def _row(point: Point, reference: Reference) -> str:
 
 
 def _answer(answer: dict[str, Any]) -> str:
-    cells = [f"{answer['error']:g}", answer["run"] or "none of ours", _number(answer["time_s"], 1e3)]
-    for method in ("lsoda", "odeint"):
-        cells.append(_number(answer[f"{method}_time_s"], 1e3) or "not reached")
+    error = f"{answer['error']:.2g}"
+    if "of" in answer:
+        error += f", the tightest {_NAMES[answer['of']]} and ours both keep to"
+    cells = [error, answer["run"] or "none of ours", _number(answer["time_s"], 1e3)]
+    for method in LSODA:
+        best = answer[f"{method}_best"]
+        missing = "not run" if best is None else f"not reached: {best:.1e} at its finest run"
+        cells.append(_number(answer[f"{method}_time_s"], 1e3) or missing)
         cells.append(_number(answer[f"{method}_ratio"], 1.0))
     return f"| {' | '.join(cells)} |"
 
@@ -132,28 +155,38 @@ def _draw(name: str, reference: Reference, points: list[Point], path: Path) -> N
 
     figure, axes = pyplot.subplots(figsize=(9.0, 5.5), layout="constrained")
     drawn = [p for p in points if math.isfinite(p.amplitude_error) and math.isfinite(p.time_s)]
+    known = _known(reference)
+    errors = {p: max(p.amplitude_error, _DRAWN * known) for p in drawn}
     for number, method in enumerate(dict.fromkeys(p.method for p in drawn)):
         chosen = [p for p in drawn if p.method == method]
-        own = method in ("soft", "impact", "simplified")
+        own = method in OURS
         axes.plot(
-            [1e3 * p.time_s for p in chosen], [max(p.amplitude_error, _FLOOR) for p in chosen],
+            [1e3 * p.time_s for p in chosen], [errors[p] for p in chosen],
             marker="o" if own else "s", linestyle="-" if own else "--", linewidth=1.8 if own else 1.0,
             markersize=6 if own else 4, color=f"C{number}" if number < 10 else "k", label=method,
         )  # fmt: skip
-    front = sorted((p for p in drawn if p.front), key=lambda p: p.time_s)
     if reference.spread is None:
+        front = sorted((p for p in drawn if p.front), key=lambda p: p.time_s)
         axes.plot(
-            [1e3 * p.time_s for p in front], [max(p.amplitude_error, _FLOOR) for p in front],
+            [1e3 * p.time_s for p in front], [errors[p] for p in front],
             "o", markersize=13, fillstyle="none", color="k", linestyle="none", label="nothing better (front)",
         )  # fmt: skip
-    else:
-        width = (reference.spread[2] - reference.spread[0]) / reference.amplitude
-        axes.axhspan(_FLOOR, max(width, _FLOOR), color="0.9", zorder=0, label="within the spread of the ensemble")
-    title = f"{name}: time against error" + ("" if reference.spread is None else " (chaotic: no method can converge)")
-    axes.set(
-        xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel="error of the amplitude [-]", title=title
-    )
+    bottom = 0.4 * min([known, *errors.values()])
+    band, off, title = "better than the reference is known", "error of the amplitude [-]", f"{name}: time against error"
+    if reference.spread is not None:
+        band, off = "closer than the ensemble is wide", f"distance from the amplitude of one run at {REFERENCE:g} [-]"
+        title += " (chaotic: no method can converge)"
+    axes.axhspan(bottom, known, color="0.9", zorder=0, label=band)
+    axes.set(xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel=off, title=title)
+    axes.set_ylim(bottom=bottom)
     axes.grid(visible=True, which="major", alpha=0.3)
-    axes.legend(fontsize=8, ncols=2)
+    figure.legend(fontsize=8, ncols=5, loc="outside lower center")
     figure.savefig(path, dpi=130, metadata=metadata_of(figure))
     pyplot.close(figure)
+
+
+def _known(reference: Reference) -> float:
+    """Return how well the reference's amplitude is known, relative: an error below says nothing."""
+    if reference.spread is None:
+        return max(reference.agreement, REFERENCE)
+    return max((reference.spread[2] - reference.spread[0]) / reference.amplitude, REFERENCE)

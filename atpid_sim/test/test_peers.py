@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_mass_reference import ClosedForm
 
 from atpid_sim.peaks import between, half_peak_to_peak
 from atpid_sim.peers import PEERS, PeerError, run_peer
 from atpid_sim.peers.tableaux import CASH_KARP, FEHLBERG
 from atpid_sim.scene import load_scene
-from atpid_sim.simplified import ClosedForm
 from atpid_sim.simulate import simulate
 
 SCENES = Path(__file__).parents[2] / "scenes"

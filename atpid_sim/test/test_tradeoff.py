@@ -3,14 +3,31 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from atpid_sim.figures.numbers import numbers_in
+from atpid_sim.peers import run_peer
 from atpid_sim.scene import load_scene
-from atpid_sim.tradeoff import Point, answers, measure, reference_of, with_front
+from atpid_sim.tradeoff import (
+    REFERENCE,
+    Point,
+    Reference,
+    _error_as_read,
+    _Run,
+    answers,
+    measure,
+    reference_of,
+    tightest,
+    with_front,
+)
+from atpid_sim.tradeoff_command import _answer, _draw, _markdown
 
-STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
+SCENES = Path(__file__).parents[2] / "scenes"
+STANDARD = load_scene(SCENES / "standard.yaml")
 SHORT = STANDARD.with_(
     duration=1.6, steady_window=[1.2, 1.6], ceiling={"closed": 0.017, "open": 0.1, "start": 0.6, "end": 0.7}
 )
@@ -41,6 +58,48 @@ def test_the_answers_name_the_quickest_that_stays_within_the_error() -> None:
     )  # fmt: skip
     assert millionth["lsoda"] == 1e-7 and millionth["lsoda_ratio"] == pytest.approx(100.0)
     assert millionth["odeint"] is None
+
+
+def test_a_finer_run_that_says_it_failed_does_not_count_against_the_coarser() -> None:
+    (percent, *_) = answers([*POINTS, point("lsoda", 1e-10, 2.0, math.nan)])
+    assert percent["lsoda"] == 1e-4
+
+
+def test_the_tightest_error_is_one_that_both_keep_to() -> None:
+    (both,) = tightest(POINTS)
+    assert (both["of"], both["error"], both["run"], both["lsoda"]) == ("lsoda", 5e-7, "soft, rtol 1e-06", 1e-7)
+    (theirs,) = tightest([*POINTS, point("soft", 1e-8, 6e-3, 1e-9)])
+    assert (theirs["error"], theirs["run"], theirs["lsoda_ratio"]) == (2e-7, "soft, rtol 1e-08", pytest.approx(50.0))
+    assert tightest(POINTS[:3]) == []
+
+
+def test_the_table_says_in_words_what_is_missing() -> None:
+    rough = [*POINTS[:3], point("lsoda", 1e-4, 0.1, 2e-5)]
+    assert "not reached: 2.0e-05 at its finest run" in _answer(answers(rough)[2])
+    assert "not run" in _answer(answers(rough)[2])
+    assert "the tightest scipy LSODA and ours both keep to" in _answer(tightest(rough)[0])
+    assert "No ratio to LSODA" in _markdown("x.yaml", CHAOTIC, POINTS, [])
+
+
+NONE = np.zeros(0)
+CHAOTIC = Reference(0.05, 0.02, (0.045, 0.047, 0.050), NONE, NONE)
+CONVERGED = Reference(0.05, 3e-11, None, NONE, NONE)
+
+
+@pytest.mark.parametrize(("reference", "lowest"), [(CHAOTIC, 1e-3), (CONVERGED, 3e-13)])
+def test_an_exact_hit_does_not_stretch_the_axis(reference: Reference, lowest: float, tmp_path: Path) -> None:
+    _draw("x", reference, [*POINTS, point("rk4", 1e-5, 0.1, 0.0)], tmp_path / "x.png")
+    (curves,) = numbers_in(tmp_path / "x.png").values()
+    assert min(curve[3] for curve in curves if curve) == pytest.approx(lowest)
+
+
+def test_a_peer_is_not_charged_for_how_its_motion_is_read() -> None:
+    """Here a contact lies at the turn: read between 64 points a period, the amplitude is 2e-6 off for anybody."""
+    scene = load_scene(SCENES / "sticking.yaml")
+    reference, converged = reference_of(scene), _Run(scene, "soft", REFERENCE)
+    result = run_peer(scene, "odeint", 1e-8)
+    assert abs(result.amplitude / reference.amplitude - 1.0) > 1e-6
+    assert _error_as_read(result, reference, converged) < 2e-7
 
 
 def test_rungs_converge_to_the_reference() -> None:

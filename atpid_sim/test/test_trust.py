@@ -38,6 +38,7 @@ def test_what_no_tolerance_reproduces_is_flagged(runs):
     for result in chaotic:
         assert not result.reproducible
         assert result.spread is not None and result.spread[0] <= result.spread[1] <= result.spread[2]
+        assert result.spread[0] <= result.amplitude <= result.spread[2]
 
 
 def test_every_ledger_closes(runs):

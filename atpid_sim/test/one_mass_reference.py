@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Closed form of one mass on the moving support: the closed damper, or a grain that never leaves the floor, or none.
+"""Reference for the tests: one mass on the moving support in closed form, apart from everything the engine computes.
+
+It stands for the closed damper, a grain that never leaves the floor, or the beam alone.
 
 The thesis's Simplified Model (section 4.4, equations 4.7-4.19) with the amplitude along straight ramps: between kinks
 A(t) = a0 + a1 tau, and with u the imaginary part of A e^(i omega t) the motion is the imaginary part of

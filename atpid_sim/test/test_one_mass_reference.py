@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_mass_reference import ClosedForm, NoClosedFormError, steady_amplitude, undamped_amplitude
 
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simplified import ClosedForm, NoClosedFormError, steady_amplitude, undamped_amplitude
 from atpid_sim.simulate import simulate
 
 SCENES = Path(__file__).parents[2] / "scenes"
