@@ -28,6 +28,8 @@ from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.system import reduced_mass, system_of
 
 TOLERANCE = 1e-4
+#: Residual of the energy ledger from which it does not close, at that tolerance.
+OPEN = 0.03
 #: A run lasts ten periods of the drive, but no longer than it takes to cross the play or ring on a wall this often.
 _EVENTS = 50_000.0
 #: Share of a run before the ceiling moves.
@@ -129,6 +131,10 @@ def check(case: Case) -> None:
     if case.outcome == Outcome.DONE and not (case.finite and case.inside and case.contact_loss >= -1e-9):
         raise NumericalFailure(
             f"system {case.number}, {case.rung}: not finite, outside the walls, or energy from a contact"
+        )
+    if case.outcome == Outcome.DONE and case.residual > OPEN:
+        raise NumericalFailure(
+            f"system {case.number}, {case.rung}: the ledger is open by {100.0 * case.residual:.0f} %"
         )
 
 

@@ -14,7 +14,7 @@ from atpid_sim.cli import main
 from atpid_sim.engine import state
 from atpid_sim.extremes import check, extreme_scene, run_case, rungs_for
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import drive_table, initial_state, stepper_of
+from atpid_sim.run import drive_table, initial_state, step_budget, stepper_of
 from atpid_sim.scene import load_scene
 from atpid_sim.simulate import simulate
 
@@ -29,12 +29,17 @@ def test_an_extreme_system_keeps_every_promise(index):
         check(case)
         assert case.outcome in (Outcome.DONE, Outcome.OVERLAP_TOO_DEEP) and case.outcome.sentence
         assert case.steps <= case.budget
-        assert case.outcome != Outcome.DONE or case.residual < 0.03
 
 
 def test_a_broken_promise_is_said():
     case = run_case(7, 0, "impact")
-    for change in ({"outcome": Outcome.STALLED}, {"steps": case.budget + 1}, {"inside": False}, {"contact_loss": -1.0}):
+    for change in (
+        {"outcome": Outcome.STALLED},
+        {"steps": case.budget + 1},
+        {"inside": False},
+        {"contact_loss": -1.0},
+        {"residual": 0.1},
+    ):
         with pytest.raises(NumericalFailure, match="system 0, impact"):
             check(case._replace(**change))
 
@@ -73,3 +78,15 @@ def test_a_million_periods_keep_their_phase():
     )  # fmt: skip
     steady = steady_amplitude(ClosedForm(scene).body, 0.001, 1000.0)
     assert simulate(scene, "simplified", check=False).amplitude == pytest.approx(steady, rel=1e-6)
+
+
+@pytest.mark.parametrize(("rung", "periods"), [("impact", 1e6), ("soft", 1e5)])
+def test_a_damper_works_for_hundreds_of_thousands_of_periods(rung, periods):
+    duration = periods / STANDARD.natural_frequency_hz
+    scene = STANDARD.with_(
+        ceiling={"height": 0.2}, duration=duration, steady_window=[duration - 10.0, duration], tolerance=1e-4
+    )
+    result = simulate(scene, rung, check=False)
+    assert result.amplitude == pytest.approx(0.0456498937, rel=5e-3)
+    assert abs(result.energy_residual) < 1e-4
+    assert result.steps <= step_budget(scene)
