@@ -10,6 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples each time, and none too slow: whether main is sound must not depend on luck or on a busy machine.
+settings.register_profile("atpid", derandomize=True, deadline=None)
+settings.load_profile("atpid")
 
 # Threads and processes that outlive a test by right, by the start of their name: "session-" is for fixtures wider than
 # one test, the others belong to libraries.
