@@ -7,15 +7,9 @@ from dataclasses import dataclass
 
 from atpid_sim.contact import contact_of
 from atpid_sim.contact.ids import IMPACT
+from atpid_sim.model_error import closed_error, impact_error
 from atpid_sim.run import FIDELITIES, is_closed
 from atpid_sim.scene import Scene
-
-#: Amplitude error of instantaneous impacts against the soft contact, relative (4e-3 on the standard task, measured:
-#: docs/tradeoff.md).
-IMPACT_MODEL_ERROR = 1e-2
-
-#: One mass against soft contact for the closed damper: the grain's play of micrometres (measured: 2e-4 at most).
-CLOSED_MODEL_ERROR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -37,20 +31,23 @@ def choose(scene: Scene, fidelity: str = "auto") -> Choice:
 
 
 def _cheapest(scene: Scene) -> Choice:
-    if is_closed(scene) and scene.tolerance >= CLOSED_MODEL_ERROR:
-        return _described(scene, "simplified")
-    if contact_of(scene).law == IMPACT or scene.tolerance >= IMPACT_MODEL_ERROR:
-        return _described(scene, "impact")
+    cheaper = ("simplified", "impact") if is_closed(scene) else ("impact",)
+    for fidelity in cheaper:
+        choice = _described(scene, fidelity)
+        if choice.model_error <= scene.tolerance:
+            return choice
     return _described(scene, "soft")
 
 
 def _described(scene: Scene, fidelity: str) -> Choice:
+    instantaneous = contact_of(scene).law == IMPACT
     if fidelity == "soft":
         return Choice("soft", "nothing of the contact model", 0.0)
     if fidelity == "impact":
-        if contact_of(scene).law == IMPACT:
+        if instantaneous:
             return Choice("impact", "nothing: the scene's contact law is instantaneous", 0.0)
-        return Choice("impact", "the duration and depth of contacts", IMPACT_MODEL_ERROR)
+        return Choice("impact", "the duration and depth of contacts", impact_error(scene))
     if is_closed(scene):
-        return Choice("simplified", "the grain's play inside the closed damper", CLOSED_MODEL_ERROR)
+        error = 0.0 if instantaneous else closed_error(scene)
+        return Choice("simplified", "the grain's play inside the closed damper", error)
     return Choice("simplified", "the grain and its impacts: the beam swings alone (thesis Eq. 4.7)", 1.0)

@@ -128,6 +128,20 @@ def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:
     return drive.with_ceiling(rows, scene.ceiling.heights)
 
 
+def half_peak_to_peak(y: Array) -> float:
+    """Return half the range of the beam in the observed window [m]."""
+    return float(0.5 * (y[state.HIGHEST] - y[state.LOWEST]))
+
+
+def undamped_amplitude(scene: Scene, table: Array) -> float:
+    """Return the half peak-to-peak of the closed damper in the steady window [m]: beam and grain as one mass."""
+    y, n = initial_state(scene)
+    none = np.zeros((state.ROWS, 0))
+    system, mass, window = system_of(scene), scene.total_mass, scene.steady_window
+    run_one_mass(table, system, mass, y, n, window, (0.0, 1.0), none, step_budget(scene))
+    return half_peak_to_peak(y)
+
+
 def stored_energy(system: System, y: Array, support: float) -> float:
     """Return kinetic, elastic and potential energy [J] of beam and grain, with the support at `support` [m].
 

@@ -13,13 +13,23 @@ from numpy.typing import NDArray
 
 from atpid_sim import trust
 from atpid_sim.engine import state
-from atpid_sim.engine.one_mass import run_one_mass
 from atpid_sim.fidelity import Choice, choose
 from atpid_sim.motion import classify
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import Array, Counts, Ledger, Stepper, drive_table, initial_state, ledger_of, step_budget, stepper_of
+from atpid_sim.run import (
+    Array,
+    Counts,
+    Ledger,
+    Stepper,
+    drive_table,
+    half_peak_to_peak,
+    initial_state,
+    ledger_of,
+    step_budget,
+    stepper_of,
+    undamped_amplitude,
+)
 from atpid_sim.scene import Scene
-from atpid_sim.system import system_of
 
 #: Impacts remembered of one run.
 _LOG = 20_000
@@ -158,21 +168,6 @@ def advance(
             f"{outcome.sentence} (at {y[state.TIME]:.6f} s: beam {y[state.BEAM]:.6g} m, "
             f"grain {y[state.GRAIN]:.6g} m above its rest, {state.spent(n)} steps)"
         )
-
-
-def half_peak_to_peak(y: Array) -> float:
-    """Return half the range of the beam in the observed window [m]."""
-    return float(0.5 * (y[state.HIGHEST] - y[state.LOWEST]))
-
-
-def undamped_amplitude(scene: Scene, table: Array) -> float:
-    """Return the half peak-to-peak of the closed damper in the same window [m]: beam and grain as one mass."""
-    y, n = initial_state(scene)
-    system = system_of(scene)
-    run_one_mass(
-        table, system, scene.total_mass, y, n, scene.steady_window, (0.0, 1.0), _NO_SAMPLES, step_budget(scene)
-    )
-    return half_peak_to_peak(y)
 
 
 def warm_up(stepper: Stepper) -> None:

@@ -19,9 +19,9 @@ from atpid_sim.contact.ids import IMPACT
 from atpid_sim.engine import state
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.peers import PEERS, PeerError, PeerResult, run_peer
-from atpid_sim.run import drive_table, initial_state, ledger_of, step_budget, stepper_of
+from atpid_sim.run import drive_table, half_peak_to_peak, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import Scene
-from atpid_sim.simulate import advance, half_peak_to_peak, warm_up
+from atpid_sim.simulate import advance, warm_up
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,8 @@ import pytest
 from atpid_sim.engine import state
 from atpid_sim.extremes import run_case
 from atpid_sim.outcome import Outcome
-from atpid_sim.run import drive_table, initial_state, ledger_of, step_budget, stepper_of
+from atpid_sim.run import drive_table, half_peak_to_peak, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import scene_from_mapping
-from atpid_sim.simulate import half_peak_to_peak
 
 ELASTIC = {"law": "hertz", "young_modulus": 1.6e12, "poisson_ratio": 0.2}
 TSUJI = {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0}
