@@ -31,6 +31,9 @@ _FIRST_STEP = 0.05
 _BUDGET = 5_000_000
 _BUDGET_PER_CYCLE = 1_000
 
+#: Loosest tolerance of a run: beyond, a step's error is the size of what it computes.
+LOOSEST = 0.1
+
 FIDELITIES = ("simplified", "impact", "soft")
 
 
@@ -54,10 +57,13 @@ class Stepper(Protocol):
 def stepper_of(scene: Scene, fidelity: str, rtol: float | None = None) -> Stepper:
     """Return the stepper of a rung for this scene; `rtol` defaults to the scene's tolerance.
 
-    Raises ValueError for an unknown rung, or a soft rung asked to integrate a law that has no force.
+    Raises ValueError for an unknown rung, a tolerance that is none, or a soft rung asked to integrate a law that has no
+    force.
     """
     system, contact = system_of(scene), contact_of(scene)
-    tolerance = float(scene.tolerance if rtol is None else rtol)
+    tolerance = float(min(scene.tolerance, LOOSEST) if rtol is None else rtol)
+    if not 0.0 < tolerance <= LOOSEST:
+        raise ValueError(f"rtol: given {tolerance:g}; allowed: above 0 and at most {LOOSEST:g}")
     if fidelity == "soft":
         if contact.law == IMPACT:
             raise ValueError(
@@ -70,7 +76,7 @@ def stepper_of(scene: Scene, fidelity: str, rtol: float | None = None) -> Steppe
         return impact_stepper(system, contact)
     if fidelity == "simplified":
         return _one_mass(system, swinging_mass(scene))
-    raise ValueError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
+    raise ValueError(f"fidelity {fidelity!r}: allowed are {', '.join(FIDELITIES)}")
 
 
 def swinging_mass(scene: Scene) -> float:

@@ -17,6 +17,7 @@ from atpid_sim.fidelity import Choice, choose
 from atpid_sim.motion import classify
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.run import (
+    LOOSEST,
     Array,
     Counts,
     Ledger,
@@ -66,8 +67,8 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers and text; NaN as None."""
-        plain = asdict(self)
-        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()}
+        plain: dict[str, Any] = _finite(asdict(self))
+        return plain
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def simulate(
     if height is not None:
         scene = scene.with_(height=height)
     choice = choose(scene, fidelity)
-    tolerance = _TOLERANCE_SHARE * scene.tolerance if rtol is None else rtol
+    tolerance = _tolerance(scene, rtol)
     stepper = stepper_of(scene, choice.fidelity, tolerance)
     table = drive_table(scene, scene.steady_window)
     warm_up(stepper)
@@ -109,7 +110,11 @@ def simulate(
     wall = time.perf_counter() - begun
     amplitude = half_peak_to_peak(y)
     undamped = undamped_amplitude(scene, table)
-    verdict = trust.judge(scene, choice.fidelity, tolerance, table, amplitude) if check else trust.unchecked()
+    verdict = (
+        trust.judge(scene, choice.fidelity, tolerance, table, amplitude, int(state.spent(n)))
+        if check
+        else trust.unchecked()
+    )
     ledger = ledger_of(scene, table, first, y, int(n[state.MODE]))
     return Result(
         amplitude=amplitude,
@@ -136,13 +141,26 @@ def simulate(
 def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None) -> Trajectory:
     """Run a scene and return its motion at i / rate [s] over the whole run. Raises NumericalFailure as `simulate`."""
     choice = choose(scene, fidelity)
-    stepper = stepper_of(scene, choice.fidelity, _TOLERANCE_SHARE * scene.tolerance if rtol is None else rtol)
+    stepper = stepper_of(scene, choice.fidelity, _tolerance(scene, rtol))
     count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
     out, events = np.zeros((state.ROWS, count)), np.zeros((_LOG, state.COLUMNS))
     y, n = initial_state(scene)
     advance(stepper, drive_table(scene), y, n, (math.inf, math.inf), (0.0, 1.0 / rate), out, events, step_budget(scene))
     out = out[:, : n[state.SAMPLE]]
     return Trajectory(np.arange(out.shape[1]) / rate, *_series(out), events[: n[state.EVENTS]])
+
+
+def _finite(value: Any) -> Any:
+    """Return the same with None for every number that is not finite."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _tolerance(scene: Scene, rtol: float | None) -> float:
+    return min(_TOLERANCE_SHARE * scene.tolerance, LOOSEST) if rtol is None else rtol
 
 
 def _series(out: Array) -> tuple[Array, Array, Array, Array, Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, gcd
+from math import ceil, gcd, isfinite
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,9 +19,12 @@ Array = NDArray[np.float64]
 #: No rate two sensors have in common may be faster than this [Hz]; beyond it the rates are simply incommensurable.
 _FASTEST = 1_000_000
 
+#: A sample closer to the end than this share of the time lies beyond the end.
+_ROUNDING = 1e-12
+
 
 class StreamError(ValueError):
-    """Sensor rates that have no common clock."""
+    """Sensor rates that have no common clock, or a block after the last."""
 
 
 class PlantLike(Protocol):
@@ -77,7 +80,9 @@ class Stream:
         self._strides = {item.device: round(self.rate / item.sensor.rate) for item in self.instruments}
         stride = self._strides["laser"]
         self.ticks_per_block = max(1, round(scene.recording.block * scene.sensors.laser.rate)) * stride
-        self.ticks = max(1, round(scene.duration * scene.sensors.laser.rate)) * stride
+        # a faster sensor must not read beyond the end, where nothing drives the support any more
+        whole = max(1, round(scene.duration * scene.sensors.laser.rate)) * stride
+        self.ticks = min(whole, samples_before(scene.duration, self.rate))
         self.blocks = ceil(self.ticks / self.ticks_per_block)
         self.block_seconds = self.ticks_per_block / self.rate
         self._next = 0
@@ -100,15 +105,20 @@ class Stream:
     @property
     def computed_scans(self) -> int:
         """Laser scans computed so far."""
-        return self.computed_ticks // self._strides["laser"]
+        return -(-self.computed_ticks // self._strides["laser"])
 
     def advance(self, target: float, speed: float) -> StreamBlock:
-        """Compute the next block while the ceiling goes toward `target` [m] at `speed` [m/s], 0 to hold."""
+        """Compute the next block while the ceiling goes toward `target` [m] at `speed` [m/s], 0 to hold.
+
+        Raises StreamError after the last block, and what the plant raises.
+        """
+        if self.finished:
+            raise StreamError(f"the run of {self._scene.duration:g} s is over: its {self.blocks} blocks are computed")
         number, first = self._next, self._next * self.ticks_per_block
         ticks = min(self.ticks_per_block, self.ticks - first)
         if self._scene.ceiling.kind != "controlled":
             target, speed = self._own_ceiling((first + ticks) / self.rate, ticks / self.rate)
-        else:
+        elif isfinite(target):
             # a real position sensor may read a closed ceiling a little too low; the grain holds the ceiling up
             target = max(target, 2.0 * self._scene.grain.radius)
         truth = self._plant.advance(ticks, self.rate, target, speed)
@@ -147,6 +157,11 @@ def common_rate(rates: list[float]) -> float:
 
 def _lcm(a: int, b: int) -> int:
     return a // gcd(a, b) * b
+
+
+def samples_before(end: float, rate: float) -> int:
+    """Return how many samples at `rate` [Hz], the first at zero, lie before `end` [s]; at least one."""
+    return max(1, ceil(end * rate * (1.0 - _ROUNDING)))
 
 
 def stamp_ns(start_ns: int, index: int, rate: float) -> int:

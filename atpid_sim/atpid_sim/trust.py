@@ -9,18 +9,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_sim.engine import state
+from atpid_sim.engine import drive, state
 from atpid_sim.outcome import Outcome
-from atpid_sim.run import Array, Stepper, half_peak_to_peak, initial_state, step_budget, stepper_of
+from atpid_sim.run import Array, half_peak_to_peak, initial_state, step_budget, stepper_of
 from atpid_sim.scene import Scene
 
 #: Finer runs to compare with: share of the tolerance, and relative disturbance of the first displacement. The
 #: disturbances are small against any sensor; a closed damper forgets them by its damping, hence not smaller still.
 _CHECKS = ((1e-2, 1e-5), (1e-2, -1e-5), (1e-3, 3e-6))
 
+#: Steps of a run from which fewer and coarser ones have to do, and which those are.
+_DEAR, _FEW_CHECKS = 1_000_000, ((1e-1, 1e-5), (1e-1, -1e-5))
+
+#: Share of that disturbance by which the drive is larger throughout: this no damping forgets.
+_DRIVE = 1e-2
+
+#: Relative change of an amplitude that is one: at least, in tolerances, and at most.
+_LEAST, _TOLERANCES, _MOST_ALLOWED = 1e-3, 20.0, 1e-2
+
 #: Runs of an ensemble, their share of the tolerance, and the largest of their disturbances. One more run would lie
 #: outside its range once in 17 times.
 _ENSEMBLE, _ENSEMBLE_SHARE, _ENSEMBLE_REACH = 32, 1e-1, 1e-5
+
+#: Steps of all runs of an ensemble, in those of the run that is judged, from which it has fewer.
+_TOGETHER = 8_000_000
 
 #: Distance of two motions anywhere in the run, over the swing, from which chance has had a hand in it.
 _APART = 1e-4
@@ -28,13 +40,13 @@ _APART = 1e-4
 #: Instants a period at which motions are compared, and the most of them.
 _PER_PERIOD, _MOST = 16, 20_000
 
-#: Steps of a finer run, as a multiple of those of the run that is judged.
-_FINER = 10
+#: Steps a finer run may take, in those of the run that is judged: a cheap one, beside 100 000, and a dear one.
+_FINER, _FINER_DEAR = 20, 2
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Relative numerical error of an amplitude, whether it is reproducible, and its spread [m] where it is not."""
+    """Relative numerical error of an amplitude, NaN: unknown; whether it is reproducible, else its spread [m]."""
 
     error: float
     reproducible: bool
@@ -51,55 +63,69 @@ def unchecked() -> Verdict:
     return Verdict(float("nan"), False, None)
 
 
-def judge(scene: Scene, fidelity: str, rtol: float, table: Array, amplitude: float) -> Verdict:
-    """Repeat a run with finer tolerances and disturbed starts, and compare amplitudes.
+def judge(scene: Scene, fidelity: str, rtol: float, table: Array, amplitude: float, steps: int) -> Verdict:
+    """Repeat a run that took so many steps with finer tolerances and disturbances, and compare amplitudes.
 
-    A run whose amplitude moves by more than a thousandth (or twenty tolerances) is not reproducible: it gets the spread
-    of an ensemble beside its error. Where the motions come apart on the way and meet again, as after a chaotic
-    transient, it is left to chance whether they meet in time: then the whole ensemble has to agree.
+    A run whose amplitude moves by more than a thousandth (or twenty tolerances, up to a hundredth) is not reproducible:
+    it gets the spread of an ensemble beside its error. Where the motions come apart on the way and meet again, as after
+    a chaotic transient, it is left to chance whether they meet in time: then the whole ensemble has to agree. A finer
+    run that does not reach its end leaves the error unknown.
     """
-    limit = max(1e-3, 20.0 * rtol)
-    worst = 0.0
-    motions: list[_Motion] = []
-    for share, disturbance in _CHECKS:
-        motions.append(_run(scene, stepper_of(scene, fidelity, max(share * rtol, 1e-12)), table, disturbance))
-        worst = max(worst, _off(motions[-1].amplitude, amplitude))
-        if not worst <= limit:
-            return Verdict(worst, False, _range([amplitude, *_ensemble(scene, fidelity, rtol, table)]))
-    if _come_apart(motions):
-        amplitudes = _ensemble(scene, fidelity, rtol, table)
-        worst = max(worst, *(_off(other, amplitude) for other in amplitudes))
-        if not worst <= limit:
-            return Verdict(worst, False, _range([amplitude, *amplitudes]))
-    return Verdict(worst, True, None)
+    limit = max(_LEAST, min(_TOLERANCES * rtol, _MOST_ALLOWED))
+    again = _Again(scene, fidelity, rtol, table, steps)
+    motions = [again.run(share, disturbance) for share, disturbance in (_CHECKS if steps < _DEAR else _FEW_CHECKS)]
+    amplitudes = [motion.amplitude for motion in motions]
+    worst = _worst(amplitudes, amplitude)
+    if worst <= limit and not _come_apart(motions):
+        return Verdict(worst, True, None)
+    ensemble = again.ensemble()
+    worst = _worst([*amplitudes, *ensemble], amplitude)
+    if worst <= limit:
+        return Verdict(worst, True, None)
+    drawn = [amplitude, *amplitudes, *ensemble]
+    return Verdict(worst, False, (float(np.nanmin(drawn)), float(np.nanmedian(drawn)), float(np.nanmax(drawn))))
 
 
-def _off(other: float, amplitude: float) -> float:
-    return abs(other - amplitude) / max(abs(other), 1e-300)
+def _worst(others: list[float], amplitude: float) -> float:
+    """Return the largest relative distance; NaN where one of the others is."""
+    return float(np.max([abs(other - amplitude) / max(abs(other), 1e-300) for other in others]))
 
 
 def _come_apart(motions: list[_Motion]) -> bool:
     first = motions[0].beam
-    swing = 0.5 * np.ptp(first)
-    return any(bool(np.max(np.abs(other.beam - first)) > _APART * swing) for other in motions[1:])
+    swing = 0.5 * np.ptp(first) if len(first) else 0.0
+    return any(bool(np.max(np.abs(other.beam - first), initial=0.0) > _APART * swing) for other in motions[1:])
 
 
-def _ensemble(scene: Scene, fidelity: str, rtol: float, table: Array) -> list[float]:
-    """Return the amplitudes [m] of an ensemble of disturbed starts."""
-    stepper = stepper_of(scene, fidelity, max(_ENSEMBLE_SHARE * rtol, 1e-12))
-    disturbances = np.linspace(-_ENSEMBLE_REACH, _ENSEMBLE_REACH, _ENSEMBLE)
-    with ThreadPoolExecutor() as pool:
-        return list(pool.map(lambda d: _run(scene, stepper, table, float(d), 0).amplitude, disturbances))
+@dataclass(frozen=True)
+class _Again:
+    """A run, ready to be repeated."""
+
+    scene: Scene
+    fidelity: str
+    rtol: float
+    table: Array
+    steps: int
+
+    def ensemble(self) -> list[float]:
+        """Return the amplitudes [m] of disturbed runs; NaN where one does not reach its end."""
+        count = min(_ENSEMBLE, _TOGETHER // max(self.steps, 1))
+        disturbances = np.linspace(-_ENSEMBLE_REACH, _ENSEMBLE_REACH, count)
+        with ThreadPoolExecutor() as pool:
+            return list(pool.map(lambda d: self.run(_ENSEMBLE_SHARE, float(d), 0).amplitude, disturbances))
+
+    def run(self, share: float, disturbance: float, samples: int = _MOST) -> _Motion:
+        """Return a run with a share of the tolerance and a disturbed start and drive."""
+        scene = self.scene
+        y, n = initial_state(scene, disturbance)
+        table = self.table.copy()
+        table[:, _SUPPORT] *= 1.0 + _DRIVE * disturbance
+        period = max(1.0 / (_PER_PERIOD * scene.frequency_hz), scene.duration / _MOST)
+        out, log = np.zeros((state.ROWS, min(samples, int(scene.duration / period)))), np.zeros((0, state.COLUMNS))
+        budget = min(_FINER * self.steps + 100_000, max(_FINER_DEAR * self.steps, step_budget(scene)))
+        stepper = stepper_of(scene, self.fidelity, max(share * self.rtol, 1e-12))
+        outcome = stepper(table, y, n, scene.steady_window, (0.0, period), out, log, budget)
+        return _Motion(half_peak_to_peak(y) if outcome == Outcome.DONE else float("nan"), out[state.S_BEAM])
 
 
-def _range(amplitudes: list[float]) -> tuple[float, float, float]:
-    return float(np.nanmin(amplitudes)), float(np.nanmedian(amplitudes)), float(np.nanmax(amplitudes))
-
-
-def _run(scene: Scene, stepper: Stepper, table: Array, disturbance: float, samples: int = _MOST) -> _Motion:
-    """Return a disturbed run; its amplitude is NaN where it does not reach its end."""
-    y, n = initial_state(scene, disturbance)
-    period = max(1.0 / (_PER_PERIOD * scene.frequency_hz), scene.duration / _MOST)
-    out, log = np.zeros((state.ROWS, min(samples, int(scene.duration / period)))), np.zeros((0, state.COLUMNS))
-    outcome = stepper(table, y, n, scene.steady_window, (0.0, period), out, log, _FINER * step_budget(scene))
-    return _Motion(half_peak_to_peak(y) if outcome == Outcome.DONE else float("nan"), out[state.S_BEAM])
+_SUPPORT = [drive.A0, drive.A1, drive.C0, drive.C1, drive.C2, drive.C3]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream of blocks: whole samples, exact stamps, noise that repeats, sensors with rates of their own."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,6 +56,21 @@ def test_blocks_follow_each_other_without_a_gap_and_the_last_is_shorter():
     assert readings[:, 1] == pytest.approx(-np.arange(220) / 1000.0)
 
 
+def test_there_is_no_block_after_the_last():
+    source = stream()
+    list(blocks(source))
+    with pytest.raises(StreamError, match=r"run of 0\.22 s is over: its 5 blocks are computed"):
+        source.advance(0.017, 0.0)
+
+
+def test_a_faster_sensor_stops_where_the_scene_does():
+    sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 8000.0}}
+    source = stream(sensors=sensors, duration=0.2206)
+    readings = [block.readings for block in blocks(source)]
+    assert sum(len(laser.data) for laser, _ in readings) == source.computed_scans == 221
+    assert sum(len(second.data) for _, second in readings) == 1765  # the last at 0.2205 s
+
+
 def test_a_second_sensor_has_its_own_rate_on_a_common_clock():
     sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 1600.0}}
     source = stream(sensors=sensors)
@@ -95,6 +111,15 @@ def test_a_controlled_ceiling_goes_where_it_is_told():
     source = stream()
     source.advance(0.3, 0.25)
     assert source._plant.told == [(50, 1000.0, 0.3, 0.25)]
+
+
+def test_a_closed_ceiling_that_reads_a_little_low_is_closed_and_nonsense_is_handed_on():
+    source = stream()
+    for target in (0.0169, -math.inf, math.nan):
+        source.advance(target, 0.25)
+    told = [target for _, _, target, _ in source._plant.told]
+    assert told[:2] == [0.017, -math.inf]
+    assert math.isnan(told[2])
 
 
 def test_a_prescribed_ceiling_ignores_what_it_is_told():

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random systems of the thesis's range: what is called reproducible is right, and what is not is flagged."""
 
+import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +12,8 @@ import pytest
 from atpid_sim.batch import on_all_cores
 from atpid_sim.cli import main
 from atpid_sim.scene import load_scene
-from atpid_sim.simulate import simulate
-from atpid_sim.sweep import thesis_range
+from atpid_sim.simulate import Result, simulate
+from atpid_sim.sweep import standard_task, thesis_range
 
 SCENES = Path(__file__).parents[2] / "scenes"
 SYSTEMS = 60
@@ -48,6 +51,57 @@ def test_a_chaotic_transient_asks_the_whole_ensemble():
     assert not result.reproducible
     assert result.error_estimate > 1e-3
     assert result.spread is not None and result.spread[2] > 1.005 * result.spread[0]
+
+
+def test_a_check_that_fails_leaves_the_error_unknown():
+    """Rubber pressed to within its radius: the finer runs end as OVERLAP_TOO_DEEP."""
+    scene = standard_task(0.05, 0.1, 0.3).with_(
+        contact={"law": "tsuji", "young_modulus": 21342898.9672, "poisson_ratio": 0.2, "damping_ratio": 0.3},
+        ceiling={"height": 0.3},
+    )  # fmt: skip
+    result = simulate(scene, "soft", rtol=1e-4)
+    assert math.isnan(result.error_estimate) and not result.reproducible
+    told = json.loads(json.dumps(result.to_json(), allow_nan=False))
+    assert told["error_estimate"] is None and len(told["spread"]) == 3
+
+
+def test_what_a_spread_cannot_say_is_none():
+    assert Result.to_json(replace(simulate(standard_task(0.01, 0.1, 0.2), check=False), spread=(math.nan, 1.0, 2.0)))[
+        "spread"
+    ] == [None, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("start", [6.0, 40.0, 120.0])
+def test_a_disturbance_is_not_forgotten_before_the_ceiling_opens(start):
+    """The closed damper forgets how it began; a drive that is larger by 1e-7 is larger all the time."""
+    scene = standard_task(0.01, 0.1, 0.35).with_(
+        contact={"law": "impact", "restitution": 0.146},
+        duration=start + 10.0, steady_window=[start + 8.0, start + 10.0],
+        ceiling={"closed": 0.017, "open": 0.35, "start": start, "end": start + 1.0},
+    )  # fmt: skip
+    result = simulate(scene)
+    assert not result.reproducible
+    assert result.spread is not None and result.spread[2] > 1.1 * result.spread[0]
+
+
+def test_a_beam_without_weight_is_disturbed_too():
+    scene = standard_task(0.004, 0.1, 0.3).with_(
+        contact={"law": "impact", "restitution": 0.146}, excitation={"amplitude": 0.004, "frequency": 5.2},
+        gravity=1e-12, ceiling={"height": 0.3},
+    )  # fmt: skip
+    assert not simulate(scene).reproducible
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 0.02, 0.1])
+def test_a_loose_tolerance_does_not_make_chaos_reproducible(rtol):
+    assert not simulate(standard_task(0.01, 0.1, 0.2).with_(ceiling={"height": 1000.0}), "soft", rtol).reproducible
+
+
+@pytest.mark.parametrize("rtol", [0.0, -1e-6, math.nan, math.inf, 0.2])
+def test_a_tolerance_that_is_none_is_refused(rtol):
+    for rung in ("soft", "impact", "simplified"):
+        with pytest.raises(ValueError, match=r"rtol: given .*; allowed: above 0 and at most 0.1"):
+            simulate(standard_task(0.01, 0.1, 0.2), rung, rtol)
 
 
 def test_every_ledger_closes(runs):

@@ -15,7 +15,7 @@ from atpid_sim.engine.flight import fly
 from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import flight_extreme, flight_work, note_extreme, write_sample
 from atpid_sim.engine.settle import hops_idly
-from atpid_sim.engine.soft import CEILING_CRUSHES, DONE, NOT_FINITE, STALLED, STEP_BUDGET, log_impact
+from atpid_sim.engine.soft import CEILING_CRUSHES, DONE, NOT_FINITE, STALLED, STEP_BUDGET, log_impact, sound_length
 from atpid_sim.engine.state import (
     BEAM,
     BEAM_RATE,
@@ -63,6 +63,13 @@ def impact_stepper(system: System, contact: Contact) -> Stepper:
 
 
 @kernel
+def _held(segment, tau, system):  # type: ignore[no-untyped-def]
+    """Whether floor and ceiling leave the grain no play: one that opens gives it at once, the last is taken at once."""
+    room = segment[HEIGHT] + segment[HEIGHT_RATE] * tau - 2.0 * system.radius
+    return segment[HEIGHT_RATE] <= 0.0 and room <= _NO_PLAY * system.radius
+
+
+@kernel
 def _collide(y, n, arc, tau, system, law, p, height_rate, held, idle):  # type: ignore[no-untyped-def]
     """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks.
 
@@ -77,7 +84,7 @@ def _collide(y, n, arc, tau, system, law, p, height_rate, held, idle):  # type: 
     fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
     rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
-    still = push * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
+    still = max(push, 0.0) * max(_STILL, _SETTLED * (1.0 - e) / max(2.0 * e, 1e-300))
     sticks = held or idle or (push >= rounding and closing * fastest <= still)
     if sticks:
         e = 0.0
@@ -152,19 +159,17 @@ def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, bud
         start, end = segment[START], segment[END]
         if end <= y[TIME]:
             continue
-        if min(segment[HEIGHT], segment[HEIGHT] + segment[HEIGHT_RATE] * (end - start)) < slack * (1.0 - 1e-12):
-            return CEILING_CRUSHES
+        length = sound_length(segment, slack)
         observing = observe[0] <= 0.5 * (start + end) <= observe[1]
         if observing:
             note_extreme(y, y[BEAM])
-        tau, until = y[TIME] - start, end - start
+        tau, until = y[TIME] - start, length
         where = (sampling[0], sampling[1], start)
-        # a moving ceiling gives play at once, or takes it all
-        held = segment[HEIGHT_RATE] == 0.0 and segment[HEIGHT] - slack <= _NO_PLAY * system.radius
         if n[MODE] == ON_CEILING and y[GRAIN_RATE] - y[BEAM_RATE] != segment[HEIGHT_RATE]:
             n[MODE] = FREE  # the ceiling has changed its rate: decide anew whether it is left or hit
         while tau < until:
             before = tau
+            held = _held(segment, tau, system)
             if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
                 tau = _stick(y, n, segment, tau, until, system, held, observing, where, out, budget)
             else:
@@ -173,6 +178,7 @@ def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, bud
                     log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
                     arc = arc_from(system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE])  # fmt: skip # noqa: E501
                     idle = hops_idly(y, n, segment, tau, system, _LOW)
+                    held = _held(segment, tau, system)
                     _collide(y, n, arc, tau, system, law, p, segment[HEIGHT_RATE], held, idle)
             y[TIME] = start + tau
             if spent(n) >= budget:
@@ -182,5 +188,7 @@ def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, bud
             stuck = stuck + 1 if tau == before else 0
             if stuck > 1000:
                 return STALLED
+        if length < end - start:
+            return CEILING_CRUSHES
         y[TIME] = end
     return DONE

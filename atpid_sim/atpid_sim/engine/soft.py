@@ -75,6 +75,15 @@ def _fault(y, height, slack, radius):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def sound_length(segment, slack):  # type: ignore[no-untyped-def]
+    """How long the ceiling stays at or above the grain's diameter in this row [s]; the row's length if all the time."""
+    length = segment[END] - segment[START]
+    if min(segment[HEIGHT], segment[HEIGHT] + segment[HEIGHT_RATE] * length) >= slack * (1.0 - 1e-12):
+        return length
+    return 0.0 if segment[HEIGHT] <= slack else (slack - segment[HEIGHT]) / segment[HEIGHT_RATE]
+
+
+@kernel
 def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
     """Overlap [m], overlap rate [m/s] and swing [m] below which the errors of a contact count as absolute.
 
@@ -124,13 +133,12 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
         start, end = segment[START], segment[END]
         if end <= y[TIME]:
             continue
-        if segment[HEIGHT] < slack * (1.0 - 1e-12) or segment[HEIGHT] + segment[HEIGHT_RATE] * (end - start) < slack * (1.0 - 1e-12):  # fmt: skip # noqa: E501
-            return CEILING_CRUSHES
+        length = sound_length(segment, slack)
         middle = 0.5 * (start + end)
         observing = observe[0] <= middle <= observe[1]
         if observing:
             note_extreme(y, y[BEAM])
-        tau, until = y[TIME] - start, end - start
+        tau, until = y[TIME] - start, length
         where = (sampling[0], sampling[1], start)
         while tau < until:
             before = tau
@@ -159,5 +167,7 @@ def run(table, system, law, hysteretic, p, rtol, y, n, observe, sampling, out, e
             stuck = stuck + 1 if tau == before else 0
             if stuck > 1000:
                 return STALLED
+        if length < end - start:
+            return CEILING_CRUSHES
         y[TIME] = end
     return DONE

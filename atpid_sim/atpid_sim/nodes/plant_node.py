@@ -206,7 +206,8 @@ class PlantNode(Node):
         if state is None:
             return self.stream.height, 0.0
         target = state.target if state.mode == CeilingState.MOVING else state.height
-        return (target, abs(state.speed)) if math.isfinite(target) else (self.stream.height, 0.0)
+        known = math.isfinite(target) and math.isfinite(state.speed)
+        return (target, abs(state.speed)) if known else (self.stream.height, 0.0)
 
     def _last_stamp(self) -> int:
         """Stamp of the last laser sample computed so far [ns]."""
