@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from atpid_sim.engine import state
-from atpid_sim.run import Array, Counts, is_closed
+from atpid_sim.run import Array, Counts, is_closed, nothing
 from atpid_sim.scene import Scene
 
 #: Change from period to period, relative to the amplitude, above which the motion is irregular (rumble).
@@ -27,7 +27,7 @@ def classify(scene: Scene, y: Array, n: Counts, out: Array, amplitude: float) ->
         return "closed"
     window = scene.steady_window[1] - scene.steady_window[0]
     periods = window * scene.frequency_hz
-    if _unrest(out, amplitude) > _IRREGULAR:
+    if amplitude > nothing(scene) and _unrest(out, amplitude) > _IRREGULAR:
         return "irregular"
     floor, ceiling = n[state.WINDOW_FLOOR], n[state.WINDOW_CEILING]
     if ceiling == 0:
@@ -41,7 +41,7 @@ def classify(scene: Scene, y: Array, n: Counts, out: Array, amplitude: float) ->
 def _unrest(out: Array, amplitude: float) -> float:
     """Return the root mean square change between successive periods (or pairs), relative to the amplitude."""
     beam = out[state.S_BEAM]
-    if amplitude <= 0.0 or len(beam) < 4 * _STROBES:
+    if len(beam) < 4 * _STROBES:
         return 0.0
     changes = [np.sqrt(np.mean((beam[lag:] - beam[:-lag]) ** 2)) for lag in (_STROBES, 2 * _STROBES)]
     return float(min(changes) / amplitude)

@@ -34,6 +34,9 @@ _BUDGET_PER_CYCLE = 1_000
 #: Loosest tolerance of a run: beyond, a step's error is the size of what it computes.
 LOOSEST = 0.1
 
+#: Share of the static deflection, or of the grain's radius, that is no swing.
+_STILL = 1e-8
+
 FIDELITIES = ("simplified", "impact", "soft")
 
 
@@ -132,6 +135,11 @@ def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:
     """Return the whole drive table (rows, 12) of a scene, with row ends also at the given times [s]."""
     rows = drive.cut(support_rows(scene), [t for t in edges if 0.0 < t < scene.duration])
     return drive.with_ceiling(rows, scene.ceiling.heights)
+
+
+def nothing(scene: Scene) -> float:
+    """Return the swing [m] below which a beam stands still: what is left is the ringing of a grain set down on it."""
+    return _STILL * max(scene.static_deflection, scene.grain.radius)
 
 
 def half_peak_to_peak(y: Array) -> float:

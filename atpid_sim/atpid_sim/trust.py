@@ -11,7 +11,7 @@ import numpy as np
 
 from atpid_sim.engine import drive, state
 from atpid_sim.outcome import Outcome
-from atpid_sim.run import Array, half_peak_to_peak, initial_state, step_budget, stepper_of
+from atpid_sim.run import Array, half_peak_to_peak, initial_state, nothing, step_budget, stepper_of
 from atpid_sim.scene import Scene
 
 #: Finer runs to compare with: share of the tolerance, and relative disturbance of the first displacement. The
@@ -75,20 +75,23 @@ def judge(scene: Scene, fidelity: str, rtol: float, table: Array, amplitude: flo
     again = _Again(scene, fidelity, rtol, table, steps)
     motions = [again.run(share, disturbance) for share, disturbance in (_CHECKS if steps < _DEAR else _FEW_CHECKS)]
     amplitudes = [motion.amplitude for motion in motions]
-    worst = _worst(amplitudes, amplitude)
+    still = nothing(scene)
+    worst = _worst(amplitudes, amplitude, still)
     if worst <= limit and not _come_apart(motions):
         return Verdict(worst, True, None)
     ensemble = again.ensemble()
-    worst = _worst([*amplitudes, *ensemble], amplitude)
+    worst = _worst([*amplitudes, *ensemble], amplitude, still)
     if worst <= limit:
         return Verdict(worst, True, None)
     drawn = [amplitude, *amplitudes, *ensemble]
     return Verdict(worst, False, (float(np.nanmin(drawn)), float(np.nanmedian(drawn)), float(np.nanmax(drawn))))
 
 
-def _worst(others: list[float], amplitude: float) -> float:
-    """Return the largest relative distance; NaN where one of the others is."""
-    return float(np.max([abs(other - amplitude) / max(abs(other), 1e-300) for other in others]))
+def _worst(others: list[float], amplitude: float, still: float) -> float:
+    """Return the largest relative distance beyond what is no swing; NaN where one of the others is."""
+    found = np.array(others)
+    apart = np.maximum(np.abs(found - amplitude) - still, 0.0)
+    return float(np.max(apart / np.maximum(np.abs(found), 1e-300)))
 
 
 def _come_apart(motions: list[_Motion]) -> bool:

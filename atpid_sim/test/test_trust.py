@@ -125,3 +125,10 @@ def test_auto_at_a_percent_takes_the_impact_rung():
     result = simulate(load_scene(SCENES / "standard.yaml").with_(tolerance=1e-2))
     assert result.fidelity == "impact" and "contacts" in result.left_out
     assert np.isclose(result.amplitude, 0.0456498937, rtol=1e-2)
+
+
+def test_a_beam_that_stands_still_is_reproducible():
+    scene = load_scene(SCENES / "standard.yaml").with_(excitation={"amplitude": 0.0, "frequency": "resonance"})
+    result = simulate(scene)
+    assert result.amplitude < 1e-10
+    assert result.reproducible and result.motion == "sticking"
