@@ -6,18 +6,23 @@ Inside one segment of the drive (see `drive.py`) the support moves as
     u(tau) = (a0 + a1 tau) sin(omega tau + phase) + c0 + c1 tau + c2 tau^2 + c3 tau^3
 
 and the beam, a damped oscillator, has a closed form: a particular solution of the same shape plus a decaying swing.
+Close to resonance these two would be large and nearly cancel: there the tone's part is taken as it grows from nothing
+at the start of the arc (docs/decisions/0107).
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import NamedTuple
 
 from atpid_sim.engine.kernel import kernel
 
-#: Where an undamped beam is driven exactly at resonance there is no steady particular solution: it is then made stiffer
-#: by twice this share, which a swing of any feasible length does not show.
-_DETUNING = 1e-8
+#: A tone is close to resonance where the beam resists it with less than this share of its stiffness ...
+_RESONANT = 0.03
+
+#: ... and phase and size of the steady response are reached, in radians of their own, only after the row's end.
+_UNSETTLED = 4.0
 
 
 class Arc(NamedTuple):
@@ -36,10 +41,12 @@ class Arc(NamedTuple):
     c1: float
     c2: float
     c3: float
-    q0_in: float  # part of the particular solution in phase with sin
+    q0_in: float  # the forced part is q0 + q1 tau; in phase with sin
     q0_out: float  # and with cos
-    q1_in: float
+    q1_in: float  # close to resonance q0 + q1 (tau - start) is what makes it grow, see `_growth`
     q1_out: float
+    resonant: bool
+    beat: float  # close to resonance: the beam's damped angular frequency less that of the tone
     w0: float
     w1: float
     decay: float
@@ -64,15 +71,26 @@ def support_at(a0, a1, omega, phase, c0, c1, c2, c3, tau):  # type: ignore[no-un
 
 
 @kernel
-def _forced(q0_in, q0_out, q1_in, q1_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):  # type: ignore[no-untyped-def]
-    """Particular solution and its rate at tau."""
+def _forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):  # type: ignore[no-untyped-def]
+    """Particular solution and its rate at tau, where the tone's part has this amplitude and this rate of it."""
     angle = omega * tau + phase
     s, c = math.sin(angle), math.cos(angle)
-    q_in = q0_in + q1_in * tau
-    q_out = q0_out + q1_out * tau
     x = q_in * s + q_out * c + c0 + w0 + tau * (c1 + w1 + tau * (c2 + tau * c3))
-    v = (q1_in - omega * q_out) * s + (q1_out + omega * q_in) * c + c1 + w1 + tau * (2.0 * c2 + tau * 3.0 * c3)
+    v = (rate_in - omega * q_out) * s + (rate_out + omega * q_in) * c + c1 + w1 + tau * (2.0 * c2 + tau * 3.0 * c3)
     return x, v
+
+
+@kernel
+def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):  # type: ignore[no-untyped-def]
+    """Close to resonance: the two coefficients that make the forced part grow, and the beat [SI units].
+
+    With x = Im[q e^(i omega tau)] the equation reads (D - slow)(D - fast) q = force / mass, where slow * fast is
+    transfer / mass. Dividing by the fast factor alone meets nothing small: (D - slow) q = q0 + q1 s remains.
+    """
+    fast = complex(-decay, -omega - damped)
+    q1 = -drive * a1 / (mass * fast)
+    q0 = (q1 - (drive * a0 + damping * a1) / mass) / fast
+    return q0, q1, (transfer / (mass * fast)).imag
 
 
 @kernel
@@ -83,28 +101,89 @@ def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ig
     """
     a0, a1, omega, phase = segment[2], segment[3], segment[4], segment[5]
     c0, c1, c2, c3 = segment[6], segment[7], segment[8], segment[9]
-    q0_in = q0_out = q1_in = q1_out = 0.0
-    if a0 != 0.0 or a1 != 0.0:
-        real = stiffness - mass * omega * omega
-        imag = damping * omega
-        if abs(real) + abs(imag) < _DETUNING * stiffness:
-            stiffness *= 1.0 + 2.0 * _DETUNING
-            real = stiffness - mass * omega * omega
-        transfer = complex(real, imag)
-        drive = complex(stiffness, omega * damping)
-        q1 = drive * a1 / transfer
-        q0 = (drive * a0 + damping * a1 - complex(damping, 2.0 * omega * mass) * q1) / transfer
-        q0_in, q0_out, q1_in, q1_out = q0.real, q0.imag, q1.real, q1.imag
-    w1 = -6.0 * mass * c3 / stiffness
-    w0 = -(2.0 * mass * c2 + mass * gravity + damping * w1) / stiffness
-    xp, vp = _forced(q0_in, q0_out, q1_in, q1_out, omega, phase, c0, c1, c2, c3, w0, w1, tau)
     decay = 0.5 * damping / mass
     squared = stiffness / mass - decay * decay
+    rate = math.sqrt(abs(squared))
+    q0 = q1 = q = q_rate = complex(0.0, 0.0)
+    resonant, beat = False, 0.0
+    if a0 != 0.0 or a1 != 0.0:
+        transfer = complex(stiffness - mass * omega * omega, damping * omega)
+        drive = complex(stiffness, omega * damping)
+        resistance = abs(transfer.real) + abs(transfer.imag)
+        if resistance < _RESONANT * stiffness:
+            resonant = resistance * omega * (segment[1] - segment[0]) < _UNSETTLED * stiffness
+        if resonant:
+            q0, q1, beat = _growth(mass, transfer, drive, damping, a0 + a1 * tau, a1, omega, decay, rate)
+            q_rate = q0
+        else:
+            q1 = drive * a1 / transfer
+            q0 = (drive * a0 + damping * a1 - complex(damping, 2.0 * omega * mass) * q1) / transfer
+            q, q_rate = complex(q0.real + q1.real * tau, q0.imag + q1.imag * tau), q1
+    w1 = -6.0 * mass * c3 / stiffness
+    w0 = -(2.0 * mass * c2 + mass * gravity + damping * w1) / stiffness
+    xp, vp = _forced(q.real, q.imag, q_rate.real, q_rate.imag, omega, phase, c0, c1, c2, c3, w0, w1, tau)
     swing = x - xp
     return Arc(
-        tau, mass, stiffness, damping, gravity, a0, a1, omega, phase, c0, c1, c2, c3, q0_in, q0_out, q1_in, q1_out,
-        w0, w1, decay, squared, math.sqrt(abs(squared)), swing, v - vp + decay * swing,
+        tau, mass, stiffness, damping, gravity, a0, a1, omega, phase, c0, c1, c2, c3, q0.real, q0.imag, q1.real,
+        q1.imag, resonant, beat, w0, w1, decay, squared, rate, swing, v - vp + decay * swing,
     )  # fmt: skip
+
+
+@kernel
+def _second_remainder(z):  # type: ignore[no-untyped-def]
+    """Return (e^z - 1 - z) / z^2, which does not cancel where z is small."""
+    if abs(z.real) + abs(z.imag) > 0.25:
+        return (cmath.exp(z) - 1.0 - z) / (z * z)
+    real, imag = 1.0, 0.0  # 1 + z/3 (1 + z/4 (1 + ...))
+    for n in range(13, 2, -1):
+        real, imag = 1.0 + (real * z.real - imag * z.imag) / n, (real * z.imag + imag * z.real) / n
+    return 0.5 * complex(real, imag)
+
+
+@kernel
+def _grown(arc, s):  # type: ignore[no-untyped-def]
+    """Amplitude and its rate close to resonance, s seconds after the start: q' = slow q + q0 + q1 s from q = 0."""
+    q0, q1 = complex(arc.q0_in, arc.q0_out), complex(arc.q1_in, arc.q1_out)
+    slow = complex(-arc.decay, arc.beat)
+    q = s * (q0 + s * (slow * q0 + q1) * _second_remainder(slow * s))
+    q_rate = slow * q + q0 + q1 * s
+    return q.real, q.imag, q_rate.real, q_rate.imag
+
+
+@kernel
+def _forced_amplitude(arc, tau):  # type: ignore[no-untyped-def]
+    """Amplitude of the forced part [m], in phase with sin and with cos, and its rate [m/s], at local time tau."""
+    if arc.resonant:
+        return _grown(arc, tau - arc.start)
+    return arc.q0_in + arc.q1_in * tau, arc.q0_out + arc.q1_out * tau, arc.q1_in, arc.q1_out
+
+
+@kernel
+def _envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-def]
+    """Length that, times omega^order, bounds that derivative of the forced part from tau to `until` [m]."""
+    if arc.resonant:
+        return _growing_envelope(arc, q_in, q_out, tau, until, order)
+    envelope = math.sqrt(q_in * q_in + q_out * q_out)
+    if arc.a1 != 0.0:
+        envelope = (
+            max(envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until))
+            + order * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
+        )
+    return envelope
+
+
+@kernel
+def _growing_envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-def]
+    """Return the same close to resonance: the amplitude grows by no more than what feeds it (docs/decisions/0107)."""
+    s, last = tau - arc.start, until - arc.start
+    feed = max(
+        math.hypot(arc.q0_in + arc.q1_in * s, arc.q0_out + arc.q1_out * s),
+        math.hypot(arc.q0_in + arc.q1_in * last, arc.q0_out + arc.q1_out * last),
+    )
+    squared = arc.omega * arc.omega
+    faster = max(1.0, arc.stiffness / (arc.mass * squared)) ** 2  # where the beam is faster than the tone; order <= 4
+    ramp = 0.5 * order * (order - 1.0) * math.hypot(arc.q1_in, arc.q1_out) / squared
+    return faster * (math.hypot(q_in, q_out) + (until - tau + order / arc.omega) * feed + ramp)
 
 
 @kernel
@@ -115,17 +194,28 @@ def _swing(arc, s):  # type: ignore[no-untyped-def]
         fade = math.exp(-arc.decay * s)
         cosine = fade * math.cos(angle)
         sine = fade * math.sin(angle) / arc.rate
+    elif arc.squared < 0.0 and angle > 1.0:
+        return _creep(arc, s)
     elif arc.squared < 0.0 and angle > 1e-8:
-        slow = math.exp((arc.rate - arc.decay) * s)
-        fast = math.exp(-(arc.rate + arc.decay) * s)
-        cosine = 0.5 * (slow + fast)
-        sine = 0.5 * (slow - fast) / arc.rate
+        fade = math.exp(-arc.decay * s)
+        cosine = fade * math.cosh(angle)
+        sine = fade * math.sinh(angle) / arc.rate
     else:
         cosine = math.exp(-arc.decay * s)
         sine = cosine * s
     x = arc.swing * cosine + arc.swing_rate * sine
     v = -arc.decay * x - arc.swing * arc.squared * sine + arc.swing_rate * cosine
     return x, v
+
+
+@kernel
+def _creep(arc, s):  # type: ignore[no-untyped-def]
+    """Return the same where overdamped, as two decays: the slow one of a very strong damper keeps its digits."""
+    quick = arc.decay + arc.rate
+    slow = arc.stiffness / (arc.mass * quick)
+    lasting = 0.5 * (arc.swing + arc.swing_rate / arc.rate) * math.exp(-slow * s)
+    brief = 0.5 * (arc.swing - arc.swing_rate / arc.rate) * math.exp(-quick * s)
+    return lasting + brief, -slow * lasting - quick * brief
 
 
 @kernel
@@ -139,10 +229,9 @@ def beam_at(arc, tau):  # type: ignore[no-untyped-def]
     if arc.a0 != 0.0 or arc.a1 != 0.0:
         angle = arc.omega * tau + arc.phase
         s, c = math.sin(angle), math.cos(angle)
-        q_in = arc.q0_in + arc.q1_in * tau
-        q_out = arc.q0_out + arc.q1_out * tau
+        q_in, q_out, rate_in, rate_out = _forced_amplitude(arc, tau)
         x += q_in * s + q_out * c
-        v += (arc.q1_in - arc.omega * q_out) * s + (arc.q1_out + arc.omega * q_in) * c
+        v += (rate_in - arc.omega * q_out) * s + (rate_out + arc.omega * q_in) * c
         amplitude = arc.a0 + arc.a1 * tau
         u += amplitude * s
         rate += arc.a1 * s + arc.omega * amplitude * c
@@ -167,21 +256,14 @@ def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
     if arc.a0 != 0.0 or arc.a1 != 0.0:
         angle = arc.omega * tau + arc.phase
         s, c = math.sin(angle), math.cos(angle)
-        q_in = arc.q0_in + arc.q1_in * tau
-        q_out = arc.q0_out + arc.q1_out * tau
+        q_in, q_out, rate_in, rate_out = _forced_amplitude(arc, tau)
         x += q_in * s + q_out * c
-        v += (arc.q1_in - arc.omega * q_out) * s + (arc.q1_out + arc.omega * q_in) * c
+        v += (rate_in - arc.omega * q_out) * s + (rate_out + arc.omega * q_in) * c
         amplitude = arc.a0 + arc.a1 * tau
         u += amplitude * s
         rate += arc.a1 * s + arc.omega * amplitude * c
-        envelope = math.sqrt(q_in * q_in + q_out * q_out)
         squared = arc.omega * arc.omega
-        if arc.a1 != 0.0:
-            envelope = (
-                max(envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until))
-                + 3.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
-            )
-        bound += squared * arc.omega * envelope
+        bound += squared * arc.omega * _envelope(arc, q_in, q_out, tau, until, 3.0)
     a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
     natural = arc.stiffness / arc.mass
     twice = 2.0 * arc.decay
@@ -206,22 +288,15 @@ def snap_bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
     if arc.a0 != 0.0 or arc.a1 != 0.0:
         angle = arc.omega * tau + arc.phase
         s, c = math.sin(angle), math.cos(angle)
-        q_in = arc.q0_in + arc.q1_in * tau
-        q_out = arc.q0_out + arc.q1_out * tau
+        q_in, q_out, rate_in, rate_out = _forced_amplitude(arc, tau)
         squared = arc.omega * arc.omega
         x += q_in * s + q_out * c
-        v += (arc.q1_in - arc.omega * q_out) * s + (arc.q1_out + arc.omega * q_in) * c
-        jerk += squared * ((arc.omega * q_out - 3.0 * arc.q1_in) * s - (arc.omega * q_in + 3.0 * arc.q1_out) * c)
+        v += (rate_in - arc.omega * q_out) * s + (rate_out + arc.omega * q_in) * c
+        jerk += squared * ((arc.omega * q_out - 3.0 * rate_in) * s - (arc.omega * q_in + 3.0 * rate_out) * c)
         amplitude = arc.a0 + arc.a1 * tau
         u += amplitude * s
         rate += arc.a1 * s + arc.omega * amplitude * c
-        envelope = math.sqrt(q_in * q_in + q_out * q_out)
-        if arc.a1 != 0.0:
-            envelope = (
-                max(envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until))
-                + 4.0 * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
-            )
-        bound = squared * squared * envelope
+        bound = squared * squared * _envelope(arc, q_in, q_out, tau, until, 4.0)
     a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
     natural = arc.stiffness / arc.mass
     twice = 2.0 * arc.decay
@@ -229,4 +304,8 @@ def snap_bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
     y3 = -twice * y2 - natural * y1
     y4 = -twice * y3 - natural * y2
     y5 = -twice * y4 - natural * y3
-    return x, v, a, jerk + y3, bound + math.sqrt(y5 * y5 / natural + y4 * y4)
+    jerk += y3
+    if arc.resonant:  # the growth has higher rates too: the beam's equation knows
+        tone = 2.0 * arc.a1 * arc.omega * c - squared * amplitude * s
+        jerk = (arc.stiffness * (rate - v) + arc.damping * (2.0 * arc.c2 + 6.0 * arc.c3 * tau + tone - a)) / arc.mass
+    return x, v, a, jerk, bound + math.sqrt(y5 * y5 / natural + y4 * y4)

@@ -9,14 +9,20 @@ from atpid_sim.engine.beam import arc_from, beam_at
 from atpid_sim.engine.drive import END, HEIGHT, HEIGHT_RATE, START
 from atpid_sim.engine.kernel import kernel
 from atpid_sim.engine.observe import flight_extreme, flight_work, note_extreme, write_sample
-from atpid_sim.engine.state import BEAM, BEAM_RATE, FLIGHT_STEPS, GRAIN, GRAIN_RATE, SAMPLE, TIME
+from atpid_sim.engine.state import BEAM, BEAM_RATE, FLIGHT_STEPS, FREE, GRAIN, GRAIN_RATE, MODE, SAMPLE, TIME
 
 DONE, STEP_BUDGET, NOT_FINITE = range(3)  # as in `outcome.py`
 
 
 @kernel
 def run_one_mass(table, system, mass, y, n, observe, sampling, out, budget):  # type: ignore[no-untyped-def]
-    """Carry one `mass` [kg] through the drive table (rows, 12) in closed form; arguments and result as `soft.run`."""
+    """Carry one `mass` [kg] through the drive table (rows, 12) in closed form; arguments and result as `soft.run`.
+
+    The beam's mass alone leaves the grain out: it stays as it was, touches nothing, and the energy ledger closes.
+    """
+    alone = mass == system.beam_mass
+    if alone:
+        n[MODE] = FREE
     for row in range(table.shape[0]):
         segment = table[row]
         start, end = segment[START], segment[END]
@@ -47,10 +53,13 @@ def run_one_mass(table, system, mass, y, n, observe, sampling, out, budget):  # 
             if at > until:
                 break
             xs, vs, acceleration, u, _w = beam_at(arc, at)
-            write_sample(out, n[SAMPLE], u, xs, vs, acceleration, xs, segment[HEIGHT] + segment[HEIGHT_RATE] * at)
+            grain, ceiling = y[GRAIN] if alone else xs, segment[HEIGHT] + segment[HEIGHT_RATE] * at
+            write_sample(out, n[SAMPLE], u, xs, vs, acceleration, grain, ceiling)
             n[SAMPLE] += 1
         x, v, _a, _u, _w = beam_at(arc, until)
         if not (math.isfinite(x) and math.isfinite(v)):
             return NOT_FINITE
-        y[BEAM], y[BEAM_RATE], y[GRAIN], y[GRAIN_RATE], y[TIME] = x, v, x, v, end
+        y[BEAM], y[BEAM_RATE], y[TIME] = x, v, end
+        if not alone:
+            y[GRAIN], y[GRAIN_RATE] = x, v
     return DONE
