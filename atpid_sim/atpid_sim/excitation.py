@@ -4,19 +4,20 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from atpid_sim.engine import drive
-from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation
+from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation, series
 
 Array = NDArray[np.float64]
 
 #: Knots a period of a sweep: the cubic spline is then within 2.5e-9 of the amplitude ((2 pi / 200)^4 / 384).
 _KNOTS_A_PERIOD = 200
+#: Knots of a sweep at most: their table and what is computed from it fill 2 GB.
+_MOST_KNOTS = 5_000_000
 
 
 def support_rows(scene: Scene) -> Array:
@@ -64,31 +65,43 @@ def frequency_at(scene: Scene, t: float) -> float:
     return sweep.first + (sweep.last - sweep.first) * share
 
 
-def reading(scene: Scene) -> str:
-    """Return in words what drives the beam."""
-    if isinstance(scene.excitation, FreeExcitation):
-        return f"release from {scene.excitation.free.deflection:g} m"
-    return f"{scene.excitation.kind} excitation"
-
-
 def _sweep_rows(scene: Scene) -> Array:
     sweep = scene.excitation.sweep  # type: ignore[union-attr]
-    length = min(sweep.duration or scene.duration, scene.duration)
     full = sweep.duration or scene.duration
+    length = min(full, scene.duration)
     rise = (sweep.last - sweep.first) / full
-    count = max(2, math.ceil(_KNOTS_A_PERIOD * length * max(sweep.first, sweep.last)))
-    times = np.linspace(0.0, length, count + 1)
-    phase = 2.0 * math.pi * (sweep.first * times + 0.5 * rise * times**2)
+    times = _sweep_knots(sweep.first, rise, length)
+    turns = np.mod(sweep.first * times + 0.5 * rise * times**2, 1.0)
+    values = sweep.amplitude * np.sin(2.0 * math.pi * turns)
     rate = 2.0 * math.pi * (sweep.first + rise * times[[0, -1]])
-    slopes = sweep.amplitude * rate * np.cos(phase[[0, -1]])
-    spline = CubicSpline(times, sweep.amplitude * np.sin(phase), bc_type=((1, slopes[0]), (1, slopes[1])))
+    slopes = sweep.amplitude * rate * np.cos(2.0 * math.pi * turns[[0, -1]])
+    spline = CubicSpline(times, values, bc_type=((1, slopes[0]), (1, slopes[1])))
     rows = drive.spline_rows(times, spline.c, scene.duration)
     if length >= scene.duration:
         return rows
     tail = drive.harmonic_rows([(0.0, sweep.amplitude)], sweep.last, scene.duration - length)
-    tail[:, drive.PHASE] += math.fmod(phase[-1], 2.0 * math.pi)
+    tail[:, drive.PHASE] += 2.0 * math.pi * turns[-1]
     tail[:, [drive.START, drive.END]] += length
     return np.vstack([rows, tail])
+
+
+def _sweep_knots(first: float, rise: float, length: float) -> Array:
+    """Return times (n,) [s] from 0 to `length`, 200 in each period of the frequency first + rise t [Hz].
+
+    The fourth derivative of sin(phase) is at most (w^2 + 3 |w'|)^2 with w = phase'. So knots as for a frequency higher
+    by the root of 3 |w'| / (2 pi)^2 keep the spline's error also where the frequency changes within a period.
+    """
+    first += math.sqrt(3.0 * abs(rise) / (2.0 * math.pi))
+    periods = length * (first + 0.5 * rise * length)
+    if periods * _KNOTS_A_PERIOD > _MOST_KNOTS:
+        raise SceneError(
+            f"excitation.sweep: given {periods:.0f} periods in {length:g} s; allowed: {_MOST_KNOTS // _KNOTS_A_PERIOD} "
+            f"periods ({_MOST_KNOTS} rows of the drive table); sweep lower or shorter, or in parts"
+        )
+    share = np.linspace(0.0, periods, max(2, math.ceil(_KNOTS_A_PERIOD * periods)) + 1)
+    times = 2.0 * share / (first + np.sqrt(np.maximum(first**2 + 2.0 * rise * share, 0.0)))
+    times[-1] = length
+    return times
 
 
 def _series_rows(scene: Scene) -> Array:
@@ -100,34 +113,8 @@ def _series_rows(scene: Scene) -> Array:
 
 
 def read_series(scene: Scene) -> tuple[Array, Array]:
-    """Return times from 0 (n,) [s] and support displacements (n,) [m] of a measured series.
+    """Return times from 0 (n,) [s] and support displacements less the offset (n,) [m] of a measured series.
 
-    Raises SceneError where the file lacks a column, holds NaN or unordered times, or is shorter than the scene.
+    Raises SceneError in one line that names the file (`scene/series.py`).
     """
-    series = scene.excitation.series  # type: ignore[union-attr]
-    names = (series.time, series.displacement)
-    table = _read_npz(series.file) if series.file.suffix.lower() == ".npz" else _read_csv(series.file)
-    have = list(table)
-    for name in names:
-        if name not in have:
-            raise SceneError(f"{series.file}: no column '{name}'; it has {', '.join(have)}")
-    times, values = (np.asarray(table[name], dtype=np.float64) for name in names)
-    if len(times) < 4 or not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
-        raise SceneError(
-            f"{series.file}: needs at least 4 finite samples with rising times; cut or repair the gaps first"
-        )
-    times = times - times[0]
-    if times[-1] < scene.duration * (1.0 - 1e-9):
-        raise SceneError(f"{series.file}: lasts {times[-1]:g} s, the scene {scene.duration:g} s; shorten the duration")
-    return times, values
-
-
-def _read_npz(path: Path) -> dict[str, Array]:
-    with np.load(path) as arrays:
-        return {name: np.asarray(arrays[name], dtype=np.float64) for name in arrays.files}
-
-
-def _read_csv(path: Path) -> dict[str, Array]:
-    names = path.read_text(encoding="utf-8").partition("\n")[0].replace(" ", "").split(",")
-    columns = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2, dtype=np.float64)
-    return dict(zip(names, columns.T, strict=True))
+    return series.read_series(scene.excitation.series, scene.duration)  # type: ignore[union-attr]

@@ -21,6 +21,8 @@ from atpid_sim.scene import Scene
 from atpid_sim.system import reduced_mass, system_of
 
 _IMPACT, _CLOSED = 0.5, 2.0
+#: Logarithms of the least and largest depth [m] that is looked for.
+_SHALLOW, _DEEP = -60.0, 10.0
 
 
 def impact_error(scene: Scene) -> float:
@@ -53,6 +55,8 @@ def _depth(scene: Scene, speed: float) -> float:
 
     def excess(log_depth: float) -> float:
         depth = math.exp(log_depth)
-        return float(energy(law, depth, depth, p)) / kinetic - 1.0
+        return float(energy(law, depth, depth, p)) - kinetic
 
-    return math.exp(brentq(excess, -60.0, 10.0, xtol=1e-6))
+    if not excess(_SHALLOW) < 0.0:
+        return 0.0
+    return math.inf if excess(_DEEP) < 0.0 else math.exp(brentq(excess, _SHALLOW, _DEEP, xtol=1e-6, rtol=1e-6))

@@ -80,7 +80,7 @@ class Plant:
             raise PlantError(self._opened(max(height for _, height in scene.ceiling.heights)))
         self._rows = support_rows(scene)
         self._y, self._n = initial_state(scene)
-        self._energy_at_start = stored_energy(self._system, self._y, 0.0)
+        self._energy_at_start = stored_energy(self._system, self._y, self._support_at(0.0))
         self._ticks = 0
         self._rate: float | None = None  # [Hz], that of the first advance
         self._failure = ""  # why the motion could not be followed any further

@@ -127,7 +127,7 @@ def initial_state(scene: Scene, disturbance: float = 0.0) -> tuple[Array, Counts
 def step_budget(scene: Scene) -> int:
     """Return how many steps a run of this scene may take before it ends as STEP_BUDGET."""
     tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
-    fastest = max(scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone)))
+    fastest = max([scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone))])
     return _BUDGET + int(_BUDGET_PER_CYCLE * scene.duration * fastest)
 
 

@@ -72,7 +72,7 @@ def _show(name: str, scene: Scene, result: Result) -> None:
     console = Console()
     console.print(table)
     for line in scene.defaults():
-        console.print(f"default: {line}", highlight=False)
+        console.print(f"default: {line}", highlight=False, markup=False)
 
 
 def _text(value: Any) -> str:

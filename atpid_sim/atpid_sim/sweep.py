@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_sim.batch import simulate_many
-from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.scene import ControlledCeiling, Scene, SceneError, scene_from_mapping
 from atpid_sim.simulate import Result
 
 
@@ -28,7 +28,13 @@ class Sweep(NamedTuple):
 
 
 def sweep(scene: Scene, lowest: float, highest: float, count: int, rtol: float | None = None) -> Sweep:
-    """Simulate a scene at `count` heights the ceiling opens to [m], each once, on all cores."""
+    """Simulate a scene at `count` heights [m], each once, on all cores.
+
+    A ceiling that moves goes to the height in its last ramp, one that stands still stands there. Raises SceneError
+    where a controller moves the ceiling, ValueError for less than one height.
+    """
+    if count < 1:
+        raise ValueError(f"count: given {count}; allowed: at least 1 height")
     heights = np.linspace(lowest, highest, count).tolist()
     scenes = [_opened(scene, height) for height in heights]
     simulate_many(scenes[:1], "soft", rtol, check=False)  # compiles, or loads what was compiled
@@ -39,6 +45,12 @@ def sweep(scene: Scene, lowest: float, highest: float, count: int, rtol: float |
 
 
 def _opened(scene: Scene, height: float) -> Scene:
+    if isinstance(scene.ceiling, ControlledCeiling):
+        raise SceneError(
+            "ceiling: given one that a controller moves; allowed: one of {height}, {closed, open, start, end}"
+        )
+    if len(scene.ceiling.heights) == 1:
+        return scene.with_(height=height)
     (_, closed), *_, (start, _), (end, _) = [(0.0, scene.ceiling.heights[0][1]), *scene.ceiling.heights[-2:]]
     return scene.with_(ceiling={"closed": closed, "open": height, "start": start, "end": end})
 

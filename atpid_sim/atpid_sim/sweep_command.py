@@ -7,15 +7,30 @@ import argparse
 import json
 
 from atpid_sim.batch import cores
+from atpid_sim.simulate_command import tolerance
 from atpid_sim.sweep import standard_task, sweep
+
+#: Heights at most: their results fill the memory from there on.
+_MOST_POINTS = 100_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
-        "--points", type=int, default=2000, metavar="N", help="heights from 0.02 to 0.4 m; default 2000"
+        "--points", type=_count, default=2000, metavar="N", help="heights from 0.02 to 0.4 m; default 2000"
     )
-    parser.add_argument("--rtol", type=float, default=1e-6, metavar="R", help="relative tolerance; default 1e-6")
+    parser.add_argument("--rtol", type=tolerance, default=1e-6, metavar="R", help="relative tolerance; default 1e-6")
+
+
+def _count(text: str) -> int:
+    """Return a number of heights; raise argparse's error where it is none."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if not 1 <= value <= _MOST_POINTS:
+        raise argparse.ArgumentTypeError(f"given {text}; allowed is a whole number from 1 to {_MOST_POINTS}")
+    return value
 
 
 def run(args: argparse.Namespace) -> int:

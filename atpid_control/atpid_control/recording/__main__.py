@@ -4,28 +4,42 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from atpid_control.bagread import open_bag
 from atpid_control.recording.errors import BagError, in_words
+from atpid_control.recording.support import write_support
 from atpid_control.recording.verify import repair, verify
 
 BAD_INPUT = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Verify or repair a bag, or write the files kept in it; return the exit status."""
+    """Verify or repair a bag, or write the files kept in it or its support's motion; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m atpid_control.recording", description=__doc__)
     parser.add_argument("action", choices=("verify", "repair", "extract"))
     parser.add_argument("bag", type=Path, help="folder of the bag")
     parser.add_argument(
         "--out", type=Path, default=Path(), help="extract: folder for scene, parameters, map (default: here)"
     )
+    parser.add_argument(
+        "--support",
+        type=interval,
+        nargs="?",
+        const=(0.0, math.inf),
+        metavar="FROM:TO",
+        help="extract: instead of those, the support's motion as support.csv for a scene; a part of it, in s",
+    )
     given = parser.parse_args(arguments)
+    if given.support and given.action != "extract":
+        parser.error(f"--support: given with {given.action}; allowed: with extract")
     try:
-        if given.action == "extract":
+        if given.support:
+            print(write_support(open_bag(given.bag), given.out, *given.support))
+        elif given.action == "extract":
             _extract(given.bag, given.out)
         else:
             _verify(given.bag, given.action == "repair")
@@ -33,6 +47,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
     return 0
+
+
+def interval(text: str) -> tuple[float, float]:
+    """Return two times FROM:TO [s]; raise argparse's error where they are none."""
+    try:
+        begin, end = (float(part) for part in text.split(":"))
+    except ValueError:
+        begin = end = math.nan
+    if not 0.0 <= begin < end:
+        raise argparse.ArgumentTypeError(f"given {text}; allowed is FROM:TO, two rising times from 0 on in s")
+    return begin, end
 
 
 def _verify(bag: Path, repairing: bool) -> None:

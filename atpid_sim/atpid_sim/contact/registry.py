@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from atpid_sim.contact import dispatch, hertz, impact, kuwabara_kono, lee_herrmann, linear, tsuji, walton_braun
 from atpid_sim.contact.ids import BY_NAME
 from atpid_sim.scene import Scene
-from atpid_sim.scene.contact import ElasticContact
+from atpid_sim.scene.contact import LEAST_LINEAR, ElasticContact
 from atpid_sim.system import reduced_mass, system_of
 
 #: Each law a scene can name, and what it is.
@@ -71,14 +71,21 @@ def _linear(scene: Scene) -> tuple[float, ...]:
 
 
 def damping_ratio_for(restitution: float) -> float:
-    """Return the damping ratio [-] of a linear contact with this restitution, 0 < restitution <= 1."""
+    """Return the damping ratio [-] of a linear contact with this restitution [-], from 1e-12 to 1.
+
+    Raises ValueError for any other.
+    """
+    if not LEAST_LINEAR <= restitution <= 1.0:
+        raise ValueError(f"restitution: given {restitution:g}; allowed: from {LEAST_LINEAR:g} to 1; law impact takes 0")
     if restitution == 1.0:
         return 0.0
 
     def excess(log_zeta: float) -> float:
         return math.log(linear.damped_restitution(math.exp(log_zeta))) - math.log(restitution)
 
-    return math.exp(brentq(excess, -40.0, 5.5, xtol=1e-14))
+    # far beyond critical damping the restitution is 1 / (2 zeta)^2
+    heaviest = max(5.5, 0.1 - 0.5 * math.log(4.0 * restitution))
+    return math.exp(brentq(excess, -40.0, heaviest, xtol=1e-14))
 
 
 def _hertz(scene: Scene) -> tuple[float, ...]:

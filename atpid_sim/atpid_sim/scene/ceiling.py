@@ -7,7 +7,18 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from atpid_sim.scene.fields import Block, LocatedPath, NotNegative, Points, Positive, Range, by_key, impossible
+from atpid_sim.scene.fields import (
+    Block,
+    HeightPoints,
+    HeightRange,
+    Instant,
+    Length,
+    LocatedPath,
+    Speed,
+    by_key,
+    impossible,
+    no_jump,
+)
 
 Heights = tuple[tuple[float, float], ...]
 
@@ -16,7 +27,7 @@ class FixedCeiling(Block):
     """A ceiling that stands still."""
 
     kind: ClassVar[str] = "fixed"
-    height: Positive = Field(description="height above the floor [m]")
+    height: Length = Field(description="height above the floor [m]")
 
     @property
     def heights(self) -> Heights:
@@ -28,15 +39,16 @@ class OpeningCeiling(Block):
     """A ceiling that goes once from closed to open, at constant speed (equations 3.35 and 3.36)."""
 
     kind: ClassVar[str] = "opening"
-    closed: Positive = Field(description="height before start [m]")
-    open: Positive = Field(description="height after end [m]")
-    start: NotNegative = Field(description="when it begins to move [s]")
-    end: NotNegative = Field(description="when it has arrived [s]")
+    closed: Length = Field(description="height before start [m]")
+    open: Length = Field(description="height after end [m]")
+    start: Instant = Field(description="when it begins to move [s]")
+    end: Instant = Field(description="when it has arrived [s]")
 
     @model_validator(mode="after")
     def _in_order(self) -> OpeningCeiling:
         if self.end <= self.start:
             raise impossible("end", self.end, f"later than start ({self.start:g} s)")
+        no_jump(self.heights, "end")
         return self
 
     @property
@@ -49,7 +61,7 @@ class ProfileCeiling(Block):
     """A ceiling that follows given points, straight in between."""
 
     kind: ClassVar[str] = "profile"
-    profile: Points = Field(description="[[t, h], ...] with straight ramps [s, m]")
+    profile: HeightPoints = Field(description="[[t, h], ...] with straight ramps [s, m]")
 
     @property
     def heights(self) -> Heights:
@@ -61,9 +73,9 @@ class ControlledCeiling(Block):
     """A ceiling that a controller moves at constant speed; it starts closed."""
 
     kind: ClassVar[str] = "controlled"
-    closed: Positive = Field(description="height at the start [m]")
-    range: Range = Field(description="lowest and highest height the motor may reach [m]")
-    speed: Positive = Field(description="the motor's constant speed [m/s]")
+    closed: Length = Field(description="height at the start [m]")
+    range: HeightRange = Field(description="lowest and highest height the motor may reach [m]")
+    speed: Speed = Field(description="the motor's constant speed [m/s]")
     controller: Literal["lookup", "pca", "direct", "search"] = Field(description="how the height is selected")
     map: LocatedPath | None = Field(default=None, description="height map for the look-up; default: one made and kept")
 

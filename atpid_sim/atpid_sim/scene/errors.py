@@ -6,3 +6,8 @@ from __future__ import annotations
 
 class SceneError(ValueError):
     """A scene that cannot be used; the message is one line: file, key, what was given, what is allowed."""
+
+    def __init__(self, message: str) -> None:
+        """Write out what does not print in `message`, such as a line's end in a key or a column's name."""
+        printable = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+        super().__init__("".join(printable))

@@ -8,28 +8,35 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, Tag, field_validator
 
 from atpid_sim.scene.fields import (
+    Amplitude,
+    AmplitudeOrPoints,
     Block,
+    Duration,
+    Hertz,
     LocatedPath,
-    NotNegative,
     Number,
-    NumberOrPoints,
-    Positive,
     by_key,
     by_word,
     impossible,
+    within,
 )
 
 Frequency = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[Literal["resonance"], Tag("<word>")],
+    Annotated[Hertz, Tag("<number>")] | Annotated[Literal["resonance"], Tag("<word>")],
     by_word,
 ]
+
+
+Displacement = Annotated[Number, within(-1e3, 1e3)]
 
 
 class HarmonicExcitation(Block):
     """u = A(t) sin(2 pi f t) (equation 3.44), A along straight ramps where points are given."""
 
     kind: ClassVar[str] = "harmonic"
-    amplitude: NumberOrPoints = Field(description="support amplitude [m], or [[t, A], ...] with straight ramps [s, m]")
+    amplitude: AmplitudeOrPoints = Field(
+        description="support amplitude [m], or [[t, A], ...] with straight ramps [s, m]"
+    )
     frequency: Frequency = Field(
         description="excitation frequency [Hz], or resonance: that of beam and grain as one mass"
     )
@@ -38,7 +45,7 @@ class HarmonicExcitation(Block):
 class FreeDecay(Block):
     """The release of a free decay."""
 
-    deflection: Number = Field(description="displacement from the static equilibrium at release, upward [m]")
+    deflection: Displacement = Field(description="displacement from the static equilibrium at release, upward [m]")
 
 
 class FreeExcitation(Block):
@@ -51,10 +58,10 @@ class FreeExcitation(Block):
 class Sweep(Block):
     """A tone whose frequency changes at a constant rate, then stays."""
 
-    amplitude: NotNegative = Field(description="support amplitude [m]")
-    first: Positive = Field(alias="from", description="frequency at the start [Hz]")
-    last: Positive = Field(alias="to", description="frequency at the end [Hz]")
-    duration: Positive | None = Field(default=None, description="how long the sweep takes [s]; default: the whole run")
+    amplitude: Amplitude = Field(description="support amplitude [m]")
+    first: Hertz = Field(alias="from", description="frequency at the start [Hz]")
+    last: Hertz = Field(alias="to", description="frequency at the end [Hz]")
+    duration: Duration | None = Field(default=None, description="how long the sweep takes [s]; default: the whole run")
 
 
 class SweepExcitation(Block):
@@ -70,6 +77,10 @@ class Series(Block):
     file: LocatedPath = Field(description="CSV with a header line, or NPZ; relative to the scene's folder")
     time: str = Field(default="time", description="name of the column or array with the time [s]")
     displacement: str = Field(default="support_displacement", description="name of the one with the displacement [m]")
+    offset: Displacement | None = Field(
+        default=None,
+        description="taken off every displacement [m]; default: the first one, so that the run begins at rest",
+    )
 
     @field_validator("file")
     @classmethod

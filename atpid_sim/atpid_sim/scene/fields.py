@@ -20,9 +20,6 @@ class Block(BaseModel):
 
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Fraction = Annotated[Number, Field(gt=0, lt=1)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 
 
@@ -38,10 +35,49 @@ def impossible(key: str, given: object, allowed: str) -> PydanticCustomError:
     return PydanticCustomError("impossible", "{allowed}", {"key": key, "given": given, "allowed": allowed})
 
 
+def within(low: float, high: float, or_zero: bool = False) -> AfterValidator:
+    """Return the check of a number: from `low` to `high`, with `or_zero` also 0."""
+    allowed = f"{'0, or ' if or_zero else ''}from {low:g} to {high:g}"
+
+    def check(value: float) -> float:
+        if low <= value <= high or (or_zero and value == 0.0):
+            return value
+        raise impossible("", value, allowed)
+
+    return AfterValidator(check)
+
+
+# far wider than anything built, and so narrow that no quotient of two of them overflows
+Mass = Annotated[Number, within(1e-6, 1e6)]  # [kg]
+Stiffness = Annotated[Number, within(1e-6, 1e12)]  # [N/m]
+ContactStiffness = Annotated[Number, within(1e-3, 1e15)]  # [N/m]
+Modulus = Annotated[Number, within(1.0, 1e18)]  # [Pa]
+Damping = Annotated[Number, within(0.0, 1e9)]  # [N s/m], or as the law has it
+Fraction = Annotated[Number, within(1e-6, 1.0 - 1e-6)]  # [-]
+Length = Annotated[Number, within(1e-6, 1e6)]  # [m]
+Amplitude = Annotated[Number, within(1e-12, 1e3, or_zero=True)]  # [m]
+Hertz = Annotated[Number, within(1e-6, 1e6)]  # [Hz]
+Duration = Annotated[Number, within(1e-6, 1e9)]  # [s]
+Instant = Annotated[Number, within(1e-9, 1e9, or_zero=True)]  # [s]
+Speed = Annotated[Number, within(1e-9, 1e6)]  # [m/s]
+
+#: Straight ramps are no steeper than this [m/s]: a jump has no motion that a support or a motor could make.
+_STEEPEST = 1e6
+
+
 def _rising(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     for (left, _), (right, _) in pairwise(points):
         if right <= left:
             raise impossible("", right, f"times in rising order (the one before is {left:g})")
+    return no_jump(points)
+
+
+def no_jump(points: tuple[tuple[float, float], ...], key: str = "") -> tuple[tuple[float, float], ...]:
+    """Return the points (t [s], value [m]); raise the error of `key` where a ramp between two is too steep."""
+    for (begin, first), (end, last) in pairwise(points):
+        if abs(last - first) > _STEEPEST * (end - begin):
+            ramp = Words(f"{first:g} m to {last:g} m in {end - begin:g} s")
+            raise impossible(key, ramp, f"at most {_STEEPEST:g} m/s: give the ramp more time")
     return points
 
 
@@ -51,9 +87,12 @@ def _pair(value: Any) -> Any:
     raise impossible("", value, "a pair of numbers")
 
 
-Point = Annotated[tuple[NotNegative, NotNegative], BeforeValidator(_pair)]
+AmplitudePoint = Annotated[tuple[Instant, Amplitude], BeforeValidator(_pair)]
+HeightPoint = Annotated[tuple[Instant, Length], BeforeValidator(_pair)]
 #: ((t, value), ...): straight between the points, constant before the first and after the last.
-Points = Annotated[tuple[Point, ...], Field(min_length=1), AfterValidator(_rising)]
+AmplitudePoints = Annotated[tuple[AmplitudePoint, ...], Field(min_length=1), AfterValidator(_rising)]
+HeightRange = Annotated[tuple[Length, Length], BeforeValidator(_pair)]
+HeightPoints = Annotated[tuple[HeightPoint, ...], Field(min_length=1), AfterValidator(_rising)]
 Range = Annotated[tuple[Number, Number], BeforeValidator(_pair)]
 
 
@@ -74,9 +113,10 @@ def _number_or_word(value: Any) -> str:
     return "<word>" if isinstance(value, str) else "<number>"
 
 
-#: One number, or points.
-NumberOrPoints = Annotated[
-    Annotated[NotNegative, Tag("<number>")] | Annotated[Points, Tag("<points>")], Discriminator(_number_or_points)
+#: One amplitude [m], or points.
+AmplitudeOrPoints = Annotated[
+    Annotated[Amplitude, Tag("<number>")] | Annotated[AmplitudePoints, Tag("<points>")],
+    Discriminator(_number_or_points),
 ]
 #: Tells a word from a number before either is validated, so that the message speaks of the one that was meant.
 by_word = Discriminator(_number_or_word)

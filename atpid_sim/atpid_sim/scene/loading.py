@@ -45,12 +45,7 @@ def scene_from_mapping(mapping: Mapping[str, Any], source: str = "scene", folder
         rest = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         # a misspelt key also leaves a key missing: say the cause, not the consequence
         first = min(found, key=lambda item: item["type"] == "missing")
-        raise SceneError(_one_line(f"{source}: {_explain(first)}{rest}")) from None
-
-
-def _one_line(text: str) -> str:
-    """Return `text` with what does not print, such as a line's end in a key, written out."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+        raise SceneError(f"{source}: {_explain(first)}{rest}") from None
 
 
 def _explain(error: ErrorDetails) -> str:

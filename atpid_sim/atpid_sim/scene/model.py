@@ -14,13 +14,16 @@ from pydantic_core import PydanticCustomError
 from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
 from atpid_sim.scene.contact import ContactSpec
 from atpid_sim.scene.excitation import Excitation, HarmonicExcitation
-from atpid_sim.scene.fields import Block, NotNegative, Number, Positive, Range, impossible
+from atpid_sim.scene.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.sensors import Recording, Sensors
 from atpid_sim.scene.structure import Beam, Grain
 from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
 _STEADY_SHARE = 0.125
+
+#: Samples a block at most: what one message can hold without filling the memory.
+_MOST_A_BLOCK = 1_000_000
 
 
 class Scene(Block):
@@ -31,13 +34,15 @@ class Scene(Block):
     contact: ContactSpec = Field(description="the contact law between grain and walls")
     excitation: Excitation = Field(description="what the support does")
     ceiling: Ceiling = Field(description="what the ceiling does")
-    gravity: NotNegative = Field(description="gravity [m/s^2]")
-    duration: Positive = Field(description="length of the run [s]")
+    gravity: Annotated[Number, within(0.0, 1e4)] = Field(description="gravity [m/s^2]")
+    duration: Duration = Field(description="length of the run [s]")
     steady_window: Range = Field(
         default=(math.nan, math.nan),
         description="between which times the amplitude is taken [s]; default: the last eighth of the run",
     )
-    tolerance: Annotated[Number, Field(gt=0, lt=1)] = Field(description="relative error of the amplitude asked for [-]")
+    tolerance: Annotated[Number, within(1e-13, 0.5)] = Field(
+        description="relative error of the amplitude asked for [-]"
+    )
     sensors: Sensors = Field(default=Sensors(), description="what the bench's sensors read")
     recording: Recording = Field(default=Recording(), description="how the bench records")
     seed: Annotated[int, Strict(), Field(ge=0)] = Field(default=0, description="seed of all noise [-]")
@@ -148,8 +153,11 @@ def _block_errors(scene: Scene) -> Iterator[PydanticCustomError]:
     for name in ("laser", "accelerometer"):
         sensor = getattr(scene.sensors, name)
         count = scene.recording.block * sensor.rate if sensor else 1.0
-        if count < 0.5 or abs(count - round(count)) > 1e-6 * count:
-            allowed = f"a whole number of samples a block (sensors.{name}.rate x recording.block is {count:g})"
+        if not 0.5 <= count <= _MOST_A_BLOCK or abs(count - round(count)) > 1e-6 * count:
+            allowed = (
+                f"a whole number of samples a block, at most {_MOST_A_BLOCK}"
+                f" (sensors.{name}.rate x recording.block is {count:g})"
+            )
             yield impossible("recording.block", scene.recording.block, allowed)
 
 

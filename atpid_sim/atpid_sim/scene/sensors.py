@@ -7,14 +7,16 @@ from typing import Annotated
 
 from pydantic import Field, Strict, model_validator
 
-from atpid_sim.scene.fields import Block, NotNegative, Positive, Range, impossible
+from atpid_sim.scene.fields import Block, Duration, Number, Range, impossible, within
 
 
 class Sensor(Block):
     """One device as the plant imitates it."""
 
-    rate: Positive = Field(default=1000.0, description="samples a second [Hz]")
-    noise: NotNegative = Field(default=0.0, description="standard deviation of white noise [SI unit of the channel]")
+    rate: Annotated[Number, within(1e-3, 1e7)] = Field(default=1000.0, description="samples a second [Hz]")
+    noise: Annotated[Number, within(1e-15, 1e3, or_zero=True)] = Field(
+        default=0.0, description="standard deviation of white noise [SI unit of the channel]"
+    )
     saturation: Range | None = Field(
         default=None, description="lowest and highest value it can read [SI unit of the channel]; default: no limit"
     )
@@ -36,7 +38,7 @@ class Sensors(Block):
 class Recording(Block):
     """How the run is cut into messages and kept."""
 
-    block: Positive = Field(default=0.05, description="length of one block of samples [s]")
+    block: Duration = Field(default=0.05, description="length of one block of samples [s]")
     chunk: Annotated[int, Strict(), Field(ge=1024)] = Field(
         default=16384, description="size of a chunk in the bag [bytes]"
     )

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a measured series from CSV or NPZ; whatever is wrong with the file is one line that names it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.scene.errors import SceneError
+from atpid_sim.scene.excitation import Series
+
+Array = NDArray[np.float64]
+
+#: Samples below which there is no cubic spline.
+_FEWEST = 4
+#: Shortest time between two samples [s].
+_CLOSEST = 1e-9
+#: Largest displacement a support can have [m]: more is another unit.
+_FARTHEST = 1e3
+#: What numpy and zipfile raise for a file that is torn, empty, locked, or something else.
+_UNREADABLE = (OSError, EOFError, ValueError, KeyError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
+#: What to do with an NPZ file that is none.
+_NPZ = "write it with numpy.savez(file, time=..., support_displacement=...)"
+
+
+def read_series(series: Series, duration: float) -> tuple[Array, Array]:
+    """Return times from 0 (n,) [s] and displacements less the offset (n,) [m], for a run of `duration` [s].
+
+    Raises SceneError where the file lacks a column, has text, gaps or unordered times, or is shorter than the run.
+    """
+    file = series.file
+    read = _read_npz if file.suffix.lower() == ".npz" else _read_csv
+    times, values = read(file, (series.time, series.displacement))
+    _check(file, series, times, values)
+    times = times - times[0]
+    if times[-1] < duration * (1.0 - 1e-9):
+        raise SceneError(f"{file}: lasts {times[-1]:g} s, the scene {duration:g} s; shorten the duration")
+    return times, values - (values[0] if series.offset is None else series.offset)
+
+
+def _check(file: Path, series: Series, times: Array, values: Array) -> None:
+    if len(times) != len(values):
+        given = f"{len(times)} times and {len(values)} displacements"
+        raise SceneError(f"{file}: given {given}; allowed: as many of one as of the other")
+    if len(times) < _FEWEST:
+        raise SceneError(f"{file}: given {len(times)} samples; allowed: at least {_FEWEST}")
+    for name, column in ((series.time, times), (series.displacement, values)):
+        missing = np.flatnonzero(~np.isfinite(column))
+        if len(missing):
+            where = f"sample {missing[0] + 1} of {_shown(name)} is {column[missing[0]]}"
+            raise SceneError(f"{file}: {where}; allowed: finite numbers; cut or repair the gaps first")
+    late = np.flatnonzero(np.diff(times) < _CLOSEST)
+    if len(late):
+        at = late[0]
+        order = f"time {times[at + 1]:g} s follows {times[at]:g} s (sample {at + 2})"
+        raise SceneError(
+            f"{file}: {order}; allowed: times that rise by {_CLOSEST:g} s or more; sort them, leave out doubles"
+        )
+    if np.abs(values).max() > _FARTHEST:
+        raise SceneError(f"{file}: given up to {np.abs(values).max():g} m; allowed: {_FARTHEST:g} m; convert to metres")
+
+
+def _read_npz(file: Path, names: Sequence[str]) -> list[Array]:
+    try:
+        # opened here: numpy leaves a torn file open
+        with file.open("rb") as stream:
+            arrays = np.load(stream, allow_pickle=False)
+            if not isinstance(arrays, np.lib.npyio.NpzFile):
+                raise SceneError(f"{file}: a single array; allowed: an archive of named arrays; {_NPZ}")
+            for name in names:
+                _known(file, name, arrays.files, "array")
+            found = [arrays[name] for name in names]
+    except SceneError:
+        raise
+    except _UNREADABLE as error:
+        text = str(error).partition("\n")[0] or type(error).__name__
+        reason = "Python objects, or no arrays at all" if "pickle" in text else text[:80]
+        raise SceneError(f"{file}: not readable as NPZ ({reason}); {_NPZ}") from None
+    return [_real(file, name, array) for name, array in zip(names, found, strict=True)]
+
+
+def _real(file: Path, name: str, array: NDArray[np.generic]) -> Array:
+    if array.dtype.kind not in "fiu":
+        given = f"array {_shown(name)} is of type {array.dtype}"
+        raise SceneError(f"{file}: {given}; allowed: real numbers in float or integer")
+    if array.ndim != 1:
+        raise SceneError(f"{file}: array {_shown(name)} has shape {array.shape}; allowed: one dimension, (samples,)")
+    return array.astype(np.float64)
+
+
+def _read_csv(file: Path, names: Sequence[str]) -> list[Array]:
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read: {error.strerror}; give a CSV file that can") from None
+    except UnicodeDecodeError:
+        raise SceneError(f"{file}: is not text in UTF-8; save it as CSV in UTF-8") from None
+    rows = _rows(file, text)
+    _, header = next(rows, (0, []))
+    header[:1] = [name.lstrip("#").strip() for name in header[:1]]  # numpy.savetxt begins its header so
+    for name in names:
+        _known(file, name, header, "column")
+    places = [header.index(name) for name in names]
+    columns: list[list[float]] = [[] for _ in names]
+    for line, row in rows:
+        if len(row) != len(header):
+            raise SceneError(f"{file}:{line}: {len(row)} columns; allowed: {len(header)}, as the header names")
+        for name, place, column in zip(names, places, columns, strict=True):
+            try:
+                column.append(float(row[place]))
+            except ValueError:
+                given = f"{_shown(name)} is {_shown(row[place])}"
+                raise SceneError(f"{file}:{line}: {given}; allowed: a number with a decimal point") from None
+    return [np.array(column, dtype=np.float64) for column in columns]
+
+
+def _rows(file: Path, text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield (line, fields) of the header and of each line that is neither empty nor, below the header, a comment."""
+    lines = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
+    first = True
+    try:
+        for row in lines:
+            if not any(field.strip() for field in row) or (not first and row[0].startswith("#")):
+                continue
+            yield lines.line_num, [field.strip() for field in row]
+            first = False
+    except csv.Error as error:
+        raise SceneError(f"{file}:{lines.line_num}: not readable as CSV ({error}); save it as CSV anew") from None
+
+
+def _known(file: Path, name: str, have: Sequence[str], what: str) -> None:
+    """Raise SceneError unless `name` is there exactly once."""
+    if have.count(name) == 1:
+        return
+    if name in have:
+        raise SceneError(f"{file}: two {what}s {_shown(name)}; allowed: one of each name")
+    listed = ", ".join(have[:8]) + (", ..." if len(have) > 8 else "") or "none"
+    advice = "name yours in excitation.series (time, displacement)"
+    raise SceneError(f"{file}: no {what} {_shown(name)}; it has {listed[:200]}; {advice}")
+
+
+def _shown(value: str) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
