@@ -48,6 +48,9 @@ _NO_PLAY = 1e-5
 #: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
 _STILL = 1e-9
 
+#: Impacts at one and the same instant after which no more are to come: bounces have died within the clock's rounding.
+_COLLAPSE = 50
+
 #: Hops below this share of the swing are low.
 _LOW = 1e-8
 
@@ -177,7 +180,7 @@ def run_impacts(table, system, law, p, y, n, observe, sampling, out, events, bud
                 if n[MODE] != FREE:
                     log_impact(y, n, events, start + tau, observing, segment[HEIGHT_RATE])
                     arc = arc_from(system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_RATE])  # fmt: skip # noqa: E501
-                    idle = hops_idly(y, n, segment, tau, system, _LOW)
+                    idle = hops_idly(y, n, segment, tau, system, _LOW) or stuck > _COLLAPSE
                     held = _held(segment, tau, system)
                     _collide(y, n, arc, tau, system, law, p, segment[HEIGHT_RATE], held, idle)
             y[TIME] = start + tau
