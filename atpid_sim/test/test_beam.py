@@ -168,14 +168,14 @@ def test_every_rung_carries_an_undamped_beam_at_resonance(damping: float) -> Non
     assert abs(closed.energy_residual) < 1e-9
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.56, 24.0, 1e3, 1e6])
+@pytest.mark.parametrize("damping", [0.0, 0.56, 24.0, 1e3, 4e5])
 @pytest.mark.parametrize("height", [0.017, 0.2, 5.0])
 def test_the_ledger_of_one_mass_closes(damping: float, height: float) -> None:
     scene = STANDARD.with_(beam=beam(damping), ceiling={"height": height}, duration=4.0, steady_window=[3.0, 4.0])
     assert abs(simulate(scene, "simplified", check=False).energy_residual) < 1e-8
 
 
-@pytest.mark.parametrize("damping", [0.56, 24.0, 1e6, 1e8])
+@pytest.mark.parametrize("damping", [0.56, 24.0, 4e5])
 @pytest.mark.timeout(20)
 def test_a_slow_drive_and_a_strong_damper_cost_nothing(damping: float) -> None:
     slow = {"amplitude": 0.01, "frequency": 0.01}
