@@ -29,7 +29,7 @@ from atpid_sim.system import reduced_mass, system_of
 
 TOLERANCE = 1e-4
 #: Residual of the energy ledger from which it does not close, at that tolerance.
-OPEN = 0.03
+OPEN = 0.1
 #: A run lasts ten periods of the drive, but no longer than it takes to cross the play or ring on a wall this often.
 _EVENTS = 50_000.0
 #: Share of a run before the ceiling moves.

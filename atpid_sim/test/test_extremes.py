@@ -38,7 +38,7 @@ def test_a_broken_promise_is_said():
         {"steps": case.budget + 1},
         {"inside": False},
         {"contact_loss": -1.0},
-        {"residual": 0.1},
+        {"residual": 0.2},
     ):
         with pytest.raises(NumericalFailure, match="system 0, impact"):
             check(case._replace(**change))
