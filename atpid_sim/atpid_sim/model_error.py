@@ -13,8 +13,7 @@ import math
 
 from scipy.optimize import brentq
 
-from atpid_sim.contact import contact_of
-from atpid_sim.contact.dispatch import energy
+from atpid_sim.contact import contact_of, dispatch
 from atpid_sim.engine.release import resting_overlap
 from atpid_sim.run import drive_table, undamped_amplitude
 from atpid_sim.scene import HarmonicExcitation, Scene
@@ -63,7 +62,7 @@ def _depth(scene: Scene, speed: float) -> float:
 
     def excess(log_depth: float) -> float:
         depth = math.exp(log_depth)
-        return float(energy(law, depth, depth, p)) - kinetic
+        return float(dispatch.energy(law, depth, depth, p)) - kinetic
 
     if not excess(_SHALLOW) < 0.0:
         return 0.0

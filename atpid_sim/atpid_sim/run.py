@@ -10,8 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.contact import Contact, contact_of
-from atpid_sim.contact.dispatch import energy
+from atpid_sim.contact import Contact, contact_of, dispatch
 from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
 from atpid_sim.engine import drive, soft, state
 from atpid_sim.engine.one_mass import run_one_mass
@@ -208,4 +207,4 @@ def held_by_contact(contact: Contact, system: System, y: Array, mode: int, table
     height = row[drive.HEIGHT] + row[drive.HEIGHT_RATE] * (y[state.TIME] - row[drive.START])
     lift = y[state.GRAIN] - y[state.BEAM]
     overlap = max(0.0, -lift, lift - (height - 2.0 * system.radius))
-    return float(energy(contact.law, overlap, y[state.MEMORY], contact.parameters))
+    return float(dispatch.energy(contact.law, overlap, y[state.MEMORY], contact.parameters))

@@ -17,13 +17,13 @@ from atpid_sim.contact.rebound_series import KUWABARA_KONO, series_rebound
 DESCRIPTION = "Hertz with damping by the root of the overlap, Kuwabara-Kono (Eq. 3.11)"
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N], not clamped."""
     return elastic_force(overlap, p[0]) + p[1] * rate * math.sqrt(abs(overlap))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Overlap rate at which the force vanishes [m/s]."""
     if p[1] > 0.0:
@@ -31,13 +31,13 @@ def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
     return -math.inf if overlap >= 0.0 else math.inf
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Stored energy [J]."""
     return elastic_energy(overlap, p[0])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-] at an approach speed [m/s]; it falls with the speed; mass [kg] is the reduced one."""
     if speed <= 0.0:

@@ -13,13 +13,13 @@ from numba import njit
 DESCRIPTION = "linear spring and damper (Eq. 3.8)"
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N], not clamped."""
     return p[0] * overlap + p[1] * rate
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Overlap rate at which the force vanishes [m/s]."""
     if p[1] > 0.0:
@@ -27,13 +27,13 @@ def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
     return -math.inf if overlap >= 0.0 else math.inf
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Stored energy [J]."""
     return 0.5 * p[0] * overlap * overlap
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def damped_restitution(zeta):  # type: ignore[no-untyped-def]
     """Restitution of a damped oscillator that lets go where its force vanishes, zeta its damping ratio [-].
 
@@ -47,7 +47,7 @@ def damped_restitution(zeta):  # type: ignore[no-untyped-def]
     return math.exp(-2.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-], the same at every speed [m/s]; mass [kg] is the reduced one."""
     return damped_restitution(0.5 * p[1] / math.sqrt(p[0] * mass))

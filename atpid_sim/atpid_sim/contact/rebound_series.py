@@ -43,7 +43,7 @@ KUWABARA_KONO = np.array([
 ])  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _chebyshev(s, c):  # type: ignore[no-untyped-def]
     """Sum of c[n] T_n(s), by Clenshaw's recurrence."""
     last, before = 0.0, 0.0
@@ -52,7 +52,7 @@ def _chebyshev(s, c):  # type: ignore[no-untyped-def]
     return s * last - before + c[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def series_rebound(g, a, c):  # type: ignore[no-untyped-def]
     """Restitution [-] for the dimensionless damping g >= 0, the damping's power a of the overlap and its series c."""
     s = 1.0 - 2.0 / (1.0 + g ** (1.0 / (3.0 - 2.0 * a)))

@@ -16,13 +16,13 @@ from atpid_sim.contact.linear import damped_restitution
 DESCRIPTION = "Hertz with damping by the fourth root of the overlap, Tsuji (Eqs 3.12, 3.24)"
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N], not clamped."""
     return elastic_force(overlap, p[0]) + p[1] * rate * math.sqrt(math.sqrt(abs(overlap)))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Overlap rate at which the force vanishes [m/s]."""
     if p[1] > 0.0:
@@ -30,13 +30,13 @@ def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
     return -math.inf if overlap >= 0.0 else math.inf
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Stored energy [J]."""
     return elastic_energy(overlap, p[0])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-], the same at every speed [m/s]; mass [kg] is the reduced one.
 

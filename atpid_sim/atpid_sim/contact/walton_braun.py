@@ -15,38 +15,38 @@ from numba import njit
 DESCRIPTION = "linear loading, steeper linear unloading, Walton-Braun (hysteretic)"
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _rest(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Overlap at which the force vanishes in unloading [m]."""
     return (1.0 - p[0] / p[1]) * max(memory, overlap, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N], not clamped."""
     return min(p[0] * overlap, p[1] * (overlap - _rest(overlap, memory, p)))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Minus infinity above the overlap that remains, infinity below: the rate has no say."""
     return -math.inf if overlap >= _rest(overlap, memory, p) else math.inf
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rest_overlap(memory, p):  # type: ignore[no-untyped-def]
     """Overlap that remains when the force has vanished in unloading [m]: the dent."""
     return (1.0 - p[0] / p[1]) * max(memory, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Energy that unloading gives back [J]."""
     depth = max(0.0, overlap - _rest(overlap, memory, p))
     return 0.5 * p[1] * depth * depth
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-], the same at every speed [m/s]."""
     return math.sqrt(p[0] / p[1])
