@@ -24,6 +24,9 @@ _DEAR, _FEW_CHECKS = 1_000_000, ((1e-1, 1e-5), (1e-1, -1e-5))
 #: Share of that disturbance by which the drive is larger throughout: this no damping forgets.
 _DRIVE = 1e-2
 
+#: Columns of the drive table that say how the support moves.
+_SUPPORT = [drive.A0, drive.A1, drive.C0, drive.C1, drive.C2, drive.C3]
+
 #: Relative change of an amplitude that is one: at least, in tolerances, and at most.
 _LEAST, _TOLERANCES, _MOST_ALLOWED = 1e-3, 20.0, 1e-2
 
@@ -83,13 +86,13 @@ def judge(scene: Scene, fidelity: str, rtol: float, table: Array, amplitude: flo
     worst = _worst(amplitudes, amplitude, still)
     if worst <= limit and not _come_apart(motions):
         return Verdict(worst, True, None)
-    ensemble = again.ensemble(_ENSEMBLE)
-    if worst <= limit and _worst([*amplitudes, *ensemble], amplitude, still) <= limit:
-        ensemble += again.ensemble(_ACQUITTAL)
-    worst = _worst([*amplitudes, *ensemble], amplitude, still)
+    amplitudes += again.ensemble(_ENSEMBLE)
+    if _worst(amplitudes, amplitude, still) <= limit:
+        amplitudes += again.ensemble(_ACQUITTAL)
+    worst = _worst(amplitudes, amplitude, still)
     if worst <= limit:
         return Verdict(worst, True, None)
-    drawn = [amplitude, *amplitudes, *ensemble]
+    drawn = [amplitude, *amplitudes]
     return Verdict(worst, False, (float(np.nanmin(drawn)), float(np.nanmedian(drawn)), float(np.nanmax(drawn))))
 
 
@@ -138,6 +141,3 @@ class _Again:
         stepper = stepper_of(scene, self.fidelity, max(share * self.rtol, 1e-12))
         outcome = stepper(table, y, n, scene.steady_window, (0.0, period), out, log, budget)
         return _Motion(half_peak_to_peak(y) if outcome == Outcome.DONE else float("nan"), out[state.S_BEAM])
-
-
-_SUPPORT = [drive.A0, drive.A1, drive.C0, drive.C1, drive.C2, drive.C3]
