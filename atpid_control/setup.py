@@ -25,5 +25,5 @@ setup(
     maintainer_email="atpid@example.org",
     description="Identification, height selection, recording and replay for the tuned particle impact damper.",
     license="Apache-2.0",
-    entry_points={"console_scripts": [f"{node} = {NAME}.nodes.{node}:main" for node in NODES]},
+    entry_points={"console_scripts": [f"{node} = {NAME}.executables:{node}" for node in NODES]},
 )

@@ -36,5 +36,5 @@ setup(
     maintainer_email="atpid@example.org",
     description="The hardware of the tuned particle impact damper: drivers, calibration, firmware.",
     license="Apache-2.0",
-    entry_points={"console_scripts": [f"{node} = {NAME}.nodes.{node}:main" for node in NODES]},
+    entry_points={"console_scripts": [f"{node} = {NAME}.executables:{node}" for node in NODES]},
 )

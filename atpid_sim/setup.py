@@ -24,5 +24,5 @@ setup(
     maintainer_email="atpid@example.org",
     description="The physics of the tuned particle impact damper, and its simulated plant node.",
     license="Apache-2.0",
-    entry_points={"console_scripts": [f"{node} = {NAME}.nodes.{node}:main" for node in NODES]},
+    entry_points={"console_scripts": [f"{node} = {NAME}.executables:{node}" for node in NODES]},
 )

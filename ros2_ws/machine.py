@@ -26,7 +26,7 @@ HEADER_PROBE = "import os, sysconfig; print(os.path.exists(os.path.join(sysconfi
 
 # What decides how a package is built: contents of these, and names of those that are only installed as links.
 BUILD_FILES = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", "msg/*", "srv/*", "action/*")
-LINKED_FILES = ("launch/*", "config/*", "resource/*", "firmware/**/*")
+LINKED_FILES = ("launch/*", "config/*", "resource/*", "firmware/**/*", "atpid_common/**/*.py")
 
 
 class SetupError(Exception):

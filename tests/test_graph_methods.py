@@ -11,9 +11,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.nodes.messages import EVENTS, STATES, time_of
 from atpid_control.bench.summary import unanswered_blocks
 from atpid_control.nodes.selector_node import SelectorNode
-from atpid_sim.nodes.messages import EVENTS, STATES, time_of
 from atpid_sim.scene import load_scene
 
 CEILING = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3}

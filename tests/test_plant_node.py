@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from atpid_sim.nodes.messages import BLOCKS, EVENTS, HELLO, STATES, STATUS, nanoseconds_of, time_of
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STATUS, nanoseconds_of, time_of
 from atpid_sim.nodes.plant_node import PlantNode
 from atpid_sim.outcome import NumericalFailure, Outcome
 
@@ -55,9 +55,9 @@ class Peer(Node):
         self.create_subscription(Event, "events", self.on_event, EVENTS)
 
     def on_block(self, block):
-        state = CeilingState(mode=CeilingState.MOVING, height=0.1, target=0.3, speed=0.25)
+        state = CeilingState(handshake=block.handshake, mode=CeilingState.MOVING, height=0.1, target=0.3, speed=0.25)
         state.header.frame_id = block.header.frame_id
-        if block.header.frame_id == HELLO:
+        if block.handshake:
             self.heard += 1
         else:
             self.blocks.append(block)
@@ -66,7 +66,7 @@ class Peer(Node):
         self.states.publish(state)
 
     def on_event(self, event):
-        if event.kind != HELLO:
+        if not event.handshake:
             self.events.append(event)
 
 

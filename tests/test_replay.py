@@ -25,12 +25,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
 from atpid_control.bagread import Bag, open_bag
 from atpid_control.bench.graph import PARTS, parameters_for, parameters_in
 from atpid_control.nodes.composition import node_class, run_lockstep
 from atpid_control.nodes.replay_node import ReplayNode
 from atpid_control.recording import BagError, BagWriter, new_run, verify
-from atpid_sim.nodes.messages import BLOCKS, EVENTS, STATES
 
 ROOT = Path(__file__).resolve().parent.parent
 HEIGHT_MAP = ROOT / "atpid_control/config/maps/standard.npz"
@@ -219,8 +219,8 @@ class Loop(Node):
         )
 
     def _on_block(self, block: SampleBlock) -> None:
-        command = CeilingCommand(header=block.header)
-        if block.header.frame_id != "hello":
+        command = CeilingCommand(header=block.header, handshake=block.handshake)
+        if not block.handshake:
             assert self.clocks, "/clock comes before the first data"
             self.blocks.append(block)
             scans = len(block.data) // len(block.channels)

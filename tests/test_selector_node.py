@@ -13,8 +13,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of, time_of
 from atpid_control.nodes.selector_node import SelectorNode
-from atpid_sim.nodes.messages import EVENTS, HELLO, STATES, nanoseconds_of, time_of
 
 
 class Peer(Node):
@@ -46,12 +46,12 @@ def pair(scenes, tmp_path):
             executor.spin_once(timeout_sec=0.1)
 
     def greet():
-        peer.excitation.publish(hello)
+        peer.excitation.publish(handshake)
         executor.spin_once(timeout_sec=0.1)
         return bool(peer.commands) and peer.select.service_is_ready()
 
-    hello = Excitation()
-    hello.header.frame_id = HELLO
+    handshake = Excitation()
+    handshake.handshake = True
     spin(greet)
     yield peer, spin, scene
     for node in (selector, peer):
@@ -70,7 +70,7 @@ def estimates(peer, spin, scene, amplitude, count, frequency=None):
     """Send steady estimates; return the commands that answer them."""
 
     def answers():
-        return [command for command in peer.commands if command.header.frame_id != HELLO]
+        return [command for command in peer.commands if not command.handshake]
 
     before = len(answers())
     for number in range(before, before + count):
@@ -82,9 +82,9 @@ def estimates(peer, spin, scene, amplitude, count, frequency=None):
     return answers()[before:]
 
 
-def test_hello_is_answered_with_no_height(pair):
+def test_a_handshake_is_answered_with_no_height(pair):
     peer, _, _ = pair
-    assert peer.commands[0].header.frame_id == HELLO
+    assert peer.commands[0].handshake
     assert math.isnan(peer.commands[0].height)
 
 

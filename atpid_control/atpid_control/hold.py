@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
 
+from atpid_common.errors import InputError
+
 OFF_RESONANCE = "frequency off resonance"
 
 
-class HoldError(ValueError):
+class HoldError(InputError):
     """Contradictory settings of the dead band and hold."""
 
 

@@ -21,9 +21,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_control.identification import IdentificationError
 from atpid_control.nodes.identifier_node import IdentifierNode, last_stamp
-from atpid_sim.nodes.messages import BLOCKS, HELLO, STATES, nanoseconds_of, time_of
 from atpid_sim.scene import SceneError
 from atpid_sim.stream import stamp_ns
 
@@ -49,7 +49,7 @@ class Stand:
         self.executor.add_node(self.peer)
         self.estimates: list[Excitation] = []
         self.events: list[Event] = []
-        self.hellos: list[Excitation] = []
+        self.handshakes: list[Excitation] = []
         self.peer.create_subscription(Excitation, "excitation", self._hear, 100)
         self.peer.create_subscription(Event, "events", self.events.append, 100)
         self.blocks = self.peer.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
@@ -69,14 +69,14 @@ class Stand:
             self.executor.spin_once(timeout_sec=0.02)
 
     def shake_hands(self) -> Excitation:
-        hello = SampleBlock()
-        hello.header.frame_id = HELLO
-        self.until(lambda: self.hellos, lambda: self.blocks.publish(hello))
+        handshake = SampleBlock()
+        handshake.handshake = True
+        self.until(lambda: self.handshakes, lambda: self.blocks.publish(handshake))
         self.until(lambda: self.peer.count_publishers("events"))
-        return self.hellos[0]
+        return self.handshakes[0]
 
     def _hear(self, message: Excitation) -> None:
-        (self.hellos if message.header.frame_id == HELLO else self.estimates).append(message)
+        (self.handshakes if message.handshake else self.estimates).append(message)
 
     def ask(self, block: SampleBlock) -> Excitation:
         before = len(self.estimates)
@@ -114,10 +114,10 @@ def stand() -> Iterator[Stand]:
     stand.close()
 
 
-def test_hello_is_answered_in_kind(stand: Stand) -> None:
+def test_a_handshake_is_answered_in_kind(stand: Stand) -> None:
     stand.identifier()
     answer = stand.shake_hands()
-    assert answer.header.frame_id == HELLO
+    assert answer.handshake
     assert nanoseconds_of(answer.header.stamp) == 0
     assert answer.quality == Excitation.NONE
 

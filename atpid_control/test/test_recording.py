@@ -19,7 +19,7 @@ from rosbags.rosbag2 import Reader
 
 from atpid_control.recording import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
 from atpid_control.recording import __main__ as command
-from atpid_control.recording.cdr import block_shape, event_kind, header, truth_shape
+from atpid_control.recording.cdr import block_shape, event_kind, header, is_handshake, truth_shape
 from atpid_control.recording.completeness import Continuity
 from atpid_control.recording.definitions import message_type
 from atpid_control.recording.order import StampOrder
@@ -132,6 +132,7 @@ def test_fields_are_read_in_place_whatever_the_alignment() -> None:
         data = make("SampleBlock", 12_345_678_901, frame_id, first_index=7, rate=1000.0, dropped=3,
                     channels=["a", "bcd"], units=["m", "m/s^2"], skew=np.zeros(2), data=np.arange(6.0))  # fmt: skip
         assert header(data) == (12_345_678_901, frame_id)
+        assert not is_handshake(data) and is_handshake(make("SampleBlock", frame_id=frame_id, handshake=True))
         assert block_shape(data) == (7, 1000.0, 3, 3)
         assert event_kind(make("Event", 1, frame_id, kind="finished", text="x")) == "finished"
         assert truth_shape(make("PlantTruth", 1, frame_id, first_index=9, rate=10.0, support=np.zeros(4))) == (
@@ -140,7 +141,7 @@ def test_fields_are_read_in_place_whatever_the_alignment() -> None:
             0,
             4,
         )
-    assert block_shape(make("SampleBlock", frame_id="hello", channels=["a"])).scans == 0
+    assert block_shape(make("SampleBlock", handshake=True, channels=["a"])).scans == 0
 
 
 def test_order_is_by_stamp_topic_sender_and_arrival() -> None:

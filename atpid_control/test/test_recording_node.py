@@ -28,11 +28,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.nodes.messages import BLOCKS, STATUS, time_of
 from atpid_control.bagread import open_bag
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.recording import BagError, repair, verify
 from atpid_control.recording.writer import Sink
-from atpid_sim.nodes.messages import BLOCKS, STATUS, time_of
 
 TOPICS: dict[str, type[Any]] = {
     "sensors/laser": SampleBlock,
@@ -64,16 +64,16 @@ class Source(Node):
         message.header.stamp, message.header.frame_id = time_of(stamp_ns), frame_id
         self.out[topic].publish(message)
 
-    def hello(self) -> None:
+    def handshake(self) -> None:
         for topic in TOPICS:
-            self.say(topic, 0, "hello")
+            self.say(topic, 0, handshake=True)
 
     def ready(self) -> bool:
-        """Whether the recorder has received every topic; says hello again where it has not."""
+        """Whether the recorder has received every topic; repeats the handshake where it has not."""
         counts = dict(zip(self.status.topics, self.status.received, strict=True)) if self.status else {}
         if all(counts.get(f"/{topic}", 0) for topic in TOPICS):
             return True
-        self.hello()
+        self.handshake()
         return False
 
     def block(self, number: int) -> None:
@@ -122,7 +122,9 @@ def make(executor: SingleThreadedExecutor, bag: Path, **parameters: Any) -> tupl
 
 
 @pytest.mark.parametrize("lockstep", [True, False])
-def test_a_run_is_recorded_from_hello_to_finished(ros: SingleThreadedExecutor, tmp_path: Path, lockstep: bool) -> None:
+def test_a_run_is_recorded_from_handshake_to_finished(
+    ros: SingleThreadedExecutor, tmp_path: Path, lockstep: bool
+) -> None:
     recorder, source = make(ros, tmp_path / "run", lockstep=lockstep)
     spin_until(ros, source.ready)
     for number in range(30):
@@ -133,7 +135,7 @@ def test_a_run_is_recorded_from_hello_to_finished(ros: SingleThreadedExecutor, t
     found = verify(tmp_path / "run")
     assert found.by_topic == {**dict.fromkeys((f"/{topic}" for topic in TOPICS), 30), "/events": 1}
     bag = open_bag(tmp_path / "run")
-    assert all(message.header.frame_id != "hello" for _, message in bag.messages("/sensors/laser"))
+    assert not any(message.handshake for _, message in bag.messages("/sensors/laser"))
     if lockstep:
         assert (found.start_ns, found.end_ns) == (0, 29 * BLOCK_NS + 49_000_000)
         order = [topic for topic, _ in bag.all_messages()][:5]

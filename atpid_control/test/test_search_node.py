@@ -21,12 +21,12 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from atpid_common.nodes.messages import BLOCKS, time_of
 from atpid_control.controller import Answer, Command
 from atpid_control.hold import Estimate, Quality
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection.search_run import SearchingController
-from atpid_sim.nodes.messages import BLOCKS, time_of
 from atpid_sim.scene import load_scene
 
 ROOT = Path(__file__).parents[2]

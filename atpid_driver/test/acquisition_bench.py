@@ -16,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from atpid_driver.nodes.handshake import STATUS
+from atpid_common.nodes.messages import STATUS
 
 PATIENCE = 20.0
 N = TypeVar("N", bound=Node)
@@ -31,7 +31,7 @@ class Bench:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.ears = Node("ears", context=self.context)
         self.blocks: list[SampleBlock] = []
-        self.hellos: list[SampleBlock] = []
+        self.handshakes: list[SampleBlock] = []
         self.events: list[Event] = []
         self.diagnostics: list[Any] = []
         for topic in ("sensors/laser", "sensors/accelerometer"):
@@ -44,7 +44,7 @@ class Bench:
         self.nodes: list[Node] = []
 
     def _on_block(self, block: SampleBlock) -> None:
-        (self.hellos if block.header.frame_id == "hello" else self.blocks).append(block)
+        (self.handshakes if block.handshake else self.blocks).append(block)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         self.diagnostics.append(array.status[0])

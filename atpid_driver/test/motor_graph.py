@@ -66,13 +66,13 @@ class Stand:
                 due = now + BLOCK  # as often as the loop does: a flood starves the port's thread of this interpreter
             self.executor.spin_once(timeout_sec=0.02)
 
-    def command(self, height: float, stamp: float, sequence: int = 1, frame_id: str = "selector_node") -> None:
+    def command(self, height: float, stamp: float, sequence: int = 1, *, handshake: bool = False) -> None:
         seconds = int(stamp)
-        header = Header(stamp=TimeMsg(sec=seconds, nanosec=round((stamp - seconds) * 1e9)), frame_id=frame_id)
-        self.commands.publish(CeilingCommand(header=header, sequence=sequence, height=height))
+        header = Header(stamp=TimeMsg(sec=seconds, nanosec=round((stamp - seconds) * 1e9)), frame_id="selector_node")
+        self.commands.publish(CeilingCommand(header=header, handshake=handshake, sequence=sequence, height=height))
 
-    def hello(self) -> CeilingState:
-        self.until(lambda: self.states, lambda: self.command(nan, 0.0, 0, "hello"))
+    def handshake(self) -> CeilingState:
+        self.until(lambda: self.states, lambda: self.command(nan, 0.0, 0, handshake=True))
         self.until(lambda: self.peer.count_publishers("events"))
         return self.states[0]
 

@@ -12,9 +12,10 @@ import pytest
 from acquisition_bench import Bench
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 
+from atpid_common.nodes.handshake import empty_block
+from atpid_common.nodes.messages import doubles
 from atpid_driver.errors import DriverError
 from atpid_driver.nodes.acquisition_node import BLOCKS, EVENTS
-from atpid_driver.nodes.blocks import doubles, hello_block
 from atpid_driver.nodes.feed_node import STATES, FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.standins import Control, Feed, StandinError, build
@@ -45,16 +46,16 @@ def test_the_plants_metres_come_back_through_the_device(
     bench.ears.create_subscription(CeilingState, "emulated/ceiling/state", answers.append, STATES)
     bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS)
     bench.until(lambda: plant.get_subscription_count())
-    plant.publish(hello_block(tuple(CHANNELS), ("m", "m")))
+    plant.publish(empty_block(tuple(CHANNELS), ("m", "m")))
     library = str(build() / "libLabJackM.so")
     values = {"rate": 1000.0, "channels": CHANNELS, "terminals": ["AIN0", "AIN1"], "calibrations": CALIBRATIONS}
     bench.start(LabJackNode, **values, library=library, handshake=False)
     bench.until(lambda: bench.blocks)  # a body at rest
-    assert not answers  # hello was said before the device streamed
+    assert not answers  # no handshake is passed on before the device streams
     while not answers:
-        plant.publish(hello_block(tuple(CHANNELS), ("m", "m")))
+        plant.publish(empty_block(tuple(CHANNELS), ("m", "m")))
         bench.executor.spin_once(timeout_sec=0.05)
-    assert answers[0].header.frame_id == "hello"
+    assert answers[0].handshake
 
     motion = np.random.default_rng(2).uniform(-0.5, 0.5, (2000, 2))
     motion[700, 1] = np.nan  # saturated
@@ -89,10 +90,10 @@ def test_the_motors_states_are_passed_on(bench: Bench, tmp_path: Path) -> None:
     bench.until(lambda: bench.state.get_subscription_count())
     state = CeilingState(height=0.25, mode=CeilingState.MOVING)
     state.header.frame_id = "motor_node"
-    hello = CeilingState()
-    hello.header.frame_id = "hello"
+    handshake = CeilingState()
+    handshake.handshake = True
     while not passed:
-        bench.state.publish(hello)
+        bench.state.publish(handshake)
         bench.state.publish(state)
         bench.executor.spin_once(timeout_sec=0.05)
     assert {(one.header.frame_id, one.height) for one in passed} == {("motor_node", 0.25)}

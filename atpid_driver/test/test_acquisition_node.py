@@ -109,14 +109,14 @@ def test_accelerations_are_metres_per_second_squared(bench: Bench, module: Contr
     assert np.abs(np.frombuffer(block.data)).max() == pytest.approx(490.3325, rel=1e-3)
 
 
-def test_hello_goes_round_before_the_first_sample(bench: Bench, t7: Control) -> None:
+def test_a_handshake_precedes_the_first_sample(bench: Bench, t7: Control) -> None:
     node = bench.start(LabJackNode, **laser(handshake=True, expect_recorder=True))
-    bench.until(lambda: len(bench.hellos) >= 3 and any(event.kind == "hello" for event in bench.events))
-    assert list(bench.hellos[0].units) == ["m", "m"]
-    assert len(bench.hellos[0].data) == 0
-    assert bench.hellos[0].header.stamp.sec == 0
+    bench.until(lambda: len(bench.handshakes) >= 3 and any(event.handshake for event in bench.events))
+    assert list(bench.handshakes[0].units) == ["m", "m"]
+    assert len(bench.handshakes[0].data) == 0
+    assert bench.handshakes[0].header.stamp.sec == 0
     answer = CeilingState()
-    answer.header.frame_id = "hello"
+    answer.handshake = True
     bench.state.publish(answer)
     topics = ["/sensors/laser", "/excitation", "/diagnostics"]
     bench.recorder.publish(RecorderStatus(topics=topics, received=[2, 0, 0]))
@@ -125,19 +125,19 @@ def test_hello_goes_round_before_the_first_sample(bench: Bench, t7: Control) -> 
     bench.recorder.publish(RecorderStatus(topics=topics, received=[2, 1, 0]))  # diagnostics are not in the loop
     bench.until(lambda: bench.blocks)
     assert bench.blocks[0].first_index == 0
-    count = len(bench.hellos)
+    count = len(bench.handshakes)
     bench.until(lambda: len(bench.blocks) >= 5)
-    assert len(bench.hellos) == count
+    assert len(bench.handshakes) == count
 
 
-def test_an_answer_that_is_not_hello_starts_nothing(bench: Bench, t7: Control) -> None:
+def test_an_answer_that_is_no_handshake_starts_nothing(bench: Bench, t7: Control) -> None:
     node = bench.start(LabJackNode, **laser(handshake=True))
-    bench.until(lambda: len(bench.hellos) >= 1)
+    bench.until(lambda: len(bench.handshakes) >= 1)
     answer = CeilingState()
     answer.header.frame_id = "motor_node"
     bench.state.publish(answer)
-    seen = len(bench.hellos)
-    bench.until(lambda: len(bench.hellos) >= seen + 4)
+    seen = len(bench.handshakes)
+    bench.until(lambda: len(bench.handshakes) >= seen + 4)
     assert node._handshake is not None
     assert not bench.blocks
 

@@ -9,7 +9,7 @@ from math import isnan, nan
 from typing import Any
 
 import pytest
-from atpid_interfaces.msg import CeilingCommand, CeilingState
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from motor_graph import SIMULATED, Stand
@@ -18,10 +18,10 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from atpid_common.nodes.single_instance import StartedTwiceError, claim
 from atpid_driver.motor import Mode, SettingsError
 from atpid_driver.nodes import motor_node
 from atpid_driver.nodes.motor_node import MotorNode
-from atpid_driver.nodes.twice import StartedTwiceError, claim
 
 
 @pytest.fixture
@@ -35,15 +35,15 @@ def test_modes_are_those_of_the_message() -> None:
     assert {mode.name: int(mode) for mode in Mode} == {mode.name: getattr(CeilingState, mode.name) for mode in Mode}
 
 
-def test_hello_is_answered_once_it_is_ready(stand: Stand) -> None:
+def test_a_handshake_is_answered_once_it_is_ready(stand: Stand) -> None:
     stand.motor(lockstep=True)
-    state = stand.hello()
-    assert (state.header.frame_id, state.mode, state.height) == ("hello", CeilingState.HOLDING, 0.017)
+    state = stand.handshake()
+    assert (state.handshake, state.mode, state.height) == (True, CeilingState.HOLDING, 0.017)
 
 
 def test_lockstep_answers_each_command_with_its_stamp(stand: Stand) -> None:
     stand.motor(lockstep=True)
-    stand.hello()
+    stand.handshake()
     heights = []
     for k in range(1, 21):
         state = stand.ask(0.317, 0.1 * k, sequence=1)
@@ -56,7 +56,7 @@ def test_lockstep_answers_each_command_with_its_stamp(stand: Stand) -> None:
 
 def test_lockstep_says_what_it_does_next(stand: Stand) -> None:
     stand.motor(lockstep=True)
-    stand.hello()
+    stand.handshake()
     state = stand.ask(0.5, 1.0, sequence=3)
     assert (state.mode, state.height, state.target, state.speed) == (CeilingState.MOVING, 0.017, 0.5, 0.3)
     state = stand.ask(nan, 1.5, sequence=3)
@@ -66,7 +66,7 @@ def test_lockstep_says_what_it_does_next(stand: Stand) -> None:
 
 def test_a_refused_height_is_told_once_and_the_ceiling_stays(stand: Stand) -> None:
     stand.motor(lockstep=True)
-    stand.hello()
+    stand.handshake()
     for k in range(5):
         state = stand.ask(0.001, 1.0 + k)
     stand.until(lambda: stand.events)
@@ -77,7 +77,7 @@ def test_a_refused_height_is_told_once_and_the_ceiling_stays(stand: Stand) -> No
 
 def test_real_time_publishes_on_its_own_and_travels(stand: Stand) -> None:
     stand.motor(speed=5.0)
-    stand.hello()
+    stand.handshake()
     stand.until(lambda: stand.states[-1].header.frame_id == "motor_node")
     stand.command(0.9, 0.0, sequence=7)
     stand.until(lambda: stand.states[-1].mode == CeilingState.MOVING)
@@ -87,7 +87,7 @@ def test_real_time_publishes_on_its_own_and_travels(stand: Stand) -> None:
 
 def test_a_command_that_waited_too_long_is_ignored(stand: Stand) -> None:
     node = stand.motor(lockstep=False, command_timeout=0.05)
-    stand.hello()
+    stand.handshake()
     stale = {"received_timestamp": time.time_ns() - 10**9}
     node._on_command(CeilingCommand(header=Header(frame_id="selector_node"), height=0.5, sequence=2), stale)
     stand.until(lambda: stand.events)
@@ -133,10 +133,10 @@ def test_rearm_needs_an_active_node(stand: Stand) -> None:
 
 def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:
     node = stand.motor()
-    stand.hello()
+    stand.handshake()
     other = Node("motor_node", context=stand.context)
     stand.until(lambda: stand.states[-1].mode == CeilingState.DISARMED and stand.events)
-    assert [event.kind for event in stand.events] == ["twice"]
+    assert [event.kind for event in stand.events] == [Event.DUPLICATE]
     assert not node._active
     assert isnan(stand.states[-1].target)
     other.destroy_node()
@@ -145,7 +145,7 @@ def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(s
 
 def test_a_namesake_that_comes_later_is_told_but_stops_nothing(stand: Stand) -> None:
     node = stand.motor()
-    stand.hello()
+    stand.handshake()
     node._born -= 60.0
     other = Node("motor_node", context=stand.context)
     stand.until(lambda: stand.events)

@@ -34,7 +34,7 @@ def in_mode(stand: Stand, mode: int) -> bool:
     return bool(stand.states) and bool(stand.states[-1].mode == mode)
 
 
-def test_waits_for_its_board_then_homes_and_answers_hello_at_its_first_height(
+def test_waits_for_its_board_then_homes_and_answers_the_handshake_at_its_first_height(
     stand: Stand, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     stand.motor(**parameters(tmp_path))
@@ -44,12 +44,12 @@ def test_waits_for_its_board_then_homes_and_answers_hello_at_its_first_height(
         emulator.pace(1.0)
         stand.states.clear()
         stand.until(
-            lambda: any(state.header.frame_id == "hello" for state in stand.states),
-            lambda: stand.command(float("nan"), 0.0, 0, "hello"),
+            lambda: any(state.handshake for state in stand.states),
+            lambda: stand.command(float("nan"), 0.0, 0, handshake=True),
         )
-        hello = next(state for state in stand.states if state.header.frame_id == "hello")
-        assert (hello.mode, hello.homed) == (CeilingState.HOLDING, True)
-        assert hello.height == pytest.approx(0.97, abs=2e-3)
+        handshake = next(state for state in stand.states if state.handshake)
+        assert (handshake.mode, handshake.homed) == (CeilingState.HOLDING, True)
+        assert handshake.height == pytest.approx(0.97, abs=2e-3)
         stand.close_motor()
     assert capfd.readouterr().err.count("is not there: board unplugged") == 1
 

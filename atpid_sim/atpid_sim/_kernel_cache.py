@@ -12,6 +12,8 @@ import os
 import sys
 from pathlib import Path
 
+from atpid_common.cache import cache_root
+
 _HERE = Path(__file__).parent
 _KERNELS = ("engine", "contact", "peers")
 
@@ -20,7 +22,7 @@ def use_own_cache() -> None:
     """Point numba at the cache folder of these sources, unless NUMBA_CACHE_DIR says otherwise."""
     if "NUMBA_CACHE_DIR" in os.environ:
         return
-    folder = str(_cache_root() / f"kernels-{sources_digest()}")
+    folder = str(cache_root() / f"kernels-{sources_digest()}")
     os.environ["NUMBA_CACHE_DIR"] = folder
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = folder
@@ -33,8 +35,3 @@ def sources_digest() -> str:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _cache_root() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if base else Path.home() / ".cache") / "atpid"

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from atpid_common.errors import NumericalError
+
 
 class Outcome(IntEnum):
     """The outcome of one integration; `sentence` says it in words."""
@@ -34,5 +36,5 @@ _SENTENCES = {
 }
 
 
-class NumericalFailure(ArithmeticError):  # noqa: N818  a failure is what it is
+class NumericalFailure(NumericalError):  # noqa: N818  a failure is what it is
     """A run that ended in anything but DONE, with what is needed to find out why."""

@@ -10,6 +10,7 @@ from operator import index
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.errors import InputError
 from atpid_sim.contact import contact_of
 from atpid_sim.contact.ids import IMPACT
 from atpid_sim.engine import drive, state
@@ -29,7 +30,7 @@ _BLOCK_BUDGET = 2_000_000
 _ARRIVED = 1e-12
 
 
-class PlantError(ValueError):
+class PlantError(InputError):
     """Something a plant cannot do: the message says what was given and what is allowed. The plant stays as it was."""
 
 

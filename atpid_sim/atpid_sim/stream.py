@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.errors import InputError
 from atpid_sim.instrument import Instrument, accelerometer_of, laser_of
 from atpid_sim.scene import Scene
 
@@ -23,7 +24,7 @@ _FASTEST = 1_000_000
 _ROUNDING = 1e-12
 
 
-class StreamError(ValueError):
+class StreamError(InputError):
     """Sensor rates that have no common clock, or a block after the last."""
 
 

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from atpid_common.errors import InputError, NumericalError
 
-class BenchError(ValueError):
+
+class BenchError(InputError):
     """The bench cannot run as asked; the message is one line that says why and what to do."""
 
 
@@ -12,5 +14,5 @@ class NodeDiedError(BenchError):
     """A node ended before the run did."""
 
 
-class PlantFailedError(ArithmeticError):
+class PlantFailedError(NumericalError):
     """The simulated plant failed numerically; the message is its own sentence."""

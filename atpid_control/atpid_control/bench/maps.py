@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from atpid_common.cache import cache_root
 from atpid_sim.maps import HeightMap, MapError, build_map
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
@@ -42,7 +42,7 @@ def map_for(scene: Scene, cache: Path | None = None) -> Path | None:
 
 def user_cache() -> Path:
     """Return where maps made here are kept: $XDG_CACHE_HOME/atpid/maps, or ~/.cache/atpid/maps."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "atpid" / "maps"
+    return cache_root() / "maps"
 
 
 def amplitudes_of(scene: Scene) -> tuple[float, float]:

@@ -15,6 +15,8 @@ from typing import TypeVar, cast
 
 import numba
 
+from atpid_common.cache import cache_root
+
 #: The modules with compiled functions.
 KERNELS = ("choice", "columns", "covariance", "linear", "sine_fit")
 
@@ -36,8 +38,7 @@ def _folder() -> str:
     digest = hashlib.sha256()
     for name in (*KERNELS, "compiled"):
         digest.update(name.encode() + (Path(__file__).parent / f"{name}.py").read_bytes())
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    root = os.environ.get("NUMBA_CACHE_DIR") or str(Path(home) / "atpid")
+    root = os.environ.get("NUMBA_CACHE_DIR") or cache_root()
     return str(Path(root) / f"identification-{digest.hexdigest()[:16]}")
 
 

@@ -6,8 +6,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from atpid_common.errors import InputError
 
-class IdentificationError(ValueError):
+
+class IdentificationError(InputError):
     """Settings, or samples, the identification cannot work with."""
 
 

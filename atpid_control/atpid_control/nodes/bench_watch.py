@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from atpid_sim.nodes.messages import EVENTS, HELLO, STATES, nanoseconds_of
+from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
 
 
 class BenchWatch(Node):
@@ -29,14 +29,14 @@ class BenchWatch(Node):
         self.create_subscription(Event, "events", self._on_event, EVENTS)
 
     def _on_excitation(self, message: Excitation) -> None:
-        if message.header.frame_id == HELLO:
+        if message.handshake:
             return
         now = nanoseconds_of(message.header.stamp)
         self._first = self._first or now
         self.elapsed = (now - self._first) * 1e-9
 
     def _on_event(self, event: Event) -> None:
-        if event.kind == "failed":
+        if event.kind == Event.FAILED:
             self.failure = event.text
 
 

@@ -17,12 +17,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, warm_up
 from atpid_control.nodes.identifier_parameters import declare, inverse_of, rumble_of, settings_of, text_of
 from atpid_control.watch import RumbleState, RumbleWatch
-from atpid_sim.nodes.life import run
-from atpid_sim.nodes.messages import BLOCKS, EVENTS, HELLO, STATES, nanoseconds_of, time_of
-from atpid_sim.nodes.twice import StartedTwiceError, check_alone
 from atpid_sim.stream import stamp_ns
 
 BAD_INPUT = 2
@@ -45,7 +46,7 @@ class IdentifierNode(Node):
         self._status = _Status()
         self.complaint = ""  # what was last wrong with a block, one sentence
         self._excitation = self.create_publisher(Excitation, "excitation", EVENTS)
-        self._events = self.create_publisher(Event, "events", EVENTS)
+        self._events = EventPublisher(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
         if inverse is not None:
@@ -56,8 +57,8 @@ class IdentifierNode(Node):
         self._height = state.height
 
     def _on_block(self, block: SampleBlock) -> None:
-        if block.header.frame_id == HELLO:
-            self._excitation.publish(Excitation(header=block.header, **_fields(Estimate())))
+        if block.handshake:
+            self._excitation.publish(Excitation(header=block.header, handshake=True, **_fields(Estimate())))
             return
         last_ns = last_stamp(block)
         try:
@@ -105,12 +106,10 @@ class IdentifierNode(Node):
         """Say a change once, when it has become steady again: then its size is known."""
         if estimate.changed and estimate.quality == Quality.STEADY:
             text = f"excitation is now {estimate.amplitude:.5f} m at {estimate.frequency:.3f} Hz"
-            self._tell(Event.INFO, "excitation_changed", estimate.amplitude, text, message)
+            self._tell(Event.INFO, Event.EXCITATION_CHANGED, estimate.amplitude, text, message)
 
     def _tell(self, severity: int, kind: str, value: float, text: str, message: Excitation) -> None:
-        event = Event(severity=severity, kind=kind, value=value, text=text)
-        event.header.stamp, event.header.frame_id = message.header.stamp, self.get_name()
-        self._events.publish(event)
+        self._events.publish(severity, kind, text, value, message.header.stamp)
 
     def _report(self) -> None:
         """Publish diagnostics, and leave where another node of this name works already."""
@@ -182,9 +181,9 @@ def last_stamp(block: SampleBlock) -> int:
 def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
     """Return severity, kind, value and text of a rumble's beginning or end."""
     if not state.rumbling:
-        return Event.INFO, "calm", state.scatter, "the beam's response is regular again"
+        return Event.INFO, Event.CALM, state.scatter, "the beam's response is regular again"
     text = f"the beam's amplitude scatters by {state.scatter:.1%} from period to period at {state.amplitude:.4f} m"
-    return Event.WARNING, "rumble", state.scatter, text
+    return Event.WARNING, Event.RUMBLE, state.scatter, text
 
 
 #: What an estimate holds and the message does not.
@@ -199,7 +198,7 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the identifier as a process of its own; return the exit status."""
-    return run(IdentifierNode, args)
+    return run_node(IdentifierNode, args)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
+from atpid_common.errors import InputError
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene
 
@@ -21,7 +22,7 @@ from atpid_sim.scene import load_scene
 _PERIOD = 0.5
 
 
-class _StoppedError(ValueError):
+class _StoppedError(InputError):
     """The goal was cancelled, or the node goes down."""
 
 

@@ -19,14 +19,15 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.messages import STATUS, time_of
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.recording import BagError, Qos, check_new, new_run
 from atpid_control.recording.definitions import split_name
 from atpid_control.recording.session import Session
 from atpid_control.recording.topics import DEFAULT, Topic, parse
 from atpid_control.recording.writer import CHUNK, COMPRESSIONS
-from atpid_sim.nodes.life import run
-from atpid_sim.nodes.messages import EVENTS, STATUS, time_of
-from atpid_sim.nodes.twice import StartedTwiceError, check_alone
 from atpid_sim.scene import load_scene
 
 BAD_INPUT = 2
@@ -89,7 +90,7 @@ class RecorderNode(Node):
 
     def _make_topics(self) -> None:
         self._status = self.create_publisher(RecorderStatus, "recorder/status", STATUS)
-        self._events = self.create_publisher(Event, "events", EVENTS)
+        self._events = EventPublisher(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         for topic in self.topics:
             self.create_subscription(
@@ -134,7 +135,7 @@ class RecorderNode(Node):
         if missing:
             self._tell(
                 Event.WARNING,
-                "dropped",
+                Event.DROPPED,
                 float(missing),
                 f"{missing} scans missing on {topic}: lost before the recorder",
             )
@@ -170,8 +171,7 @@ class RecorderNode(Node):
 
     def _fail(self, error: BagError) -> None:
         self.error = str(error)
-        self.get_logger().error(self.error)
-        self._tell(Event.ALARM, "fault", float("nan"), self.error)
+        self._tell(Event.ALARM, Event.FAULT, float("nan"), self.error)
         self._publish_status()
         if not self.done.done():
             self.done.set_result(BAD_INPUT)
@@ -200,11 +200,8 @@ class RecorderNode(Node):
         self._status.publish(message)
 
     def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
-        event = Event(severity=severity, kind=kind, value=value, text=text)
         newest = self.session.newest_ns if self.session is not None and self._lockstep else None
-        event.header.stamp = self.get_clock().now().to_msg() if newest is None else time_of(newest)
-        event.header.frame_id = self.get_name()
-        self._events.publish(event)
+        self._events.publish(severity, kind, text, value, None if newest is None else time_of(newest))
 
     def _each_second(self) -> None:
         try:
@@ -275,7 +272,7 @@ def _words(profile: QoSProfile) -> Qos:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the recorder as a process of its own; return the exit status."""
-    return run(RecorderNode, args)
+    return run_node(RecorderNode, args)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from atpid_interfaces.msg import CeilingCommand, Event, Excitation, RecorderStatus, SampleBlock
+from atpid_interfaces.msg import CeilingCommand, Event, Excitation, RecorderStatus
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -19,16 +19,18 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.handshake import Handshake, empty_block
+from atpid_common.nodes.messages import BLOCKS, STATES, STATUS, nanoseconds_of, time_of
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.recording.definitions import split_name
 from atpid_control.recording.errors import BagError
 from atpid_control.recording.playback import Item, load_playback
 from atpid_control.recording.topics import BLOCK
-from atpid_sim.nodes.life import run
-from atpid_sim.nodes.messages import BLOCKS, EVENTS, HELLO, STATES, STATUS, hello, nanoseconds_of, time_of
-from atpid_sim.nodes.twice import StartedTwiceError, check_alone
 
 DONE, BAD_INPUT = 0, 2
-HELLO_PERIOD = 0.05
+LEAVE_PERIOD = 0.05  # between two looks whether the bag is closed [s]
 TURN = 0.005  # how finely a paced replay is cut, and /clock with it [s]
 PATIENCE = 5.0  # how long an answer may take before somebody is told [s]
 #: Stamps of one instant may differ by rounding [ns].
@@ -70,7 +72,6 @@ class ReplayNode(Node):
         self.done: Future = Future()
         self.played = 0
         self._recorder: RecorderStatus | None = None
-        self._answered_hello = False
         self._awaited: int | None = None  # stamp of the answer that lets the next block out [ns]
         self._asked = self._started = 0.0  # steady [s]
         self._ended: int | None = None
@@ -90,33 +91,39 @@ class ReplayNode(Node):
             topic: self.create_publisher(_class_of(kind), topic, BLOCKS) for topic, kind in self.playback.topics.items()
         }
         self._clock = self.create_publisher(ClockMessage, "/clock", 10)
-        self._events = self.create_publisher(Event, "events", EVENTS)
+        self._events = EventPublisher(self)
         answer = self._value("answer")
         self.create_subscription(ANSWERS[answer], answer, self._on_answer, STATES)
         self.create_subscription(RecorderStatus, "recorder/status", self._on_recorder, STATUS)
         # paced by the wall whatever /clock says: this node is the one that says it
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._hello_timer = self.create_timer(HELLO_PERIOD, self._say_hello, clock=steady)
+        self._handshake = Handshake(
+            self,
+            self._publish_handshake,
+            self._start,
+            topics=[*self.playback.channels, answer],
+            answer=answer,
+            recorder=self._expect_recorder,
+        )
         self._turn_timer = self.create_timer(TURN, self._turn, clock=steady)
         self._turn_timer.cancel()
 
     # the handshake
 
-    def _say_hello(self) -> None:
-        if self._ended is not None:
-            return
+    def _publish_handshake(self) -> None:
         if self._not_alone():
+            self._handshake.cancel()
             self._finish(BAD_INPUT)
             return
         self._publish_clock(self.playback.start_ns)
         for topic, (channels, units) in self.playback.channels.items():
-            self._out[topic].publish(hello(SampleBlock, tuple(channels), tuple(units)))
-        if self._answered_hello and (not self._expect_recorder or self._recorded()):
-            self._hello_timer.cancel()
-            self._started = self._asked = time.monotonic()
-            self._turn_timer.reset()
-            if not self._rate:
-                self._next_block()
+            self._out[topic].publish(empty_block(channels, units))
+
+    def _start(self) -> None:
+        self._started = self._asked = time.monotonic()
+        self._turn_timer.reset()
+        if not self._rate:
+            self._next_block()
 
     def _not_alone(self) -> bool:
         """Whether somebody else feeds the loop too; says so."""
@@ -131,22 +138,17 @@ class ReplayNode(Node):
                 return True
         return False
 
-    def _recorded(self) -> bool:
-        if self._recorder is None:
-            return False
-        received = dict(zip(self._recorder.topics, self._recorder.received, strict=True))
-        wanted = (*self.playback.channels, self.resolve_topic_name(self._value("answer")))
-        return all(received.get(topic, 1) > 0 for topic in wanted)
-
     # the loop
 
     def _on_recorder(self, status: RecorderStatus) -> None:
         self._recorder = status
+        self._handshake.on_status(status)
 
     def _on_answer(self, message: Any) -> None:
-        if message.header.frame_id == HELLO:
-            self._answered_hello = True
-        elif self._awaited is not None and nanoseconds_of(message.header.stamp) >= self._awaited - SAME_INSTANT:
+        if message.handshake:
+            self._handshake.on_answer(message)
+            return
+        if self._awaited is not None and nanoseconds_of(message.header.stamp) >= self._awaited - SAME_INSTANT:
             self._awaited = None
             if not self._rate:
                 self._next_block()
@@ -199,14 +201,11 @@ class ReplayNode(Node):
         wall = max(time.monotonic() - self._started, 1e-9)
         seconds = self.playback.seconds
         text = f"{seconds:g} s replayed in {wall:.2f} s ({seconds / wall:.1f} x real time)"
-        event = Event(severity=Event.INFO, kind="finished", value=seconds, text=text)
-        event.header.stamp, event.header.frame_id = time_of(self.playback.last_stamp_ns), self.get_name()
-        self._events.publish(event)
-        self.get_logger().info(text)
+        self._events.publish(Event.INFO, Event.FINISHED, text, seconds, time_of(self.playback.last_stamp_ns))
         self._ended = DONE
         self._turn_timer.cancel()
         self._leave_timer = self.create_timer(
-            HELLO_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            LEAVE_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def _leave_when_heard(self) -> None:
@@ -217,14 +216,14 @@ class ReplayNode(Node):
 
     def _finish(self, status: int) -> None:
         self._ended = status
-        for publisher in (*self._out.values(), self._events):
+        for publisher in (*self._out.values(), self._events.publisher):
             publisher.wait_for_all_acked(Duration(seconds=1.0))
         if not self.done.done():
             self.done.set_result(status)
 
     def close(self) -> None:
         """Stop the timers; whoever listens notices the silence."""
-        self._hello_timer.cancel()
+        self._handshake.cancel()
         self._turn_timer.cancel()
 
 
@@ -236,7 +235,7 @@ def _class_of(name: str) -> type[Any]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Replay as a process of its own; return the exit status."""
-    return run(ReplayNode, args)
+    return run_node(ReplayNode, args)
 
 
 if __name__ == "__main__":

@@ -14,9 +14,9 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 
+from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
 from atpid_control.selection.search import Plan, SearchError
 from atpid_control.selection.search_run import Progress, SearchingController, SearchRun
-from atpid_sim.nodes.messages import BLOCKS, HELLO, nanoseconds_of
 
 _BEAM = "beam_displacement"
 
@@ -84,7 +84,7 @@ class SearchServer:
         return _result(run)
 
     def _on_block(self, block: SampleBlock) -> None:
-        if block.header.frame_id == HELLO or not block.data:
+        if block.handshake or not block.data:
             return
         begin = nanoseconds_of(block.header.stamp)
         if self._start_ns is None:

@@ -22,6 +22,10 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.messages import STATES, nanoseconds_of
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.control_setup import controller_of, selector_of
 from atpid_control.controller import Answer, Command, Controller
 from atpid_control.hold import Estimate, HoldError, Quality
@@ -30,9 +34,7 @@ from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection import SelectionError
 from atpid_control.selection.search_run import SearchingController
-from atpid_sim.nodes.life import run, scene_given
-from atpid_sim.nodes.messages import HELLO, STATES, nanoseconds_of
-from atpid_sim.nodes.twice import StartedTwiceError, check_alone
+from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.scene import ControlledCeiling, Scene
 
 BAD_INPUT = 2
@@ -124,7 +126,7 @@ class SelectorNode(Node):
         if not lockstep:
             command.deadline = Duration(seconds=COMMAND_DEADLINE)
         self._commands = self.create_publisher(CeilingCommand, "ceiling/command", command)
-        self._events = self.create_publisher(Event, "events", STATES)
+        self._events = EventPublisher(self)
         # before the estimates: whoever says rumble says it before the estimate of the same block
         self.create_subscription(Event, "events", self._on_event, STATES)
         self.create_subscription(Excitation, "excitation", self._on_excitation, STATES)
@@ -139,8 +141,8 @@ class SelectorNode(Node):
             self._controller.hear(event.kind)
 
     def _on_excitation(self, message: Excitation) -> None:
-        if message.header.frame_id == HELLO:
-            self._publish(message, Command(reason=HELLO))
+        if message.handshake:
+            self._publish(message, Command(reason="handshake"))
             return
         now = nanoseconds_of(message.header.stamp)
         if self._start_ns is None:
@@ -164,18 +166,15 @@ class SelectorNode(Node):
         """Say that a selection has held up the loop; not in lockstep, which waits and says nothing of the machine."""
         if not self._lockstep and taken > self._block:
             text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
-            self._tell(answered, Answer(Command(), "slow", text, taken))
+            self._tell(answered, Answer(Command(), Event.SLOW, text, taken))
 
     def _publish(self, answered: Excitation, command: Command) -> None:
         message = CeilingCommand(**vars(command))
-        message.header = answered.header
+        message.header, message.handshake = answered.header, answered.handshake
         self._commands.publish(message)
 
     def _tell(self, answered: Excitation, answer: Answer) -> None:
-        self.get_logger().warning(answer.text)
-        event = Event(severity=answer.severity, kind=answer.kind, value=answer.value, text=answer.text)
-        event.header.stamp, event.header.frame_id = answered.header.stamp, self.get_name()
-        self._events.publish(event)
+        self._events.publish(answer.severity, answer.kind, answer.text, answer.value, answered.header.stamp)
 
     def _on_select(self, request: SelectHeight.Request, response: SelectHeight.Response) -> SelectHeight.Response:
         """Answer for the amplitude asked about or, where it is 0 or NaN, for the latest steady estimate."""
@@ -204,7 +203,7 @@ class SelectorNode(Node):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the selector as a process of its own; return the exit status."""
-    return run(SelectorNode, args)
+    return run_node(SelectorNode, args)
 
 
 if __name__ == "__main__":

@@ -40,11 +40,21 @@ def header(data: bytes) -> Header:
     )
 
 
+def is_handshake(data: bytes) -> bool:
+    """Return the bool after the header of a message whose second field is `bool handshake`."""
+    return bool(data[16 + struct.unpack_from("<I", data, 12)[0]])
+
+
 class _Cursor:
     """Walks over a message field by field."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self.data, self.at = data, at
+
+    @classmethod
+    def after_handshake(cls, data: bytes) -> _Cursor:
+        """Return a cursor behind the fields `header` and `handshake`."""
+        return cls(data, 17 + struct.unpack_from("<I", data, 12)[0])
 
     def read(self, form: str) -> float:
         """Return the next primitive, given by its struct letter."""
@@ -77,7 +87,7 @@ class _Cursor:
 
 def block_shape(data: bytes) -> BlockShape:
     """Return which scans an atpid_interfaces/msg/SampleBlock holds, without decoding its samples."""
-    cursor = _Cursor(data, 16 + struct.unpack_from("<I", data, 12)[0])
+    cursor = _Cursor.after_handshake(data)
     first, rate, dropped = int(cursor.read("Q")), float(cursor.read("d")), int(cursor.read("Q"))
     cursor.read("Q")  # backlog
     channels = cursor.skip_strings()
@@ -89,7 +99,7 @@ def block_shape(data: bytes) -> BlockShape:
 
 def truth_shape(data: bytes) -> BlockShape:
     """Return which scans an atpid_interfaces/msg/PlantTruth holds, without decoding its series."""
-    cursor = _Cursor(data, 16 + struct.unpack_from("<I", data, 12)[0])
+    cursor = _Cursor.after_handshake(data)
     first, rate = int(cursor.read("Q")), float(cursor.read("d"))
     cursor.at += 8 * 8  # excitation, impacts, energies
     return BlockShape(first, rate, 0, cursor.skip_doubles())
@@ -97,6 +107,6 @@ def truth_shape(data: bytes) -> BlockShape:
 
 def event_kind(data: bytes) -> str:
     """Return the kind of an atpid_interfaces/msg/Event."""
-    cursor = _Cursor(data, 16 + struct.unpack_from("<I", data, 12)[0])
+    cursor = _Cursor.after_handshake(data)
     cursor.read("B")  # severity
     return cursor.text()

@@ -18,6 +18,8 @@ _PRIMITIVES = {"bool", "byte", "char", "string", "wstring", "float32", "float64"
 }
 _FIELD = re.compile(r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[(?:<=)?\d*\])?\s+\w+(?!\w|\s*=)")  # not a constant
 
+_HANDSHAKE = re.compile(r"^std_msgs/Header +header\b.*\nbool +handshake\b", re.MULTILINE)
+
 Share = Callable[[str], str | Path]
 
 
@@ -37,6 +39,7 @@ class MessageType:
     definition: str  # its .msg file and, after separators, those of all types inside it
     hash: str  # RIHS01_...
     has_header: bool  # the first field is a std_msgs/Header, so that the stamp is at a known place
+    has_handshake: bool  # and the second is `bool handshake`
 
 
 @cache
@@ -52,8 +55,9 @@ def message_type(name: str, share: Share = installed) -> MessageType:
         inner_text = _text_of(inner, share)
         parts += [_SEPARATOR, f"MSG: {_short(inner)}", inner_text]
         waiting += _inside(inner, inner_text)
-    first = next(_inside(name, text, all_fields=True), "")
-    return MessageType(name, "\n".join(parts), _hash_of(name, share), first == "std_msgs/msg/Header")
+    has_header = next(_inside(name, text, all_fields=True), "") == "std_msgs/msg/Header"
+    has_handshake = has_header and _HANDSHAKE.search(text) is not None
+    return MessageType(name, "\n".join(parts), _hash_of(name, share), has_header, has_handshake)
 
 
 def split_name(name: str) -> tuple[str, str]:

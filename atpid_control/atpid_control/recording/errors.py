@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import errno
 
+from atpid_common.errors import InputError
 
-class BagError(ValueError):
+
+class BagError(InputError):
     """A bag that cannot be written or read."""
 
 

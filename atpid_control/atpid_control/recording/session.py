@@ -13,7 +13,7 @@ from atpid_control.recording.errors import BagError
 from atpid_control.recording.order import StampOrder
 from atpid_control.recording.qos import Qos
 from atpid_control.recording.run_info import RunInfo
-from atpid_control.recording.topics import BLOCK, EVENT, HELLO, TRUTH, Topic
+from atpid_control.recording.topics import BLOCK, EVENT, TRUTH, Topic
 from atpid_control.recording.writer import CHUNK, BagWriter
 
 Offered = Callable[[str], tuple[Qos, ...]]
@@ -65,7 +65,7 @@ class Session:
             self._write(topic, data, now_ns, now_ns)
             return 0
         head = cdr.header(data)
-        if head.frame_id == HELLO:
+        if kind.has_handshake and cdr.is_handshake(data):
             return 0
         missing = self._follow(kind, head.stamp_ns, data)
         if not self._lockstep:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from atpid_control.recording.definitions import message_type
 from atpid_control.recording.errors import BagError
 
-HELLO = "hello"
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
 EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
 
@@ -39,6 +38,11 @@ class Topic:
     def has_header(self) -> bool:
         """Whether its messages begin with a std_msgs/Header."""
         return message_type(self.type).has_header
+
+    @property
+    def has_handshake(self) -> bool:
+        """Whether its messages carry the field `handshake` after the header."""
+        return message_type(self.type).has_handshake
 
     @property
     def in_loop(self) -> bool:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from atpid_common.errors import InputError
 from atpid_control.report.comparison import Closed
 from atpid_control.report.page import page
 from atpid_control.report.picture import save_pictures
@@ -15,7 +16,7 @@ from atpid_control.report.view import headline, view_of
 PAGE = "report.html"
 
 
-class ReportError(ValueError):
+class ReportError(InputError):
     """A report that cannot be written."""
 
 

@@ -7,8 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from atpid_common.errors import InputError
 
-class SelectionError(ValueError):
+
+class SelectionError(InputError):
     """No height can be selected for this excitation; the ceiling should stay where it is."""
 
 

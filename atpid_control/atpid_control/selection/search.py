@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from atpid_common.errors import InputError
 from atpid_control.selection.checks import check_excitation
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
 from atpid_sim.maps import Rig
@@ -17,7 +18,7 @@ from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
 
 
-class SearchError(ValueError):
+class SearchError(InputError):
     """A search that cannot be made with the limits or steps given."""
 
 

@@ -10,6 +10,9 @@ import subprocess
 from pathlib import Path
 from typing import Final
 
+from atpid_common.cache import cache_root
+from atpid_common.errors import InputError
+
 SOURCE: Final = Path(__file__).resolve().parent / "data"
 PACKAGES: Final = "gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev"
 
@@ -23,7 +26,7 @@ _NEEDED: Final[dict[str, Path]] = {
 }
 
 
-class EmulatorUnavailableError(ValueError):
+class EmulatorUnavailableError(InputError):
     """Tools to build the firmware or the emulator are missing, or a build failed."""
 
 
@@ -64,8 +67,7 @@ def _build_folder(source: Path) -> Path:
     """Return where to build: beside the source, or in the user's cache where that cannot be written."""
     if os.access(source, os.W_OK):
         return source / "build"
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return cache / "atpid" / source.name
+    return cache_root() / source.name
 
 
 def _make(source: Path, build: Path, *variables: str) -> None:

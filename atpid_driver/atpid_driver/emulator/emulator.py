@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+from atpid_common.errors import InputError
 from atpid_driver.emulator.build import build_emulator, build_firmware
 
 
-class EmulatorError(ValueError):
+class EmulatorError(InputError):
     """The emulator refused a command or ended."""
 
 

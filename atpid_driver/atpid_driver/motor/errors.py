@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Named errors of the motor: each message is one line with what was given, what is allowed and what to do."""
 
+from atpid_common.errors import InputError
 
-class MotorError(ValueError):
+
+class MotorError(InputError):
     """Anything the motor refuses or cannot do."""
 
 

@@ -11,38 +11,40 @@ import queue
 from collections.abc import Callable
 from typing import Any
 
-from atpid_interfaces.msg import Event, SampleBlock
+from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.timer import Timer
 
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block, empty_event
+from atpid_common.nodes.messages import BLOCKS, STATES, STATUS
 from atpid_driver.acquisition import AcquisitionError, Backoff, Identity, Reader, Status, create
 from atpid_driver.calibration import Counts, block_si
 from atpid_driver.nodes.acquisition_diagnostics import status_message
 from atpid_driver.nodes.acquisition_parameters import Row, declare
-from atpid_driver.nodes.blocks import Layout, hello_block, hello_event, sample_block
-from atpid_driver.nodes.handshake import Handshake
+from atpid_driver.nodes.blocks import Layout, sample_block
 
-BLOCKS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-EVENTS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-NAN = float("nan")
 
 
 class AcquisitionNode(LifecycleNode):
     """Publishes what one device measures, in SI units, on one topic. DriverError for a parameter that cannot be."""
 
     def __init__(self, name: str, topic: str, rows: tuple[Row, ...], *, in_loop: bool, **kwargs: Any) -> None:
-        """Declare parameters and topics; nothing is opened. `in_loop`: the loop's hello comes back for this topic."""
+        """Declare parameters and topics; nothing is opened. `in_loop`: the loop answers this topic's handshake."""
         super().__init__(name, **kwargs)
         self.settings = declare(self, rows)
         self._device = create(self.settings.backend, self.settings.device)
         self._topic, self._in_loop = topic, in_loop
         self._blocks = self.create_publisher(SampleBlock, topic, BLOCKS)
-        self._events = self.create_publisher(Event, "events", EVENTS)
+        self._events = EventPublisher(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        if in_loop:
+            self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
+        self.create_subscription(RecorderStatus, "recorder/status", self._on_recorder, STATUS)
+        self._recorder: RecorderStatus | None = None
         self._identity: Identity | None = None
         self._reader: Reader | None = None
         self._handshake: Handshake | None = None
@@ -110,12 +112,14 @@ class AcquisitionNode(LifecycleNode):
             return
         self._handshake = Handshake(
             self,
-            self._topic,
-            self._say_hello,
+            self._publish_handshake,
             self._stream,
-            loop=self._in_loop,
+            topics=(self._topic, *(LOOP_TOPICS if self._in_loop else ())),
+            answer="ceiling/state" if self._in_loop else "",
             recorder=self.settings.expect_recorder,
         )
+        if self._recorder is not None:
+            self._handshake.on_status(self._recorder)
 
     def _halt(self) -> None:
         handshake, self._handshake = self._handshake, None
@@ -152,10 +156,19 @@ class AcquisitionNode(LifecycleNode):
 
     # -- the stream ------------------------------------------------------------------------------------------------
 
-    def _say_hello(self) -> None:
+    def _on_state(self, state: CeilingState) -> None:
+        if self._handshake is not None:
+            self._handshake.on_answer(state)
+
+    def _on_recorder(self, status: RecorderStatus) -> None:
+        self._recorder = status
+        if self._handshake is not None:
+            self._handshake.on_status(status)
+
+    def _publish_handshake(self) -> None:
         units = tuple(calibration.unit for calibration in self.settings.calibrations)
-        self._blocks.publish(hello_block(self._device.channels, units))
-        self._events.publish(hello_event())
+        self._blocks.publish(empty_block(self._device.channels, units))
+        self._events.publisher.publish(empty_event())
 
     def _stream(self) -> None:
         assert self._identity is not None
@@ -197,18 +210,14 @@ class AcquisitionNode(LifecycleNode):
         return self._reader.status if self._reader is not None else Status()
 
     def _pass_on(self, fault: bool, text: str) -> None:
-        if fault:  # two places: rclpy ties a severity to the place it is called from
-            self.get_logger().error(text)
-        else:
-            self.get_logger().info(text)
-        self._tell(Event.ALARM if fault else Event.INFO, "fault" if fault else "recovered", NAN, text)
+        self._events.publish(Event.ALARM if fault else Event.INFO, Event.FAULT if fault else Event.RECOVERED, text)
 
     def _each_second(self) -> None:
         status = self.status
         lost, self._last_dropped = max(0, status.dropped - self._last_dropped), status.dropped
         if lost:
             text = f"{self._identity}: {lost} scans lost, {status.dropped} in all"
-            self._tell(Event.WARNING, "dropped", float(lost), text)
+            self._events.publish(Event.WARNING, Event.DROPPED, text, float(lost))
         line = status_message(
             self.get_name(), self._identity, self._state_in_words(), status, self._counts, lost, self._last_error
         )
@@ -225,19 +234,10 @@ class AcquisitionNode(LifecycleNode):
             return "connected"
         return "streaming" if self._reader.status.streaming else "interrupted"
 
-    def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
-        if not self.context.ok():
-            return
-        event = Event(severity=severity, kind=kind, value=value, text=text)
-        event.header.stamp = self.get_clock().now().to_msg()
-        event.header.frame_id = self.get_name()
-        self._events.publish(event)
-
     def _complain(self, text: str) -> None:
         """Log a complaint once, not at every attempt."""
         if text != self._last_error:
-            self.get_logger().error(text)
-            self._tell(Event.ALARM, "fault", NAN, text)
+            self._events.publish(Event.ALARM, Event.FAULT, text)
         self._last_error = text
 
     def destroy_node(self) -> None:

@@ -28,7 +28,7 @@ COMMON: tuple[Row, ...] = (
     ("calibrations", Parameter.Type.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
     ("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
     ("autostart", True, "configure and activate without a lifecycle manager, trying again until the device answers"),
-    ("handshake", True, "send hello until the loop has answered, and only then stream"),
+    ("handshake", True, "stream only after the loop has answered an empty block"),
     ("expect_recorder", False, "do not stream before the recorder has received every topic"),
     ("library", "", "path of the vendor's library; empty: where the loader finds it"),
 )

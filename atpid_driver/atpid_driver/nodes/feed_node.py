@@ -3,8 +3,8 @@
 
 It listens to a plant node whose sensor topic is remapped to `emulated/...` and writes a `Feed`. Until the plant starts
 and after it has finished it writes a body at rest, paced by the clock, as a sensor would see one. The plant's
-`ceiling/state` is remapped too: this node passes the motor's states on and answers the plant's hello, but not before
-the real device streams, so that the stand sees the run from its first instant.
+`ceiling/state` is remapped too: this node passes the motor's states on and answers the plant's handshake, but not
+before the real device streams, so that the stand sees the run from its first instant.
 """
 
 from __future__ import annotations
@@ -21,19 +21,16 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
+from atpid_common.nodes.node_main import run_node
 from atpid_driver.calibration import load, volts_of
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.acquisition_life import run
-from atpid_driver.nodes.acquisition_node import BLOCKS, EVENTS
 from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
-from atpid_driver.nodes.blocks import HELLO
 from atpid_driver.standins import Feed
 
 EMULATED = "emulated"
 IDLE_S = 0.01
-STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 PARAMETERS: tuple[tuple[str, Any, str], ...] = (
     ("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
     ("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
@@ -71,17 +68,17 @@ class FeedNode(Node):
         self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_device(self, block: SampleBlock) -> None:
-        self._live = self._live or block.header.frame_id != HELLO
+        self._live = self._live or not block.handshake
 
     def _on_state(self, state: CeilingState) -> None:
-        if state.header.frame_id != HELLO:
+        if not state.handshake:
             self._states.publish(state)
 
     def _on_block(self, block: SampleBlock) -> None:
-        if block.header.frame_id == HELLO:
+        if block.handshake:
             if self._live:
                 answer = CeilingState()
-                answer.header.frame_id = HELLO
+                answer.handshake = True
                 self._states.publish(answer)
             return
         names = [calibration.channel for calibration in self._calibrations]
@@ -99,7 +96,7 @@ class FeedNode(Node):
 
     def _on_event(self, event: Event) -> None:
         """When the plant has finished, the body stays where it is, and the sensors go on."""
-        if event.kind == "finished":
+        if event.kind == Event.FINISHED:
             self._began, self._idle = time.monotonic(), 0
             self._timer.reset()
 
@@ -124,7 +121,7 @@ class FeedNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process of its own; return the exit status."""
-    return run(FeedNode, "feed_node", args)
+    return run_node(FeedNode, args)
 
 
 if __name__ == "__main__":

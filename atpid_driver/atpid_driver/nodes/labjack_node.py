@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from atpid_driver.nodes.acquisition_life import run
+from atpid_common.nodes.node_main import run_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
 from atpid_driver.nodes.acquisition_parameters import LABJACK
 
@@ -21,7 +21,7 @@ class LabJackNode(AcquisitionNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process of its own; return the exit status."""
-    return run(LabJackNode, "labjack_node", args)
+    return run_node(LabJackNode, args)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,7 @@ import numpy as np
 from atpid_interfaces.msg import CeilingState, RecorderStatus, SampleBlock
 from rclpy.node import Node
 
-from atpid_driver.nodes.acquisition_node import BLOCKS
-from atpid_driver.nodes.blocks import HELLO
-from atpid_driver.nodes.handshake import STATUS
+from atpid_common.nodes.messages import BLOCKS, STATUS
 
 PERIOD_S = 0.05
 INNER_STATUS = "recorder/inner_status"
@@ -100,14 +98,14 @@ class Listener(Node):
 
     def _on_block(self, topic: str, block: SampleBlock) -> None:
         self._heard[topic] += 1
-        if block.header.frame_id != HELLO:
+        if not block.handshake:
             self.tallies[topic].add(block)
 
     def _answer(self) -> None:
         if self.streaming:
             self._timer.cancel()
         state = CeilingState()
-        state.header.frame_id = HELLO
+        state.handshake = True
         self._state.publish(state)
         received = [min(count, self._recorder_heard(topic)) for topic, count in self._heard.items()]
         self._status.publish(RecorderStatus(recording=True, topics=list(self._heard), received=received))

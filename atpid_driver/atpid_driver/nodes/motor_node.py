@@ -12,22 +12,21 @@ import time
 from math import isfinite, isnan, nan
 from typing import Any
 
-import rclpy
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import ExternalShutdownException
 from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.single_instance import namesakes
 from atpid_driver.motor import CommandStaleError, HeightRefusedError, Mode, MotorError, Reading, actuator_of, in_words
 from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT
 from atpid_driver.nodes.motor_diagnostics import status_of
 from atpid_driver.nodes.motor_life import MotorLife
 from atpid_driver.nodes.motor_parameters import declare
-from atpid_driver.nodes.twice import claim, namesakes
 
-HELLO = "hello"
 RETRY = 1.0
 NEWCOMER = 3.0  # discovery takes this long at most: a node of this name seen within it was there before [s]
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
@@ -59,7 +58,7 @@ class MotorNode(MotorLife):
     def _open_topics(self) -> None:
         depth = LOCKSTEP_DEPTH if self.settings.lockstep else REAL_TIME_DEPTH
         self._states = self.create_publisher(CeilingState, "ceiling/state", 100)
-        self._events = self.create_publisher(Event, "events", 100)
+        self._events = EventPublisher(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self.create_subscription(CeilingCommand, "ceiling/command", self._on_command, depth)
         self.create_service(Trigger, "~/rearm", self._on_rearm)
@@ -107,13 +106,14 @@ class MotorNode(MotorLife):
     # -- the loop --------------------------------------------------------------------------------------------------
 
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
-        hello = command.header.frame_id == HELLO
-        if not hello:
+        handshake = command.handshake
+        if not handshake:
             self._stamp = Time.from_msg(command.header.stamp).nanoseconds
             self._move(command, info)
         reading = self._read()
-        if (hello and reading.ready and self._initial is None) or (self.settings.lockstep and not hello):
-            self._publish(reading, Header(stamp=command.header.stamp, frame_id=HELLO if hello else self.get_name()))
+        if (handshake and reading.ready and self._initial is None) or (self.settings.lockstep and not handshake):
+            header = Header(stamp=command.header.stamp, frame_id=self.get_name())
+            self._publish(reading, header, handshake=handshake)
 
     def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
         self._initial = None
@@ -141,7 +141,7 @@ class MotorNode(MotorLife):
         if what == self._last_refused or (isnan(command.height) and not isinstance(error, HeightRefusedError)):
             return
         self._last_refused = what
-        self._tell(Event.WARNING, "refused", command.height, str(error))
+        self._tell(Event.WARNING, Event.REFUSED, command.height, str(error))
 
     def _each_period(self) -> None:
         reading = self._read()
@@ -175,17 +175,18 @@ class MotorNode(MotorLife):
     def _read(self) -> Reading:
         reading = self._actuator.read(self._now())
         for text in self._actuator.news():
-            self._tell(Event.WARNING, "link", nan, text)
+            self._tell(Event.WARNING, Event.LINK, nan, text)
         if reading.faults != self._last_faults:
             self._last_faults = reading.faults
             if reading.faults:
-                self._tell(Event.ALARM, "fault", reading.height, f"motor off: {in_words(reading.faults)}")
+                self._tell(Event.ALARM, Event.FAULT, reading.height, f"motor off: {in_words(reading.faults)}")
         return reading
 
-    def _publish(self, reading: Reading, header: Header) -> None:
+    def _publish(self, reading: Reading, header: Header, *, handshake: bool = False) -> None:
         self._states.publish(
             CeilingState(
                 header=header,
+                handshake=handshake,
                 mode=int(reading.mode),
                 homed=reading.homed,
                 faults=int(reading.faults),
@@ -220,11 +221,16 @@ class MotorNode(MotorLife):
         name = self.get_fully_qualified_name()
         if doubled and not self._doubled and newcomer:
             self._tell(
-                Event.ALARM, "twice", nan, f"{name} is already running in this ROS graph: motor off until it is gone"
+                Event.ALARM,
+                Event.DUPLICATE,
+                nan,
+                f"{name} is already running in this ROS graph: motor off until it is gone",
             )
             self._withdraw()
         elif doubled and not self._doubled:
-            self._tell(Event.WARNING, "twice", nan, f"another {name} was started in this ROS graph; this one stays")
+            self._tell(
+                Event.WARNING, Event.DUPLICATE, nan, f"another {name} was started in this ROS graph; this one stays"
+            )
         self._doubled = doubled and (newcomer or self._doubled)
 
     def _withdraw(self) -> None:
@@ -246,13 +252,8 @@ class MotorNode(MotorLife):
         return response
 
     def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
-        if severity == Event.ALARM:  # rclpy wants a line of its own for each severity
-            self.get_logger().error(text)
-        else:
-            self.get_logger().warning(text)
-        stamp = Time(nanoseconds=self._stamp) if self.settings.lockstep else self.get_clock().now()
-        header = Header(stamp=stamp.to_msg(), frame_id=self.get_name())
-        self._events.publish(Event(header=header, severity=severity, kind=kind, value=value, text=text))
+        stamp = Time(nanoseconds=self._stamp).to_msg() if self.settings.lockstep else None
+        self._events.publish(severity, kind, text, value, stamp)
 
     def _now(self) -> int:
         """Return the time the ceiling moves by [ns]: the last command's stamp in lockstep, else the steady clock."""
@@ -260,30 +261,8 @@ class MotorNode(MotorLife):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is interrupted. Returns 0, or 2 for bad parameters or a node started twice."""
-    rclpy.init(args=args)
-    node: MotorNode | None = None
-    try:
-        node = MotorNode()
-        with claim(node.get_fully_qualified_name()):
-            rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        return 0
-    except ValueError as error:
-        print(f"motor_node: {error}", file=sys.stderr)
-        return 2
-    finally:
-        _end(node)
-    return 0
-
-
-def _end(node: MotorNode | None) -> None:
-    """Close down even if a second interrupt arrives meanwhile: `ros2 launch` may send two."""
-    for act in (*((node.destroy_node,) if node else ()), rclpy.try_shutdown):
-        try:
-            act()
-        except KeyboardInterrupt:
-            act()
+    """Run the node as a process of its own; return the exit status."""
+    return run_node(MotorNode, args)
 
 
 if __name__ == "__main__":

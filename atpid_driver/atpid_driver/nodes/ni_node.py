@@ -6,13 +6,13 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from atpid_driver.nodes.acquisition_life import run
+from atpid_common.nodes.node_main import run_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
 from atpid_driver.nodes.acquisition_parameters import NI
 
 
 class NiNode(AcquisitionNode):
-    """Beside the loop: its hello is for the recorder only; see AcquisitionNode."""
+    """Beside the loop: its handshake is for the recorder only; see AcquisitionNode."""
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened."""
@@ -21,7 +21,7 @@ class NiNode(AcquisitionNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process of its own; return the exit status."""
-    return run(NiNode, "ni_node", args)
+    return run_node(NiNode, args)
 
 
 if __name__ == "__main__":

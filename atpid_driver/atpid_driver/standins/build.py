@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from atpid_common.cache import cache_root
 from atpid_driver.errors import DriverError
 
 SOURCES = Path(__file__).parent / "data"
@@ -22,7 +23,7 @@ class StandinError(DriverError):
 
 def build(folder: Path | None = None) -> Path:
     """Return the folder with both libraries, made in `folder` or in the user's cache; StandinError without tools."""
-    target = folder or _cache() / _version()
+    target = folder or cache_root() / "standins" / _version()
     if all((target / name).is_file() for name in LIBRARIES):
         return target
     for tool in ("make", "cc"):
@@ -57,11 +58,6 @@ def environment(
         "ATPID_DAQMX_CONTROL": str(daqmx_control or ""),
     }
     return {key: value for key, value in values.items() if value}
-
-
-def _cache() -> Path:
-    root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(root) / "atpid" / "standins"
 
 
 def _version() -> str:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from atpid_common.errors import InputError
 
-class MapError(ValueError):
+
+class MapError(InputError):
     """A map that cannot be made, read or used as asked; one line: what was given, what is allowed, what to do."""

@@ -17,26 +17,19 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from atpid_sim.nodes.life import run, scene_given
-from atpid_sim.nodes.messages import (
-    BLOCKS,
-    EVENTS,
-    HELLO,
-    STATES,
-    STATUS,
-    hello,
-    nanoseconds_of,
-    sample_block,
-    time_of,
-    truth_message,
-)
-from atpid_sim.nodes.twice import StartedTwiceError, check_alone, is_alone
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty, empty_block, empty_event
+from atpid_common.nodes.messages import BLOCKS, STATES, STATUS, nanoseconds_of, time_of
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.single_instance import StartedTwiceError, check_alone, is_alone
+from atpid_sim.nodes.messages import sample_block, truth_message
+from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
 from atpid_sim.stream import PlantLike, Stream, stamp_ns
 
-HELLO_PERIOD = 0.05
+LEAVE_PERIOD = 0.05  # between two looks whether the bag is closed [s]
 DONE, BAD_INPUT, NUMERICAL_FAILURE = 0, 2, 3
 
 PARAMETERS: tuple[tuple[str, Any, str], ...] = (
@@ -68,7 +61,6 @@ class PlantNode(Node):
         self.stream = Stream(scene, make_plant(scene))
         self.done: Future = Future()
         self.failure = ""  # what went wrong with the plant, one sentence
-        self._answered = False  # whether hello came round
         self._ceiling: CeilingState | None = None
         self._recorder: RecorderStatus | None = None
         self._awaited: int | None = None  # stamp whose answer lets the next block start [ns], lockstep only
@@ -78,7 +70,14 @@ class PlantNode(Node):
         self._ended: int | None = None
         self._make_topics()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._hello_timer = self.create_timer(HELLO_PERIOD, self._say_hello, clock=steady)
+        self._handshake = Handshake(
+            self,
+            self._publish_handshake,
+            self._start,
+            topics=[*(f"sensors/{device}" for device in self._sensors), "plant/truth", *LOOP_TOPICS],
+            recorder=self._expect_recorder,
+            blocked=lambda: "" if is_alone(self) else "another node of this name to leave",
+        )
         self._pace_timer = self.create_timer(self.stream.block_seconds / 5.0, self._pace, clock=steady)
         self._pace_timer.cancel()
 
@@ -88,31 +87,26 @@ class PlantNode(Node):
             for item in self.stream.instruments
         }
         self._truth = self.create_publisher(PlantTruth, "plant/truth", BLOCKS)
-        self._events = self.create_publisher(Event, "events", EVENTS)
+        self._events = EventPublisher(self)
         self.create_subscription(CeilingState, "ceiling/state", self._on_ceiling, STATES)
         self.create_subscription(RecorderStatus, "recorder/status", self._on_recorder, STATUS)
 
     # the handshake
 
-    def _say_hello(self) -> None:
-        if self._ended is not None:
-            return
+    def _publish_handshake(self) -> None:
         try:
             check_alone(self)
         except StartedTwiceError as error:
             self.get_logger().error(str(error))
+            self._handshake.cancel()
             self._finish(BAD_INPUT)
             return
         for item in self.stream.instruments:
-            self._sensors[item.device].publish(hello(SampleBlock, item.channels, item.units))
-        self._truth.publish(hello(PlantTruth))
-        self._events.publish(hello(Event))
-        self._start_when_ready()
+            self._sensors[item.device].publish(empty_block(item.channels, item.units))
+        self._truth.publish(empty(PlantTruth))
+        self._events.publisher.publish(empty_event())
 
-    def _start_when_ready(self) -> None:
-        if self.waiting_for():
-            return
-        self._hello_timer.cancel()
+    def _start(self) -> None:
         self._steady_start = time.monotonic()
         if self._lockstep:
             self._next_block()
@@ -122,33 +116,17 @@ class PlantNode(Node):
 
     def waiting_for(self) -> str:
         """What the handshake still lacks, in words; empty: nothing."""
-        if not is_alone(self):
-            return "another node of this name to leave"
-        if not self._answered:
-            return "hello to come round on ceiling/state (identifier, selector and motor answer it one after the other)"
-        if self._expect_recorder and not self._recorded_all():
-            return "the recorder to have received every topic"
-        return ""
-
-    def _recorded_all(self) -> bool:
-        if self._recorder is None:
-            return False
-        received = {
-            self.resolve_topic_name(topic): count
-            for topic, count in zip(self._recorder.topics, self._recorder.received, strict=True)
-        }
-        loop = ["plant/truth", "events", "excitation", "ceiling/command", "ceiling/state"]
-        wanted = [f"sensors/{device}" for device in self._sensors] + loop
-        return all(received.get(self.resolve_topic_name(topic), 1) > 0 for topic in wanted)
+        return self._handshake.waiting_for()
 
     # the loop
 
     def _on_recorder(self, status: RecorderStatus) -> None:
         self._recorder = status
+        self._handshake.on_status(status)
 
     def _on_ceiling(self, state: CeilingState) -> None:
-        if state.header.frame_id == HELLO:
-            self._answered = True
+        if state.handshake:
+            self._handshake.on_answer(state)
             return
         self._ceiling = state
         if self._awaited is not None and nanoseconds_of(state.header.stamp) == self._awaited:
@@ -164,7 +142,7 @@ class PlantNode(Node):
         if lag > self.stream.block_seconds >= self._behind:
             self._tell(
                 Event.WARNING,
-                "behind",
+                Event.BEHIND,
                 lag,
                 f"the plant is {lag:.3f} s behind real time: the machine is too slow or too busy",
             )
@@ -227,13 +205,12 @@ class PlantNode(Node):
         """Say how the run ended, let the recorder close its bag, and leave with `status`."""
         if status == NUMERICAL_FAILURE:
             text = self.failure = f"the plant stopped at {self.stream.computed_ticks / self.stream.rate:g} s: {text}"
-            self.get_logger().error(text)
-            self._tell(severity, "failed", math.nan, text)
+            self._tell(severity, Event.FAILED, math.nan, text)
         self._pace_timer.cancel()
-        self._tell(severity, "finished", self.stream.computed_ticks / self.stream.rate, text)
+        self._tell(severity, Event.FINISHED, self.stream.computed_ticks / self.stream.rate, text)
         self._ended = status
         self._leave_timer = self.create_timer(
-            HELLO_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            LEAVE_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def _leave_when_heard(self) -> None:
@@ -244,26 +221,23 @@ class PlantNode(Node):
 
     def _finish(self, status: int) -> None:
         self._ended = status
-        for publisher in (*self._sensors.values(), self._truth, self._events):
+        for publisher in (*self._sensors.values(), self._truth, self._events.publisher):
             publisher.wait_for_all_acked(Duration(seconds=1.0))
         if not self.done.done():
             self.done.set_result(status)
 
     def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
-        event = Event(severity=severity, kind=kind, value=value, text=text)
-        event.header.stamp = time_of(self._last_stamp())
-        event.header.frame_id = self.get_name()
-        self._events.publish(event)
+        self._events.publish(severity, kind, text, value, time_of(self._last_stamp()))
 
     def close(self) -> None:
         """Stop the timers; a plant has nothing else to put in order."""
-        self._hello_timer.cancel()
+        self._handshake.cancel()
         self._pace_timer.cancel()
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the plant as a process of its own; return the exit status."""
-    return run(PlantNode, args)
+    return run_node(PlantNode, args)
 
 
 if __name__ == "__main__":

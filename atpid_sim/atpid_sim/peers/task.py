@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.errors import InputError
 from atpid_sim.contact import Contact, contact_of
 from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
 from atpid_sim.engine import drive
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 POINTS = 64
 
 
-class PeerError(ValueError):
+class PeerError(InputError):
     """A scene a peer cannot run."""
 
 

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from atpid_common.errors import InputError
 
-class SceneError(ValueError):
+
+class SceneError(InputError):
     """A scene that cannot be used; the message is one line: file, key, what was given, what is allowed."""
 
     def __init__(self, message: str) -> None:

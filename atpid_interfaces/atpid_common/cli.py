@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line of a package: `python -m PACKAGE COMMAND`.
+
+A command is a module with `add_arguments(parser)` and `run(arguments) -> status`, imported when the command is given:
+the others may need ROS, matplotlib or a compiler. Its errors are `AtpidError`s, reported in one line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import select
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import TextIO
+
+from atpid_common.errors import BROKEN_PIPE, INTERRUPTED, AtpidError
+
+Commands = Mapping[str, tuple[str, str]]
+"""Name of each command: (module, what it does)."""
+
+
+def run_commands(package: str, description: str, commands: Commands, argv: Sequence[str] | None = None) -> int:
+    """Run the command named by `argv`, by default the process's arguments; return its exit status."""
+    given = list(sys.argv[1:] if argv is None else argv)
+    return guarded(lambda: _run(_parser(package, description, commands, given), given))
+
+
+def guarded(command: Callable[[], int]) -> int:
+    """Return the exit status of `command`: its own, 1 where standard output or error was closed early, 2 for bad
+    input, 3 for a numerical failure, 130 after Ctrl-C.
+    """
+    try:
+        try:
+            status = _reported(command)
+        except SystemExit as leaving:  # argparse has printed its help or a usage line
+            status = leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
+        # Anything still buffered fails here, where it can be handled, and not at the interpreter's exit.
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BrokenPipeError:
+        if not _discard_closed():
+            raise
+        return BROKEN_PIPE
+    # Some versions of argparse drop help that cannot be printed without an error.
+    return BROKEN_PIPE if _discard_closed() else status
+
+
+def _run(parser: argparse.ArgumentParser, given: Sequence[str]) -> int:
+    arguments = parser.parse_args(given)
+    return int(arguments.run(arguments))
+
+
+def _reported(command: Callable[[], int]) -> int:
+    """Run `command`; report an error of the project in one line. Any other exception is a defect of the program and
+    keeps its traceback.
+    """
+    try:
+        return command()
+    except KeyboardInterrupt as interrupt:
+        print(interrupt if interrupt.args else "interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except AtpidError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.status
+
+
+def _discard_closed() -> bool:
+    """Redirect standard output and error to the null device where their pipe has no reader; return whether one had
+    none. A broken pipe elsewhere, of a device say, is an error like any other.
+    """
+    closed = [stream for stream in (sys.stdout, sys.stderr) if _has_no_reader(stream)]
+    for stream in closed:
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)
+    return bool(closed)
+
+
+def _has_no_reader(stream: TextIO) -> bool:
+    try:
+        number = stream.fileno()
+    except (OSError, ValueError, AttributeError):  # replaced by a buffer, or closed
+        return False
+    poll = select.poll()
+    poll.register(number, 0)
+    return any(event & select.POLLERR for _, event in poll.poll(0))
+
+
+def _parser(package: str, description: str, commands: Commands, given: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser, with the arguments of the command given; the other commands' modules stay unloaded."""
+    parser = argparse.ArgumentParser(prog=f"python -m {package}", description=description)
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+    for name, (module_name, text) in commands.items():
+        command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        if given and given[0] == name:
+            module = importlib.import_module(module_name)
+            module.add_arguments(command)
+            command.set_defaults(run=module.run)
+    return parser

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The entry point of a node's executable: loads the node's module, which takes seconds, with signals handled."""
+
+from __future__ import annotations
+
+import importlib
+
+from atpid_common.errors import DONE
+from atpid_common.interrupt import Interrupt, ignore_further
+
+
+def run_executable(module: str) -> int:
+    """Import `module` and run its `main`; return the exit status. An interrupt while loading ends with status 0."""
+    with Interrupt() as interrupt:
+        try:
+            return int(importlib.import_module(module).main())
+        except BaseException:
+            # a library that is being loaded may turn KeyboardInterrupt into an error of its own
+            if interrupt.received:
+                return DONE
+            raise
+        finally:
+            interrupt.defer()
+            ignore_further()

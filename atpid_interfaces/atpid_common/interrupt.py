@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""SIGINT and SIGTERM of a process that must end in order."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+from typing import Any
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupt:
+    """Handles SIGINT and SIGTERM while it is entered.
+
+    At first a signal raises KeyboardInterrupt, so that loading and compiling can be stopped; after `defer` it only
+    sets `received`, so that neither the loop nor an orderly end is torn.
+    """
+
+    def __init__(self) -> None:
+        """Do nothing yet."""
+        self._received = threading.Event()
+        self._deferred = False
+        self._before: list[Any] = []
+
+    @property
+    def received(self) -> bool:
+        """Whether a signal has come."""
+        return self._received.is_set()
+
+    def defer(self) -> None:
+        """From now on a signal only sets `received`."""
+        self._deferred = True
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        already = self.received
+        self._received.set()
+        if not self._deferred and not already:
+            raise KeyboardInterrupt
+
+    def __enter__(self) -> Interrupt:
+        """Install the handlers."""
+        self._before = [signal.signal(number, self._handle) for number in _SIGNALS]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Put the former handlers back."""
+        for number, before in zip(_SIGNALS, self._before, strict=True):
+            signal.signal(number, before)
+
+
+def ignore_further() -> None:
+    """Ignore SIGINT and SIGTERM from now on: one that arrives while the interpreter ends would change the status."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)

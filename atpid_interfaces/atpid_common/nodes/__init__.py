@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the ROS 2 nodes of all packages share; the only modules of `atpid_common` that import `rclpy`."""

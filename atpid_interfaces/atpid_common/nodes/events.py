@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishes a node's events and logs them, so that they are on `events` and on `/rosout`."""
+
+from __future__ import annotations
+
+from math import nan
+
+from atpid_interfaces.msg import Event
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+
+from atpid_common.nodes.messages import EVENTS
+
+
+class EventPublisher:
+    """The node's publisher on `events`."""
+
+    def __init__(self, node: Node) -> None:
+        """Create the publisher."""
+        self._node = node
+        self.publisher = node.create_publisher(Event, "events", EVENTS)
+
+    def publish(self, severity: int, kind: str, text: str, value: float = nan, stamp: Time | None = None) -> None:
+        """Publish and log one event.
+
+        kind: a constant of Event; value: the quantity that decided, in SI units; stamp: when it happened, None: now.
+        Does nothing after the context was shut down.
+        """
+        if not self._node.context.ok():
+            return
+        logger = self._node.get_logger()
+        if severity == Event.ALARM:  # three places: rclpy ties a severity to the place it is called from
+            logger.error(text)
+        elif severity == Event.WARNING:
+            logger.warning(text)
+        else:
+            logger.info(text)
+        event = Event(severity=severity, kind=kind, value=value, text=text)
+        event.header.stamp = stamp if stamp is not None else self._node.get_clock().now().to_msg()
+        event.header.frame_id = self._node.get_name()
+        self.publisher.publish(event)

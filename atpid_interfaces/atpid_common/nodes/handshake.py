@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The handshake of a source of samples: an empty message passes through every node before the first sample.
+
+Discovery takes seconds and is not symmetric; without a handshake the first seconds of data are lost. Messages of the
+handshake are marked by their field `handshake` and are never recorded.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from atpid_interfaces.msg import Event, RecorderStatus, SampleBlock
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+PERIOD = 0.05  # between two messages of the handshake [s]
+ANNOUNCE_AFTER, ANNOUNCE_AGAIN = 2.0, 10.0  # until what is missing is logged, and logged again [s]
+LOOP_TOPICS = ("events", "excitation", "ceiling/command", "ceiling/state")
+
+
+def empty(kind: type[Any]) -> Any:
+    """Return the handshake's message of a type: no data, stamp 0."""
+    message = kind()
+    message.handshake = True
+    return message
+
+
+def empty_block(channels: Sequence[str], units: Sequence[str]) -> SampleBlock:
+    """Return the handshake's block: the channels, no scans."""
+    message = empty(SampleBlock)
+    message.channels, message.units = list(channels), list(units)
+    return message
+
+
+def empty_event() -> Event:
+    """Return the handshake's event."""
+    message = empty(Event)
+    message.kind = Event.HANDSHAKE
+    return message
+
+
+class Handshake:
+    """Publishes until the loop has answered and the recorder has received every topic, then calls `ready` once.
+
+    The node passes the messages it receives to `on_answer` and `on_status`.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        publish: Callable[[], None],
+        ready: Callable[[], None],
+        *,
+        topics: Sequence[str],
+        answer: str = "ceiling/state",
+        recorder: bool,
+        blocked: Callable[[], str] = str,
+    ) -> None:
+        """Begin.
+
+        publish: publishes one message of the handshake on each topic of the source.
+        topics: what the recorder must have received, where `recorder` is true; those it does not record do not count.
+        answer: topic of the message that answers; empty: nothing answers this source.
+        blocked: returns what else stands in the way, in words; empty: nothing.
+        """
+        self._node, self._publish, self._ready = node, publish, ready
+        self._topics, self._answer, self._expect_recorder = tuple(topics), answer, recorder
+        self._blocked = blocked
+        self.active, self.answered = True, not answer
+        self._status: RecorderStatus | None = None
+        self._announce_at = time.monotonic() + ANNOUNCE_AFTER
+        self._timer = node.create_timer(PERIOD, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def on_answer(self, message: Any) -> None:
+        """Take a message of the answering topic; only one of the handshake counts."""
+        self.answered = self.answered or message.handshake
+
+    def on_status(self, status: RecorderStatus) -> None:
+        """Take the recorder's status."""
+        self._status = status
+
+    def waiting_for(self) -> str:
+        """Return what is still missing, in words; empty: nothing."""
+        if problem := self._blocked():
+            return problem
+        if not self.answered:
+            return f"an answer on {self._answer} (identifier, selector and motor answer one after the other)"
+        if self._expect_recorder and self._status is None:
+            return "the recorder's status"
+        missing = self._unrecorded() if self._expect_recorder else []
+        return f"the recorder to receive {', '.join(missing)}" if missing else ""
+
+    def cancel(self) -> None:
+        """End the handshake; a second time does nothing."""
+        self.active = False
+        self._timer.cancel()
+        self._node.destroy_timer(self._timer)
+
+    def _turn(self) -> None:
+        self._publish()
+        if not self.active:  # given up while publishing
+            return
+        missing = self.waiting_for()
+        if not missing:
+            self.cancel()
+            self._ready()
+        elif time.monotonic() > self._announce_at:
+            self._announce_at = time.monotonic() + ANNOUNCE_AGAIN
+            self._node.get_logger().warning(f"no samples yet: waiting for {missing}")
+
+    def _unrecorded(self) -> list[str]:
+        """Return the topics the recorder subscribes to and has received nothing on."""
+        assert self._status is not None
+        resolve = self._node.resolve_topic_name
+        received = dict(zip(map(resolve, self._status.topics), self._status.received, strict=False))
+        return [topic for topic in self._topics if received.get(resolve(topic), 1) == 0]

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The main function of a node that is a process of its own: bad input in one line, Ctrl-C once or twice."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Protocol, cast
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from atpid_common.errors import BAD_INPUT, DONE, AtpidError
+from atpid_common.interrupt import Interrupt
+from atpid_common.nodes.single_instance import claim
+
+#: How soon a signal is noticed at the latest [s].
+TURN = 0.1
+
+
+class EndingNode(Protocol):
+    """A node that may end by itself: `done` holds its exit status; `close` leaves everything in order."""
+
+    done: Future
+
+    def close(self) -> None:
+        """Publish what has to be published before the node is destroyed."""
+        ...
+
+
+def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """Run the node that `make` returns until it is done or interrupted; return the exit status.
+
+    SIGINT and SIGTERM end it in order with status 0; further signals, which `ros2 launch` may send, change nothing.
+    While the node is being made, the first signal ends the process at once: nothing is open yet.
+    """
+    node: Node | None = None
+    with Interrupt() as interrupt:
+        try:
+            # rclpy's own handlers shut the context down in another thread, under a callback that is publishing
+            rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
+            node = make()
+            interrupt.defer()
+            with claim(node.get_fully_qualified_name()):
+                return _spin(node, interrupt)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            return DONE
+        except AtpidError as error:
+            return _refuse(error, error.status)
+        except ParameterException as error:
+            return _refuse(f"parameter: {error}", BAD_INPUT)
+        except RuntimeError as error:  # arguments rcl cannot use: a parameter file that does not exist, say
+            if node is not None or interrupt.received:
+                raise
+            return _refuse(error, BAD_INPUT)
+        finally:
+            interrupt.defer()
+            _end(node)
+
+
+def _refuse(error: object, status: int) -> int:
+    print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
+    return status
+
+
+def _spin(node: Node, interrupt: Interrupt) -> int:
+    """Spin until the node is done or a signal came; return the exit status."""
+    done: Future | None = getattr(node, "done", None)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not (done and done.done()) and not interrupt.received:
+        executor.spin_once(timeout_sec=TURN)
+    executor.shutdown()
+    return int(done.result()) if done and done.done() else DONE
+
+
+def _end(node: Node | None) -> None:
+    if node is not None:
+        if hasattr(node, "close"):
+            cast(EndingNode, node).close()
+        node.destroy_node()
+    rclpy.try_shutdown()

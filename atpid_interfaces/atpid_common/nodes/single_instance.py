@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Prevents two nodes of one name: two plants would feed one loop, two motor nodes would move one ceiling."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from weakref import WeakKeyDictionary
+
+from rclpy.node import Node
+
+from atpid_common.errors import InputError
+
+#: Discovery keeps a node that has left for a moment; only one that stays longer counts [s].
+_TRANSIENT = 2.0
+_first_seen: WeakKeyDictionary[Node, float] = WeakKeyDictionary()
+
+
+class StartedTwiceError(InputError):
+    """A node of the same name is already running."""
+
+
+def claim(name: str) -> socket.socket:
+    """Hold the fully qualified `name` in this ROS domain on this machine until the socket returned is closed.
+
+    It is a Linux abstract socket, which the kernel frees even after SIGKILL, at once and without a file, so no time
+    is lost waiting for discovery. Raises StartedTwiceError.
+    """
+    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        holder.bind(f"\0atpid/{os.environ.get('ROS_DOMAIN_ID', '0')}{name}")
+    except OSError:
+        holder.close()
+        raise StartedTwiceError(_text(name)) from None
+    return holder
+
+
+def namesakes(node: Node) -> int:
+    """Return how many other nodes of this fully qualified name discovery shows, on other machines too."""
+    own = (node.get_name(), node.get_namespace())
+    seen: list[tuple[str, str]] = node.get_node_names_and_namespaces()
+    return max(0, seen.count(own) - 1)
+
+
+def is_alone(node: Node) -> bool:
+    """Return whether discovery shows no other node of this name now."""
+    return namesakes(node) == 0
+
+
+def check_alone(node: Node) -> None:
+    """Raise StartedTwiceError where another node of this name stays in the graph; to be called repeatedly.
+
+    One that is started on this machine is refused its claim and leaves at once, so a short appearance does not count.
+    """
+    if is_alone(node):
+        _first_seen.pop(node, None)
+    elif time.monotonic() - _first_seen.setdefault(node, time.monotonic()) > _TRANSIENT:
+        raise StartedTwiceError(_text(node.get_fully_qualified_name()))
+
+
+def _text(name: str) -> str:
+    return (
+        f"{name} is already running in this ROS domain: stop it first, or give this one another name "
+        "(--ros-args -r __node:=NAME) or another ROS_DOMAIN_ID"
+    )

@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Entry points of the nodes' executables: each loads its node with signals handled."""
+
+from __future__ import annotations
+
+from atpid_common.executable import run_executable
+
+
+def plant_node() -> int:
+    """Run plant_node; return its exit status."""
+    return run_executable("atpid_sim.nodes.plant_node")
