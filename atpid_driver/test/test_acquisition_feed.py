@@ -13,9 +13,8 @@ from acquisition_bench import Bench
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 
 from atpid_common.nodes.handshake import empty_block
-from atpid_common.nodes.messages import doubles
+from atpid_common.nodes.messages import BLOCKS, EVENTS, doubles
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.acquisition_node import BLOCKS, EVENTS
 from atpid_driver.nodes.feed_node import STATES, FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.standins import Control, Feed, StandinError, build
