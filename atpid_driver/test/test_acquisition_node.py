@@ -310,7 +310,7 @@ def test_bad_parameters_end_the_process_with_status_2_and_one_line() -> None:
     said, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert said.splitlines() == [
-        "labjack_node: parameter channels of labjack_node is not given: names of the channels in the messages; "
+        "error: parameter channels of labjack_node is not given: names of the channels in the messages; "
         "set it in the parameter file"
     ]
 
@@ -321,7 +321,7 @@ def test_a_parameter_file_that_is_not_there_is_one_line_and_status_2() -> None:
     assert done.returncode == 2
     ours = [line for line in done.stderr.splitlines() if "[rcl]" not in line]
     assert len(ours) == 1
-    assert ours[0].startswith("ni_node: ")
+    assert ours[0] == "error: parameter file none.yaml: cannot be opened"
     assert "none.yaml" in ours[0]
 
 

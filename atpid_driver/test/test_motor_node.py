@@ -169,7 +169,7 @@ def test_started_twice_is_one_line_and_exit_2(capfd: pytest.CaptureFixture[str])
     with claim("/motor_node"):
         assert motor_node.main(arguments(**SIMULATED)) == 2
     (line,) = capfd.readouterr().err.strip().splitlines()
-    assert line.startswith("motor_node: /motor_node is already running")
+    assert line.startswith("error: /motor_node is already running")
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_the_second_of_two_ends_with_one_line_and_the_first_goes_on(
         second = subprocess.run(words(tmp_path), capture_output=True, text=True, timeout=60, check=False)
         assert second.returncode == 2
         (line,) = second.stderr.strip().splitlines()
-        assert line.startswith("motor_node: /motor_node is already running")
+        assert line.startswith("error: /motor_node is already running")
         stand.states.clear()
         stand.until(lambda: stand.states)
         assert stand.states[-1].mode in (CeilingState.MOVING, CeilingState.HOLDING)

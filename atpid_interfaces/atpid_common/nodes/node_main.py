@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Protocol, cast
@@ -56,7 +57,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         except RuntimeError as error:  # arguments rcl cannot use: a parameter file that does not exist, say
             if node is not None or interrupt.received:
                 raise
-            return _refuse(error, BAD_INPUT)
+            return _refuse(_in_words(error), BAD_INPUT)
         finally:
             interrupt.defer()
             _end(node)
@@ -65,6 +66,15 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
 def _refuse(error: object, status: int) -> int:
     print(f"error: {str(error).splitlines()[0]}", file=sys.stderr)
     return status
+
+
+def _in_words(error: RuntimeError) -> str:
+    """Return rcl's error about its arguments without the place in its source."""
+    found = re.search(r"Couldn't parse params file: '--params-file (.*?)'\. Error: (.*?), at ", str(error))
+    if found is None:
+        return str(error)
+    problem = "cannot be opened" if found[2] == "Error opening YAML file" else found[2]
+    return f"parameter file {found[1]}: {problem}"
 
 
 def _spin(node: Node, interrupt: Interrupt) -> int:
