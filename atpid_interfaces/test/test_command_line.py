@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exit statuses and one-line errors of the command lines."""
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from atpid_common.cli import guarded, run_commands
+from atpid_common.errors import InputError, NumericalError
+
+COMMANDS = {"measure": ("measuring", "measure something"), "other": ("no_such_module", "do something else")}
+
+
+@pytest.fixture
+def measuring(monkeypatch):
+    """A command's module: `measure --times N` returns N."""
+    module = SimpleNamespace(
+        add_arguments=lambda parser: parser.add_argument("--times", type=int, default=0),
+        run=lambda arguments: arguments.times,
+    )
+    monkeypatch.setitem(sys.modules, "measuring", module)
+    return module
+
+
+def fails(error):
+    def run(*_):
+        raise error
+
+    return run
+
+
+def test_a_command_gets_its_arguments_and_gives_the_status(measuring):
+    assert run_commands("package", "Text.", COMMANDS, ["measure", "--times", "3"]) == 3
+
+
+def test_help_lists_the_commands_without_loading_them(capsys):
+    assert run_commands("package", "Text.", COMMANDS, ["--help"]) == 0
+    said = capsys.readouterr().out
+    assert "measure something" in said
+    assert "do something else" in said
+
+
+@pytest.mark.parametrize("given", [[], ["nothing"], ["measure", "--unknown"]])
+def test_arguments_that_do_not_fit_are_bad_input(measuring, capsys, given):
+    assert run_commands("package", "Text.", COMMANDS, given) == 2
+    assert "usage: python -m package" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (InputError("amplitude: given -1; allowed: above 0 m"), 2, "error: amplitude: given -1; allowed: above 0 m"),
+        (NumericalError("no steady state"), 3, "error: no steady state"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (KeyboardInterrupt("the bag is closed"), 130, "the bag is closed"),
+    ],
+)
+def test_errors_of_the_project_are_one_line(capsys, error, status, line):
+    assert guarded(fails(error)) == status
+    assert capsys.readouterr().err == f"{line}\n"
+
+
+@pytest.mark.parametrize("error", [ValueError("a defect"), ZeroDivisionError("a defect"), OSError("a defect")])
+def test_other_errors_keep_their_traceback(error):
+    with pytest.raises(type(error), match="a defect"):
+        guarded(fails(error))

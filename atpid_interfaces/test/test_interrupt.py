@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""SIGINT and SIGTERM while a process loads, works and ends."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from atpid_common.interrupt import Interrupt
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+SLOW_MODULE = """
+import os, sys
+print("loading", flush=True)
+sys.stdin.readline()
+try:
+    while True:
+        pass
+except KeyboardInterrupt:
+    {reaction}
+"""
+MAIN = "import sys; from atpid_common.executable import run_executable; sys.exit(run_executable('slow_module'))"
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_stops_what_can_be_stopped(number):
+    with pytest.raises(KeyboardInterrupt), Interrupt() as interrupt:
+        os.kill(os.getpid(), number)
+    assert interrupt.received
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_deferred_signal_is_only_noted(number):
+    with Interrupt() as interrupt:
+        interrupt.defer()
+        assert not interrupt.received
+        os.kill(os.getpid(), number)
+        os.kill(os.getpid(), number)
+        assert interrupt.received
+
+
+def test_the_former_handlers_come_back():
+    before = [signal.getsignal(number) for number in SIGNALS]
+    with Interrupt():
+        assert [signal.getsignal(number) for number in SIGNALS] != before
+    assert [signal.getsignal(number) for number in SIGNALS] == before
+
+
+@pytest.mark.parametrize("reaction", ["raise", "raise ImportError('not loaded')", "sys.exit(7)"])
+@pytest.mark.parametrize("number", SIGNALS)
+def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path, number, reaction):
+    (tmp_path / "slow_module.py").write_text(SLOW_MODULE.format(reaction=reaction))
+    process = subprocess.Popen(
+        [sys.executable, "-c", MAIN],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "loading\n"
+    process.stdin.write("\n")
+    process.stdin.flush()
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60.0)
+    assert (process.returncode, said) == (0, "")
+
+
+def test_a_module_that_does_not_load_keeps_its_traceback(tmp_path):
+    (tmp_path / "slow_module.py").write_text("raise ImportError('broken')")
+    done = subprocess.run([sys.executable, "-c", MAIN], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 1
+    assert "ImportError: broken" in done.stderr
