@@ -94,9 +94,9 @@ class Handshake:
 
     def cancel(self) -> None:
         """End the handshake; a second time does nothing."""
-        self.active = False
-        self._timer.cancel()
-        self._node.destroy_timer(self._timer)
+        if self.active:
+            self.active = False
+            self._node.destroy_timer(self._timer)
 
     def _turn(self) -> None:
         self._publish()
