@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import fcntl
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -31,9 +30,8 @@ def test_a_killed_map_is_resumed_without_recomputation(
 ) -> None:
     out, journal = tmp_path / "map.npz", tmp_path / "map.npz.journal"
     command = [sys.executable, "-m", "atpid_sim", "map", str(SCENE), "--amplitudes", "0.01:0.04:16"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "atpid_sim")}
     with subprocess.Popen(
-        [*command, "--mass-fractions", "0.1", "--out", str(out)], env=environment, stdout=subprocess.DEVNULL,
+        [*command, "--mass-fractions", "0.1", "--out", str(out)], stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, cwd=tmp_path,
     ) as process:  # fmt: skip
         while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") > 3):
