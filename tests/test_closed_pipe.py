@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A reader that leaves early, as `head` does: the commands end quietly; another pipe that breaks is not hidden."""
+"""Standard output or error closed early, as `head` does, or not open at all: the commands end quietly with a status
+that depends neither on buffering nor on the version of argparse; another pipe that breaks is not hidden.
+"""
 
 import os
 import subprocess
@@ -22,32 +24,69 @@ COMMANDS = {
 }
 
 
-def without_a_reader(command, both=False, **environment):
-    """Run `python -m command` with a standard output nobody reads."""
+UNBUFFERED = [None, "1"]
+
+
+def run(command, unbuffered, **streams):
+    """Run `python -m command`, with PYTHONUNBUFFERED as given or not set."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    if unbuffered:
+        environment["PYTHONUNBUFFERED"] = unbuffered
+    words = [sys.executable, "-m", *command.split()]
+    return subprocess.run(words, cwd=ROOT, env=environment, text=True, check=False, **streams)
+
+
+@pytest.fixture
+def closed():
+    """The writing end of a pipe whose reader has left."""
     reading, writing = os.pipe()
     os.close(reading)
-    try:
-        return subprocess.run(
-            [sys.executable, "-m", *command.split()], cwd=ROOT, env=os.environ | environment, text=True, check=False,
-            stdout=writing, stderr=subprocess.STDOUT if both else subprocess.PIPE, timeout=100.0,
-        )  # fmt: skip
-    finally:
-        os.close(writing)
+    yield writing
+    os.close(writing)
 
 
-@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("unbuffered", UNBUFFERED)
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_whose_reader_left_ends_quietly(name, unbuffered, tmp_path):
+def test_a_command_whose_reader_left_ends_quietly(name, unbuffered, closed, tmp_path):
     (tmp_path / "readings.csv").write_text(READINGS)
-    done = without_a_reader(COMMANDS[name].format(tmp_path), PYTHONUNBUFFERED=unbuffered)
+    done = run(COMMANDS[name].format(tmp_path), unbuffered, stdout=closed, stderr=subprocess.PIPE)
     assert done.stderr == ""
     assert done.returncode == 1
 
 
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_an_error_line_into_a_closed_pipe_ends_the_same_way(unbuffered):
-    command = "atpid_sim simulate none.yaml"
-    assert without_a_reader(command, both=True, PYTHONUNBUFFERED=unbuffered).returncode == 1
+@pytest.mark.parametrize("unbuffered", UNBUFFERED)
+@pytest.mark.parametrize("command", ["atpid_sim simulate none.yaml", "atpid_sim nothing", "atpid_driver calibrate"])
+def test_an_error_line_into_a_closed_pipe_ends_the_same_way(command, unbuffered, closed):
+    assert run(command, unbuffered, stdout=closed, stderr=closed).returncode == 1
+    done = run(command, unbuffered, stdout=subprocess.PIPE, stderr=closed)
+    assert (done.returncode, done.stdout) == (1, "")
+
+
+READ_ALL = """
+import sys
+from atpid_common.cli import guarded
+
+def command():
+    print("everything", flush=True)
+    sys.stdin.readline()
+    return 0
+
+sys.exit(guarded(command))
+"""
+
+
+def test_a_reader_that_leaves_with_everything_has_missed_nothing():
+    with subprocess.Popen([sys.executable, "-c", READ_ALL], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"everything\n"
+        process.stdout.close()
+        process.stdin.close()
+        assert process.wait() == 0
+
+
+@pytest.mark.parametrize(("command", "status"), [("atpid_sim --help", 0), ("atpid_sim simulate none.yaml", 2)])
+def test_without_standard_output_and_error_the_status_is_the_same(command, status):
+    shell = ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", sys.executable, "-m", *command.split()]
+    assert subprocess.run(shell, cwd=ROOT, check=False).returncode == status
 
 
 def test_another_pipe_that_breaks_is_not_hidden(monkeypatch):

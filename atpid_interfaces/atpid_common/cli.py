@@ -13,9 +13,12 @@ import os
 import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import TextIO
+from typing import TYPE_CHECKING, NoReturn, TextIO
 
-from atpid_common.errors import BROKEN_PIPE, INTERRUPTED, AtpidError
+from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
 
 Commands = Mapping[str, tuple[str, str]]
 """Name of each command: (module, what it does)."""
@@ -28,9 +31,10 @@ def run_commands(package: str, description: str, commands: Commands, argv: Seque
 
 
 def guarded(command: Callable[[], int]) -> int:
-    """Return the exit status of `command`: its own, 1 where standard output or error was closed early, 2 for bad
-    input, 3 for a numerical failure, 130 after Ctrl-C.
+    """Return the exit status of `command`: its own, 1 where standard output or error was closed before everything was
+    written, 2 for bad input, 3 for a numerical failure, 130 after Ctrl-C.
     """
+    _open_missing()
     try:
         try:
             status = _reported(command)
@@ -43,8 +47,7 @@ def guarded(command: Callable[[], int]) -> int:
         if not _discard_closed():
             raise
         return BROKEN_PIPE
-    # Some versions of argparse drop help that cannot be printed without an error.
-    return BROKEN_PIPE if _discard_closed() else status
+    return status
 
 
 def _run(parser: argparse.ArgumentParser, given: Sequence[str]) -> int:
@@ -64,6 +67,13 @@ def _reported(command: Callable[[], int]) -> int:
     except AtpidError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.status
+
+
+def _open_missing() -> None:
+    """Open the null device where standard output or error is not open, as after `>&-`: Python has None for it then."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - open as long as the process
 
 
 def _discard_closed() -> bool:
@@ -88,9 +98,22 @@ def _has_no_reader(stream: TextIO) -> bool:
     return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose help and usage errors fail where they cannot be written: some versions of argparse drop them,
+    and the status would depend on the version and on PYTHONUNBUFFERED.
+    """
+
+    def print_help(self, file: SupportsWrite[str] | None = None) -> None:
+        print(self.format_help(), end="", file=file)
+
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.format_usage()}{self.prog}: error: {message}", file=sys.stderr)
+        raise SystemExit(BAD_INPUT)
+
+
 def _parser(package: str, description: str, commands: Commands, given: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser, with the arguments of the command given; the other commands' modules stay unloaded."""
-    parser = argparse.ArgumentParser(prog=f"python -m {package}", description=description)
+    parser = _Parser(prog=f"python -m {package}", description=description)
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, (module_name, text) in commands.items():
         command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
