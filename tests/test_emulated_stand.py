@@ -27,7 +27,6 @@ def bench(scene: Path, out: Path, *more: str) -> tuple[dict, str]:
     return json.loads((out / "summary.json").read_text()), done.stdout + done.stderr
 
 
-@pytest.mark.timeout(400)
 def test_the_emulated_stand_damps_as_the_simulated_bench_does(scenes, tmp_path):
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **SCENE)
     simulated, _ = bench(path, tmp_path / "simulated")

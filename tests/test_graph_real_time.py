@@ -44,7 +44,6 @@ def running(scenes, tmp_path):
         process.communicate()
 
 
-@pytest.mark.timeout(300)
 def test_nothing_is_lost_in_real_time(scenes, tmp_path):
     bag = in_real_time(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES), tmp_path / "run")
     assert lost_scans(bag) == 0
@@ -54,7 +53,6 @@ def test_nothing_is_lost_in_real_time(scenes, tmp_path):
     assert {message.height for _, message in bag.messages("/ceiling/state")} != {0.017}
 
 
-@pytest.mark.timeout(300)
 def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running):
     process, out = running
     nodes = children(process.pid)
@@ -68,7 +66,6 @@ def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running):
     assert not [pid for pid in nodes.values() if Path(f"/proc/{pid}").exists()]
 
 
-@pytest.mark.timeout(300)
 def test_a_node_that_dies_stops_the_run_with_its_name(running):
     process, out = running
     os.kill(children(process.pid)["motor_node"], signal.SIGKILL)
@@ -78,7 +75,6 @@ def test_a_node_that_dies_stops_the_run_with_its_name(running):
     assert verify(out / "bag").by_topic["/sensors/laser"] > 0
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", ["plant_node", "selector_node"])
 def test_a_node_started_twice_says_so_and_leaves(scenes, tmp_path, name):
     from graph_runs import parameters

@@ -88,7 +88,7 @@ def graph(scenes, tmp_path):
             executor.add_node(node)
 
         def spin(until):
-            deadline = time.monotonic() + 60.0
+            deadline = time.monotonic() + 100.0
             while not until():
                 assert time.monotonic() < deadline
                 executor.spin_once(timeout_sec=0.1)

@@ -40,7 +40,7 @@ def pair(scenes, tmp_path):
     executor.add_node(peer)
 
     def spin(until):
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + 100.0
         while not until():
             assert time.monotonic() < deadline
             executor.spin_once(timeout_sec=0.1)

@@ -62,7 +62,7 @@ class Stand:
         return node
 
     def until(self, condition: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 100.0
         while not condition():
             assert time.monotonic() < end, "the event waited for did not come"
             act()
@@ -207,7 +207,7 @@ def test_the_last_stamp_is_rounded_as_the_source_rounds_it() -> None:
 
 def test_as_a_process_without_parameters_it_says_what_to_do() -> None:
     executable = ROOT / "ros2_ws" / "install" / "atpid_control" / "lib" / "atpid_control" / "identifier_node"
-    ended = subprocess.run([executable], capture_output=True, text=True, timeout=60, env=os.environ, check=False)
+    ended = subprocess.run([executable], capture_output=True, text=True, timeout=100.0, env=os.environ, check=False)
     assert ended.returncode == 2
     assert ended.stderr.strip().startswith("error: ") and "identifier.yaml" in ended.stderr
     assert "Traceback" not in ended.stderr

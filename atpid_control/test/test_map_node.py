@@ -36,14 +36,14 @@ class Stand:
         self.feedback: list[Any] = []
 
     def wait(self, future: Any) -> Any:
-        end = time.monotonic() + 90.0
+        end = time.monotonic() + 100.0
         while not future.done():
             assert time.monotonic() < end, "the answer waited for did not come"
             self.executor.spin_once(timeout_sec=0.02)
         return future.result()
 
     def ask(self, out: Path, amplitudes: list[float], scene: str = SCENE) -> Any:
-        assert self.client.wait_for_server(timeout_sec=20.0)
+        assert self.client.wait_for_server(timeout_sec=100.0)
         goal = ComputeMap.Goal(scene=scene, amplitudes=amplitudes, mass_fractions=[0.1], out=str(out))
         return self.wait(self.client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback)))
 

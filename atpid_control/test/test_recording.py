@@ -304,7 +304,7 @@ assert len(messages) == 40 and messages[-1][1].header.stamp.sec == 1
 
 def test_reading_needs_no_ros(bag: Path) -> None:
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("AMENT_", "ROS_"))}
-    subprocess.run([sys.executable, "-c", _WITHOUT_ROS, str(bag)], check=True, env=environment, timeout=60.0)
+    subprocess.run([sys.executable, "-c", _WITHOUT_ROS, str(bag)], check=True, env=environment, timeout=100.0)
 
 
 def test_verify_prints_what_it_read(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

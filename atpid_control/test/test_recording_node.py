@@ -106,7 +106,7 @@ def ros() -> Iterator[SingleThreadedExecutor]:
     rclpy.try_shutdown()
 
 
-def spin_until(executor: SingleThreadedExecutor, met: Callable[[], bool], patience: float = 30.0) -> None:
+def spin_until(executor: SingleThreadedExecutor, met: Callable[[], bool], patience: float = 100.0) -> None:
     deadline = time.monotonic() + patience
     while not met():
         assert time.monotonic() < deadline, "what the test waits for did not happen"
@@ -210,7 +210,7 @@ class Process:
     def end(self, number: int | None = None) -> tuple[int, str]:
         if number is not None:
             self.process.send_signal(number)
-        said, _ = self.process.communicate(timeout=30.0)
+        said, _ = self.process.communicate(timeout=100.0)
         return self.process.returncode, said
 
 

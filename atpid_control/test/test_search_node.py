@@ -73,7 +73,7 @@ class Stand:
         self.controller.watch = watched  # type: ignore[method-assign]
 
     def wait(self, future: Any, act: Any = lambda: None) -> Any:
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 100.0
         while not future.done():
             assert time.monotonic() < end, "the answer waited for did not come"
             act()
@@ -90,7 +90,7 @@ class Stand:
         message.data = array.array("d", data.ravel().tolist())
         self.blocks.publish(message)
         self.block += 1
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 100.0
         while self.seen < 0.05 * self.block - 1e-6:
             assert time.monotonic() < end, "the block was not seen"
             self.executor.spin_once(timeout_sec=0.02)
@@ -101,11 +101,11 @@ class Stand:
 
     def ask(self, method: str, **request: float) -> SelectHeight.Response:
         service = self.client.create_client(SelectHeight, f"selector_node/{method}")
-        assert service.wait_for_service(timeout_sec=30.0)
+        assert service.wait_for_service(timeout_sec=100.0)
         return self.wait(service.call_async(SelectHeight.Request(**request)))
 
     def search(self, **goal: float) -> tuple[Any, list[SearchHeight.Feedback]]:
-        assert self.actions.wait_for_server(timeout_sec=30.0)
+        assert self.actions.wait_for_server(timeout_sec=100.0)
         told: list[SearchHeight.Feedback] = []
         sent = self.actions.send_goal_async(
             SearchHeight.Goal(**goal), feedback_callback=lambda message: told.append(message.feedback)

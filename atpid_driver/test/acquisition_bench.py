@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import STATUS
 
-PATIENCE = 20.0
+PATIENCE = 100.0
 N = TypeVar("N", bound=Node)
 
 

@@ -54,7 +54,7 @@ class Stand:
         return node
 
     def until(
-        self, condition: Callable[[], object], act: Callable[[], None] = lambda: None, limit: float = 20.0
+        self, condition: Callable[[], object], act: Callable[[], None] = lambda: None, limit: float = 100.0
     ) -> None:
         now = time.monotonic()
         end, due = now + limit, now

@@ -42,7 +42,7 @@ def settings(folder: Path, **change: Any) -> MotorSettings:
     return MotorSettings(**SERIAL | {"port": str(folder / "board"), "identify_timeout": 3.0} | change)
 
 
-def wait_for(condition: Callable[[], object], what: str, limit: float = 20.0) -> None:
+def wait_for(condition: Callable[[], object], what: str, limit: float = 100.0) -> None:
     """Poll until `condition` holds; fail after `limit` [s]."""
     end = time.monotonic() + limit
     while not condition():

@@ -17,7 +17,7 @@ from atpid_driver.acquisition import Backoff, Block, DriftMeter, HardwareClock, 
 from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 
-PATIENCE = 10.0
+PATIENCE = 100.0
 QUICK = Backoff(first=0.01, longest=0.02)
 
 

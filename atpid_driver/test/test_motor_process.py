@@ -66,7 +66,7 @@ def test_ctrl_c_in_motion_stops_the_motor_at_once(
         start_down(stand)
         for _ in range(interrupts):
             process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=20)
+        output, _ = process.communicate(timeout=100.0)
         assert process.returncode == 0, output
         assert "Traceback" not in output
         wait_for(lambda: emulator.state().motor == 0, "motor off")
@@ -88,7 +88,7 @@ def test_the_second_of_two_ends_with_one_line_and_the_first_goes_on(
 ) -> None:
     with started(tmp_path):
         start_down(stand)
-        second = subprocess.run(words(tmp_path), capture_output=True, text=True, timeout=60, check=False)
+        second = subprocess.run(words(tmp_path), capture_output=True, text=True, timeout=100.0, check=False)
         assert second.returncode == 2
         (line,) = second.stderr.strip().splitlines()
         assert line.startswith("error: /motor_node is already running")

@@ -62,7 +62,7 @@ def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path, number, reac
     process.stdin.write("\n")
     process.stdin.flush()
     process.send_signal(number)
-    _, said = process.communicate(timeout=60.0)
+    _, said = process.communicate(timeout=100.0)
     assert (process.returncode, said) == (0, "")
 
 
