@@ -189,6 +189,16 @@ def test_a_hung_board_is_a_lost_link_and_recovers(rig: Rig) -> None:
     rig.command_until_ready(0.98)
 
 
+def test_commands_during_a_recovery_do_not_pile_up(rig: Rig) -> None:
+    rig.make_ready()
+    rig.emulator.reset()
+    wait_for(lambda: rig.read().mode is Mode.DISARMED, "restarted")
+    rig.emulator.pace(0)  # it answers nothing more
+    for _ in range(50):
+        with pytest.raises(NotReadyError):
+            rig.move(0.95)
+
+
 def test_closing_disarms(rig: Rig) -> None:
     rig.make_ready()
     rig.start_down()

@@ -199,6 +199,9 @@ class Link:
             job.done.set_exception(error)
             if isinstance(error, LinkError):
                 raise
+        except Exception as error:
+            job.done.set_exception(error)
+            raise
         else:
             self._sequence = self._sequence if job.sequence is None else job.sequence
             self.reading = replace(self.reading, sequence=self._sequence)

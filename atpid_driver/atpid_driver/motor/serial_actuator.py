@@ -29,6 +29,7 @@ class SerialActuator:
         self._settings = settings
         self._link = Link(settings)
         self._active = False
+        self._recovery: Job | None = None
 
     @property
     def limits(self) -> Limits:
@@ -94,10 +95,16 @@ class SerialActuator:
         return Job((("ARM", ()),) if homed else (("ARM", ()), ("HOME", ())))
 
     def _recover(self, reading: Reading, goal: float) -> None:
-        """Arm and home again on a fresh height after a lost link; never of itself, never after another fault."""
+        """Arm and home again on a fresh height after a lost link; never of itself, never after another fault.
+
+        Commands that come while that is under way do not start it anew: they would fill the queue of a slow board.
+        """
         lost = reading.mode is Mode.DISARMED or (reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS)
-        if self._active and lost and isfinite(goal):
-            self._link.submit(self._arming())
+        under_way = self._recovery is not None and not self._recovery.done.done()
+        if self._active and lost and isfinite(goal) and not under_way:
+            job = self._arming()
+            self._link.submit(job)
+            self._recovery = job
         raise NotReadyError(f"ceiling height {goal:g} m not taken up: {self._why(reading)}")
 
     def _why(self, reading: Reading) -> str:
