@@ -11,6 +11,9 @@ import pytest
 
 from atpid_sim.batch import on_all_cores
 from atpid_sim.cli import main
+from atpid_sim.engine import state
+from atpid_sim.outcome import Outcome
+from atpid_sim.run import initial_state
 from atpid_sim.scene import load_scene
 from atpid_sim.simulate import Result, simulate
 from atpid_sim.sweep import standard_task, thesis_range
@@ -108,12 +111,38 @@ def test_every_ledger_closes(runs):
     assert max(abs(result.energy_residual) for result, _ in runs) <= 1e-6
 
 
-def test_nan_budget_and_crushing_are_named(tmp_path, capsys):
-    text = (SCENES / "standard.yaml").read_text()
-    scene = tmp_path / "nan.yaml"
-    scene.write_text(text.replace("amplitude: 0.01", "amplitude: .nan"))
-    assert main(["simulate", str(scene), "--json"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_an_amplitude_of_nan_is_refused(tmp_path, capsys):
+    path = tmp_path / "nan.yaml"
+    path.write_text((SCENES / "standard.yaml").read_text().replace("amplitude: 0.01", "amplitude: .nan"))
+    assert main(["simulate", str(path), "--json"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "amplitude" in said
+
+
+def spoiled(scene):
+    y, n = initial_state(scene)
+    y[state.BEAM] = math.nan
+    return y, n
+
+
+RUBBER = {"law": "tsuji", "young_modulus": 1e4, "poisson_ratio": 0.2, "damping_ratio": 0.3}
+FAILURES = {
+    Outcome.NOT_FINITE: ({}, {"initial_state": spoiled}),
+    Outcome.STEP_BUDGET: ({}, {"step_budget": lambda _: 100}),
+    Outcome.OVERLAP_TOO_DEEP: ({"contact": RUBBER}, {}),
+}
+
+
+@pytest.mark.parametrize("outcome", FAILURES)
+def test_nan_budget_and_crushing_are_named(outcome, tmp_path, capsys, monkeypatch):
+    changes, replaced = FAILURES[outcome]
+    path = tmp_path / "scene.yaml"
+    path.write_text(standard_task(0.05, 0.1, 0.3).with_(**changes).to_yaml())
+    for name, function in replaced.items():
+        monkeypatch.setattr(f"atpid_sim.simulate.{name}", function)
+    assert main(["simulate", str(path), "--fidelity", "soft", "--json"]) == 3
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: {outcome.sentence} (at ") and said.count("\n") == 1
 
 
 def test_the_reference_value_to_eight_digits():
