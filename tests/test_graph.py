@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph: lockstep repeats itself, the thesis's adaptive bench is met, and other ceilings run as well."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -17,16 +16,9 @@ LOOP = ("/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/c
 
 
 @pytest.fixture(scope="module")
-def marks():
-    """(simulated time [s], processor time [s]) as the adaptive bench goes on."""
-    return []
-
-
-@pytest.fixture(scope="module")
-def adaptive(scenes, tmp_path_factory, marks):
+def adaptive(scenes, tmp_path_factory):
     """The bag of the thesis's adaptive bench."""
-    out = tmp_path_factory.mktemp("adaptive")
-    return in_lockstep(scenes / "thesis_4_3.yaml", out, lambda reached: marks.append((reached, time.process_time())))
+    return in_lockstep(scenes / "thesis_4_3.yaml", tmp_path_factory.mktemp("adaptive"))
 
 
 def test_two_runs_with_the_same_seed_give_the_same_messages(scenes, tmp_path):
@@ -39,14 +31,8 @@ def test_two_runs_with_the_same_seed_give_the_same_messages(scenes, tmp_path):
     assert len(decoded(first, "/sensors/laser")) == 50
 
 
-def test_ten_times_real_time_with_graph_and_bag(adaptive, marks):
-    # processor time of all threads: what the machine does besides does not count
-    (first, begun), (last, ended) = next(mark for mark in marks if mark[0] > 0.0), marks[-1]
-    assert last == float(adaptive.result["data_s"]) == 20.0
-    assert (last - first) / (ended - begun) > 10.0
-
-
 def test_every_block_is_there_and_answered(adaptive):
+    assert float(adaptive.result["data_s"]) == 20.0
     assert lost_scans(adaptive) == 0
     assert unanswered_blocks(adaptive) == 0
     assert {topic: len(decoded(adaptive, topic)) for topic in LOOP[:-1]} == dict.fromkeys(LOOP[:-1], 400)

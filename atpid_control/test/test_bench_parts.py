@@ -5,13 +5,16 @@ import json
 import signal
 import socket
 import sys
+from types import SimpleNamespace
 
 import pytest
 
+from atpid_common.nodes.messages import time_of
 from atpid_control.bench import graph, outdir
 from atpid_control.bench.domain import is_quiet, own_domain
 from atpid_control.bench.errors import BenchError, NodeDiedError
 from atpid_control.bench.processes import Processes
+from atpid_control.bench.summary import real_time_factor
 from atpid_sim.scene import scene_from_mapping
 
 SCENE = {
@@ -36,15 +39,16 @@ def test_two_benches_get_different_domains_and_the_environment_is_put_back():
 
 
 def test_a_domain_with_a_participant_is_not_quiet():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
-        participant.bind(("", 7400 + 250 * 97 + 10))
-        assert not is_quiet(97)
+    with own_domain(environment={}) as domain, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        assert is_quiet(domain)
+        participant.bind(("", 7400 + 250 * domain + 10))
+        assert not is_quiet(domain)
 
 
 def test_a_domain_out_of_range_or_taken_is_refused():
     with pytest.raises(BenchError, match="given 400; allowed: 0 to 232"), own_domain(400, {}):
         pass
-    with own_domain(150, {}), pytest.raises(BenchError, match="given 150"), own_domain(150, {}):
+    with own_domain(environment={}) as taken, pytest.raises(BenchError, match=f"given {taken}"), own_domain(taken, {}):
         pass
 
 
@@ -138,6 +142,15 @@ def test_stopping_is_not_cut_short_by_a_second_interrupt(tmp_path):
                 assert nodes[name].status is None
     assert [nodes[name].status for name in "ab"] == [0, 0]
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_the_real_time_factor_is_data_over_wall_time():
+    blocks = [(wall, SimpleNamespace(header=SimpleNamespace(stamp=time_of(stamp)))) for wall, stamp in [(3, 0), (5, 4)]]
+    bag = SimpleNamespace(
+        result={"real_time_factor": "12.5"}, topics_of=lambda kind: ["/sensors/laser"], messages=lambda topic: blocks
+    )
+    assert real_time_factor(bag, "real time") == 2.0
+    assert real_time_factor(bag, "lockstep") == 12.5
 
 
 def test_two_benches_do_not_share_a_folder(tmp_path):

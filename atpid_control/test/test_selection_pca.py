@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -90,14 +89,9 @@ def test_without_gravity_it_is_right_at_every_amplitude(scene: Scene) -> None:
         assert selector.select(amplitude).efficiency > best_height(rig, amplitude).efficiency - 0.01
 
 
-def test_with_tuning_it_takes_at_most_sixty_milliseconds(scene: Scene) -> None:
+def test_with_tuning_it_takes_at_most_twenty_evaluations(scene: Scene) -> None:
     selector = PcaSelector(scene)
-    spent = []
-    for amplitude in (0.01, 0.03, 0.07):
-        begun = time.process_time()
-        selector.select(amplitude)
-        spent.append(time.process_time() - begun)
-    assert float(np.median(spent)) <= 0.060
+    assert max(selector.select(amplitude).evaluations for amplitude in (0.01, 0.02, 0.03, 0.05, 0.07, 0.08)) <= 20
 
 
 def test_tuning_follows_the_printed_steps() -> None:

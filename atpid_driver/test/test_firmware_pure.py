@@ -4,8 +4,6 @@
 import subprocess
 from pathlib import Path
 
-import pytest
-
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
 
 

@@ -176,13 +176,13 @@ def test_the_ledger_of_one_mass_closes(damping: float, height: float) -> None:
 
 
 @pytest.mark.parametrize("damping", [0.56, 24.0, 4e5])
-@pytest.mark.timeout(20)
 def test_a_slow_drive_and_a_strong_damper_cost_nothing(damping: float) -> None:
     slow = {"amplitude": 0.01, "frequency": 0.01}
     scene = STANDARD.with_(
         beam=beam(damping), excitation=slow, ceiling={"height": 0.017}, duration=2e6, steady_window=[2e6 - 200.0, 2e6]
     )
     result = simulate(scene, "simplified", check=False)
+    assert result.steps < 10_000  # in 20 000 periods of the drive and ten million of the beam
     assert result.amplitude == pytest.approx(0.01, rel=1e-5)
     assert abs(result.energy_residual) < 1e-6
 
