@@ -29,15 +29,25 @@ bench: setup ## the adaptive bench of thesis section 4.3: table, bag and report 
 stand-emulated: setup ## the whole stand without hardware: LabJack's package, real firmware, simulated physics
 	@$(IN_WORKSPACE) python -m atpid_control bench scenes/thesis_4_3.yaml --out out/stand --emulated-stand
 
-.PHONY: test
-test: setup ## format, types, import rules, then all tests; stops at the first that fails
-	@$(IN_WORKSPACE) \
-	$(call stage,ruff check,ruff check .); \
+# The checks that run nothing, then the tests on every core; a file stays on one of them, since its tests share fixtures.
+CHECKS = $(call stage,ruff check,ruff check .); \
 	$(call stage,ruff format,ruff format --check .); \
 	if python -c 'import numpy, sys; sys.exit(numpy.lib.NumpyVersion(numpy.__version__) < "2.4.0")'; then $(call stage,mypy,mypy --strict); \
 	else echo "== mypy: left out, this older numpy declares other types than the code is checked against"; fi; \
-	$(call stage,import rules,lint-imports --no-logo); \
-	echo "== pytest"; exec python -m pytest -q
+	$(call stage,import rules,lint-imports --no-logo); echo "== pytest"
+PYTEST = python -m pytest -q -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder
+
+.PHONY: test
+test: setup ## format, types, import rules, then all tests; stops at the first that fails
+	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST)
+
+.PHONY: test-fast
+test-fast: setup ## the same without the slow tests, while working
+	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST) -m "not slow"
+
+.PHONY: benchmark
+benchmark: setup ## how fast the parts are that run with the stand
+	@$(IN_WORKSPACE) python tests/benchmark.py
 
 .PHONY: figures
 figures: setup ## make every picture of README and docs again (a few minutes)

@@ -93,6 +93,7 @@ def test_a_folder_with_something_else_in_it(scenes, tmp_path, capsys):
     assert (tmp_path / "out" / "thesis.tex").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("node", "changes", "words"),
     [

@@ -45,6 +45,7 @@ def closed():
     os.close(writing)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unbuffered", UNBUFFERED)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_whose_reader_left_ends_quietly(name, unbuffered, closed, tmp_path):

@@ -30,6 +30,7 @@ RUN = {
         r"python -m atpid_control bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
         r"python -m atpid_sim\.figures\.(contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
     },
+    "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
     "tests/test_emulated_stand.py": {
         r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
         r"python -m atpid_driver standin": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
@@ -80,7 +81,7 @@ RUN = {
 }
 #: Commands no test runs, and why. That ours exist and take the options shown is tested all the same.
 NOT_RUN = {
-    r"make test$": "it runs this",
+    r"make test(-fast)?$": "it runs this",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",

@@ -12,6 +12,8 @@ from graph_runs import scene_file
 
 from atpid_control.bench.emulated import missing_tools
 
+pytestmark = pytest.mark.slow
+
 SCENE = {
     "excitation": {"amplitude": [[0.0, 0.0], [0.5, 0.015], [8.0, 0.015]], "frequency": "resonance"},
     "duration": 8.0,

@@ -64,6 +64,7 @@ def test_every_picture_carries_its_numbers(picture: Path) -> None:
     assert any(curves for curves in panels.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", AGAIN)
 def test_a_picture_shows_what_is_computed_now(name: str, tmp_path: Path) -> None:
     now, printed = AGAIN[name](tmp_path), numbers_in(ROOT / "docs/figures" / f"{name}.png")

@@ -15,6 +15,8 @@ from atpid_control.bench.graph import PARTS, write_parameters
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
 from atpid_control.recording.verify import verify
 
+pytestmark = pytest.mark.slow
+
 CHANGES = {"duration": 4.0, "steady_window": [2.0, 4.0]}
 
 

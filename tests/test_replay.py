@@ -319,7 +319,7 @@ def test_ctrl_c_ends_a_replay_quietly(ros: SingleThreadedExecutor, recorded: Pat
         )
         stack.callback(process.wait)
         stack.callback(process.kill)
-        spin_until(ros, lambda: len(loop.blocks) > 0)
+        spin_until(ros, lambda: len(loop.blocks) > 0 or process.poll() is not None)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=100.0)
-    assert process.returncode == 0 and "Traceback" not in said
+    assert process.returncode == 0 and "Traceback" not in said, said

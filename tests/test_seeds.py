@@ -107,6 +107,7 @@ def test_a_grain_lighter_than_believed_is_said_as_drift_once(scenes, height_map)
     assert {answer.severity for answer in ran.answers if answer.kind == "drift"} == {2}
 
 
+@pytest.mark.slow
 def test_the_command_prints_its_table_and_refuses_what_it_cannot_run(scenes, capsys):
     assert main(["seeds", str(scenes / "stepped_4_8.yaml"), "--seeds", "1", "--decibels", "40"]) == 0
     assert "stepped_4_8" in capsys.readouterr().out

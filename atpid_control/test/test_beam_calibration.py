@@ -54,6 +54,7 @@ def fitted(recording: Recording) -> BeamFit:
     return fit_beam(recording.beam, recording.support, recording.rate)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [LASER, 5e-4])
 @pytest.mark.parametrize("scene", [DECAY, SWEEP], ids=["decay", "sweep"])
 def test_all_three_are_recovered_within_a_per_cent_with_a_known_mass(scene: Scene, noise: float) -> None:
@@ -65,6 +66,7 @@ def test_all_three_are_recovered_within_a_per_cent_with_a_known_mass(scene: Scen
     assert found.damping == pytest.approx(CLOSED.beam.damping, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [DECAY, SWEEP], ids=["decay", "sweep"])
 def test_an_added_mass_tells_all_three(scene: Scene) -> None:
     plain, loaded = fitted(recorded(scene, 1)), fitted(recorded(with_mass(scene, 0.05), 2))

@@ -61,6 +61,7 @@ def test_a_steady_tone_is_steady_and_right_whatever_lies_on_top(name: str) -> No
     assert 0.5 < np.sqrt(np.mean([((e.amplitude - AMPLITUDE) / e.amplitude_std) ** 2 for e in found])) < 1.7
 
 
+@pytest.mark.slow
 def test_no_false_change_in_ten_minutes_of_steady_noise() -> None:
     rng, t = np.random.default_rng(1), times(600.0)
     found = estimates(tone(t) + noise(rng, t.size, 40.0))

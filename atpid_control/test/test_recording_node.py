@@ -214,6 +214,7 @@ class Process:
         return self.process.returncode, said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_every_end_leaves_a_bag(ros: SingleThreadedExecutor, tmp_path: Path, number: int) -> None:
     recorder, source = Process(tmp_path / "run", "sync_period:=0.05"), Source()
@@ -241,6 +242,7 @@ def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
     assert status == 2 and said.count("\n") == 1 and "exists already" in said
 
 
+@pytest.mark.slow
 def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
     first, source = Process(tmp_path / "first"), Source()
     ros.add_node(source)

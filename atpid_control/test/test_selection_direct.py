@@ -88,6 +88,7 @@ def test_more_uncertainty_never_costs_less(scene: Scene) -> None:
     assert prices[0] == pytest.approx(0.0, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_without_gravity_the_pca_is_as_good_as_the_thesis_says() -> None:
     # what docs/figures/selection_pca_error.png shows: Fig. 4.43, about 4 %, at every amplitude
     amplitudes = np.geomspace(0.003, 0.1, 4)

@@ -10,6 +10,7 @@ import pytest
 from atpid_driver.cli import main
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_at_full_rate(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["load", "--seconds", "4", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)

@@ -22,6 +22,7 @@ DRIVER = Path(__file__).resolve().parents[1]
 PROTOCOL_TEXT = DRIVER.parent / "docs" / "motor_protocol.md"
 
 
+@pytest.mark.slow
 def test_100_000_harmful_frames_move_nothing(tmp_path: Path) -> None:
     with board(tmp_path, height=0.98) as emulator:
         result = fuzz(emulator, frames=100_000, seed=20)

@@ -4,9 +4,12 @@
 import subprocess
 from pathlib import Path
 
+import pytest
+
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
 
 
+@pytest.mark.slow
 def test_every_rule_holds_for_random_requests_and_faults(tmp_path: Path) -> None:
     done = subprocess.run(
         ["make", "-C", str(FIRMWARE), "check", f"BUILD={tmp_path}"], capture_output=True, text=True, check=False

@@ -57,6 +57,7 @@ def start_down(stand: Stand) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interrupts", [1, 2])
 def test_ctrl_c_in_motion_stops_the_motor_at_once(
     stand: Stand, emulator: Emulator, tmp_path: Path, interrupts: int
@@ -74,6 +75,7 @@ def test_ctrl_c_in_motion_stops_the_motor_at_once(
         assert truth.motor_off_ms - truth.last_byte_ms < 50.0, "by its word, not by the heartbeat"
 
 
+@pytest.mark.slow
 def test_killed_in_motion_the_firmware_stops_the_motor(stand: Stand, emulator: Emulator, tmp_path: Path) -> None:
     with started(tmp_path) as process:
         start_down(stand)
@@ -83,6 +85,7 @@ def test_killed_in_motion_the_firmware_stops_the_motor(stand: Stand, emulator: E
         assert truth.motor_off_ms - truth.last_byte_ms <= 500.0
 
 
+@pytest.mark.slow
 def test_the_second_of_two_ends_with_one_line_and_the_first_goes_on(
     stand: Stand, emulator: Emulator, tmp_path: Path
 ) -> None:

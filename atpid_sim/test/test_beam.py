@@ -55,6 +55,7 @@ def beam_exactly(row: Array, damping: float, start: float, x: float, v: float, a
     return float(last[0]), float(last[1]) * omega
 
 
+@pytest.mark.slow
 @given(
     detuning=SHARES,
     damping_ratio=SHARES,

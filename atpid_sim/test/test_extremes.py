@@ -71,6 +71,7 @@ def test_the_command_writes_its_table(tmp_path, capsys):
     assert (tmp_path / "extremes.md").read_text() in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_million_periods_keep_their_phase():
     scene = STANDARD.with_(
         excitation={"amplitude": 0.001, "frequency": 1000.0}, ceiling={"height": 0.017}, duration=1000.0,
@@ -80,6 +81,7 @@ def test_a_million_periods_keep_their_phase():
     assert simulate(scene, "simplified", check=False).amplitude == pytest.approx(steady, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rung", "periods"), [("impact", 1e6), ("soft", 1e5)])
 def test_a_damper_works_for_hundreds_of_thousands_of_periods(rung, periods):
     duration = periods / STANDARD.natural_frequency_hz

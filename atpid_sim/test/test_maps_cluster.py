@@ -47,6 +47,7 @@ def cluster() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
         yield address, processes[1:]
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_the_same_map(cluster, tmp_path):
     address, workers = cluster
     done_when_killed = []

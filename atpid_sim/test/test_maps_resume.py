@@ -25,6 +25,7 @@ def scene() -> Scene:
     return load_scene(SCENE)
 
 
+@pytest.mark.slow
 def test_a_killed_map_is_resumed_without_recomputation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

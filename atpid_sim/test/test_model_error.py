@@ -39,6 +39,7 @@ def drawn(closed):
         )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rung", "stated"), [("impact", impact_error), ("simplified", closed_error)])
 def test_what_is_stated_is_seldom_exceeded(rung, stated):
     def one(scene):

@@ -47,6 +47,7 @@ def reference() -> float:
     return run_peer(SHORT, "cash_karp", 1e-12).amplitude
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PEERS)
 def test_every_peer_finds_the_same_motion(name: str, reference: float) -> None:
     result = run_peer(SHORT, name, TOLERANCE[name])

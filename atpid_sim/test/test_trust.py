@@ -32,12 +32,14 @@ def runs():
     return [answer for _, answer in on_all_cores(one, thesis_range(SYSTEMS, seed=1))]
 
 
+@pytest.mark.slow
 def test_what_is_called_reproducible_is_right(runs):
     errors = [abs(result.amplitude / fine[1] - 1.0) for result, fine in runs if result.reproducible]
     assert len(errors) > SYSTEMS / 3
     assert max(errors) <= 0.005
 
 
+@pytest.mark.slow
 def test_what_no_tolerance_reproduces_is_flagged(runs):
     chaotic = [result for result, fine in runs if abs(fine[0] / fine[1] - 1.0) > 1e-3]
     assert len(chaotic) > SYSTEMS / 10
@@ -107,6 +109,7 @@ def test_a_tolerance_that_is_none_is_refused(rtol):
             simulate(standard_task(0.01, 0.1, 0.2), rung, rtol)
 
 
+@pytest.mark.slow
 def test_every_ledger_closes(runs):
     assert max(abs(result.energy_residual) for result, _ in runs) <= 1e-6
 
