@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CI runs the tests in an environment that hides nothing."""
+
+import os
+import subprocess
+
+
+def test_ci_runs_the_tests_in_a_clean_environment(root, tmp_path):
+    make = tmp_path / "make"
+    make.write_text('#!/bin/sh\nenv > "${0%/*}/$1.env"\n')
+    make.chmod(0o755)
+    given = {"PATH": f"{tmp_path}:/usr/bin:/bin", "CI": "true", "PYTHONUNBUFFERED": "1", "PIP_INDEX_URL": "file:///"}
+    subprocess.run(["bash", root / ".ci/run"], env=os.environ | given, check=True)
+    seen = dict(line.split("=", 1) for line in (tmp_path / "test.env").read_text().splitlines())
+    assert seen.keys() - {"PWD", "OLDPWD", "SHLVL", "_"} == {"HOME", "PATH", "LANG", "CI"}
+    assert (seen["CI"], seen["HOME"]) == ("true", os.environ["HOME"])
+    assert "PIP_INDEX_URL=file:///" in (tmp_path / "setup.env").read_text()
