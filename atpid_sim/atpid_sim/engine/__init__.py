@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled engine: flights in closed form, contacts integrated (docs/engine.md)."""
