@@ -25,7 +25,7 @@ setup(
     package_data={NAME: ["py.typed", "data/*", "**/data/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}", ["LICENSE", "package.xml"]),
         *shared_files("config", "firmware"),
     ],
     zip_safe=False,
