@@ -43,7 +43,7 @@ EXECUTABLES = {
     ("atpid_control", "identifier_node"): ["identifier.yaml"],
     ("atpid_control", "selector_node"): ["selector.yaml", "scene:={}/scene.yaml", "map:={}/map.npz"],
     ("atpid_control", "recorder_node"): ["recorder.yaml", "bag:={}/new_bag", "scene:={}/scene.yaml"],
-    ("atpid_control", "replay_node"): ["recorder.yaml", "bag:={}/bag"],
+    ("atpid_control", "replay_node"): ["recorder.yaml", "bag:={}/out/bag"],
 }
 
 
@@ -58,11 +58,10 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What a user brings along: a scene, a map and a bag."""
+    """What a user brings along: a scene and a map."""
     folder = tmp_path_factory.mktemp("inputs")
     scene_file(ROOT / "scenes/thesis_4_3.yaml", folder, duration=2.0, steady_window=[1.0, 2.0])
     shutil.copy(ROOT / "atpid_control/config/maps/standard.npz", folder / "map.npz")
-    shutil.copytree(ROOT / "bags/thesis_4_3_short", folder / "bag")
     return folder
 
 
@@ -74,10 +73,18 @@ def removed(workspace: Path) -> Path:
     return workspace
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def shell(removed: Path) -> dict[str, str]:
     """The environment of a shell that has sourced the installation."""
     return sourced(removed)
+
+
+@pytest.fixture(scope="module")
+def recorded(shell: dict[str, str], inputs: Path) -> Path:
+    """The folder of a run of the installed bench."""
+    command = [sys.executable, "-m", "atpid_control", "bench", str(inputs / "scene.yaml")]
+    run([*command, "--out", str(inputs / "out")], inputs, shell)
+    return inputs / "out"
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -121,43 +128,34 @@ def graph() -> Iterator[rclpy.node.Node]:
 
 
 def test_every_executable_starts_and_ends(
-    removed: Path, shell: dict[str, str], inputs: Path, tmp_path: Path, graph: rclpy.node.Node
+    removed: Path, shell: dict[str, str], inputs: Path, recorded: Path, tmp_path: Path, graph: rclpy.node.Node
 ) -> None:
     install = removed / "install"
     assert {(path.parent.name, path.name) for path in install.glob("*/lib/atpid_*/*")} == set(EXECUTABLES)
-    processes = []
+    processes = {}
     try:
         for (package, name), (file, *values) in EXECUTABLES.items():
-            command = [str(install / package / "lib" / package / name), "--ros-args"]
+            command = [str(install / package / "lib" / package / name), "--ros-args", "-r", f"__ns:=/{name}"]
             command += ["--params-file", str(install / package / "share" / package / "config" / file)]
             command += [word for value in values for word in ("-p", value.format(inputs))]
-            with (tmp_path / f"{name}.log").open("w") as log:
-                processes.append(subprocess.Popen(command, cwd=tmp_path, env=shell, stdout=log, stderr=log))
-        wait_until(lambda: {name for _, name in EXECUTABLES} <= set(graph.get_node_names()) or ended(processes))
+            with (tmp_path / name).open("w") as log:
+                processes[name] = subprocess.Popen(command, cwd=tmp_path, env=shell, stdout=log, stderr=log)
+        wait_until(lambda: processes.keys() <= set(graph.get_node_names()) or ended(processes))
     finally:
-        for process in processes:
+        for process in processes.values():
             process.send_signal(signal.SIGINT)
-        statuses = [process.wait() for process in processes]
-    assert statuses == [0] * len(statuses), [path.read_text()[-500:] for path in sorted(tmp_path.glob("*.log"))]
+        statuses = {name: process.wait() for name, process in processes.items()}
+    failed = [name for name, status in statuses.items() if status != 0]
+    assert failed == [], [(tmp_path / name).read_text() for name in failed]
 
 
-def ended(processes: list[subprocess.Popen[bytes]]) -> bool:
-    return any(process.poll() is not None for process in processes)
+def ended(processes: dict[str, subprocess.Popen[bytes]]) -> bool:
+    return any(process.poll() is not None for process in processes.values())
 
 
-def test_the_bench_runs_and_makes_its_report(shell: dict[str, str], inputs: Path, tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "atpid_control",
-        "bench",
-        str(inputs / "scene.yaml"),
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    run(command, tmp_path, shell)
-    assert json.loads((tmp_path / "out/summary.json").read_text())["stages"]
-    page = next((tmp_path / "out").rglob("report.html")).read_text()
+def test_the_bench_makes_its_report(recorded: Path) -> None:
+    assert json.loads((recorded / "summary.json").read_text())["stages"]
+    page = next(recorded.rglob("report.html")).read_text()
     for name in ("page.css", "page.js"):
         assert (ROOT / "atpid_control/atpid_control/report/data" / name).read_text().strip()[-60:] in page
 
