@@ -49,6 +49,16 @@ test-fast: setup ## the same without the slow tests, while working
 benchmark: setup ## how fast the parts are that run with the stand
 	@$(IN_WORKSPACE) python tests/benchmark.py
 
+.PHONY: test-install
+test-install: setup ## build a clone as a ROS user does, remove it and run what was installed; colcon test
+	@$(IN_WORKSPACE) exec python -m pytest -q tests/test_installation.py
+
+.PHONY: coverage
+coverage: setup ## run all tests with coverage.py: table on the screen, pages in out/coverage
+	@$(IN_WORKSPACE) python -m coverage erase && \
+	{ python -m coverage run -m pytest -q; status=$$?; \
+	  python -m coverage combine -q && python -m coverage html -q -d out/coverage && python -m coverage report --skip-covered; exit $$status; }
+
 .PHONY: figures
 figures: setup ## make every picture of README and docs again (a few minutes)
 	@. ros2_ws/activate || exit 2; set -e; \

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Installs the package the way ament and `ros2 run` expect it."""
 
-from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -10,28 +9,27 @@ NAME = "atpid_driver"
 NODES = ["feed_node", "labjack_node", "motor_node", "ni_node"]
 
 
-def firmware_files() -> list[tuple[str, list[str]]]:
-    """Return the firmware's files folder by folder, as `data_files` wants them, without what a build leaves behind."""
-    folders: dict[str, list[str]] = {}
-    for path in sorted(Path("firmware").rglob("*")):
-        if path.is_file() and "build" not in path.parts:
-            folders.setdefault(f"share/{NAME}/{path.parent}", []).append(str(path))
-    return list(folders.items())
+def shared_files(*folders: str) -> list[tuple[str, list[str]]]:
+    """Return every file below the folders with its place in the share folder, as `data_files` takes them."""
+    places: dict[str, list[str]] = {}
+    for path in sorted(path for folder in folders for path in Path(folder).rglob("*")):
+        if path.is_file() and not {"build", "__pycache__"} & set(path.parts):  # made by builds and runs
+            places.setdefault(f"share/{NAME}/{path.parent.as_posix()}", []).append(str(path))
+    return list(places.items())
 
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="1.0.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed", "data/*", "**/data/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.*"))),
-        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
-        *firmware_files(),
+        (f"share/{NAME}", ["LICENSE", "package.xml"]),
+        *shared_files("config", "firmware"),
     ],
     zip_safe=False,
+    extras_require={"test": ["pytest"]},  # makes `colcon test` run pytest
     maintainer="ATPID maintainers",
     maintainer_email="atpid@example.org",
     description="The hardware of the tuned particle impact damper: drivers, calibration, firmware.",

@@ -10,18 +10,19 @@ Exit status: 0 set up, 2 something is missing on this machine (one line says wha
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import re
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from machine import (
+    DISK_NEEDED,
     ROOT,
     VENV,
     WORKSPACE,
@@ -29,14 +30,17 @@ from machine import (
     Ros,
     SetupError,
     choose,
+    disk_is_full,
     environment_key,
     foreign_paths,
     output_of,
     package_key,
     read_stamp,
+    require_disk,
     require_machine,
     write_stamp,
 )
+from progress import step
 
 PACKAGES = ("atpid_interfaces", "atpid_sim", "atpid_driver", "atpid_control")
 LOG = WORKSPACE / "setup.log"
@@ -45,6 +49,7 @@ UNREACHABLE = re.compile(
     r"Failed to establish a new connection|name resolution|Could not resolve|Connection refused|Network is unreachable|"
     r"ConnectTimeout|ReadTimeout|ProxyError|SSLError|Max retries exceeded|No matching distribution found"
 )
+FULL_DISK = re.compile(r"No space left on device|Disk quota exceeded|No usable temporary directory")
 # Where the wheels were built; their CMake files still say so.
 BUILD_CONTAINER = re.compile(
     r"/opt/python/cp\d+-cp\d+/(include/python3\.\d+|lib/python3\.\d+/site-packages/numpy/_core/include)"
@@ -65,19 +70,6 @@ def alone() -> Iterator[None]:
             print("set-up: another one is at work in this folder, waiting for it", flush=True)
             fcntl.flock(handle, fcntl.LOCK_EX)
         yield
-
-
-@contextmanager
-def step(text: str) -> Iterator[None]:
-    """Say what is being done and how long it took."""
-    begin = time.monotonic()
-    print(f"  {text} ...", end="", flush=True)
-    try:
-        yield
-    except BaseException:
-        print(flush=True)
-        raise
-    print(f" {time.monotonic() - begin:.0f} s", flush=True)
 
 
 def run(command: list[str | Path], what: str, environment: dict[str, str], cwd: Path = ROOT) -> None:
@@ -102,6 +94,8 @@ def explain_failure(what: str, text: str, status: int) -> SetupError:
             f"set-up cannot get the Python packages from the package index{detail}: connect this machine to it, or "
             "point pip at a mirror (pip config set global.index-url ...), then run the same command again"
         )
+    if FULL_DISK.search(text):
+        return disk_is_full()
     sys.stderr.write("".join(f"    {line}\n" for line in text.splitlines()[-25:]))
     return SetupError(f"set-up failed: {what} ended with status {status}; all its output is in ros2_ws/setup.log", 1)
 
@@ -161,8 +155,8 @@ def build_workspace(ros: Ros, fresh: bool) -> None:
     if ros.source == "wheels":
         environment["AMENT_PREFIX_PATH"] = environment["CMAKE_PREFIX_PATH"] = str(VENV)
     python = VENV / "bin/python"
-    command: list[str | Path] = [python, "-m", "colcon", "build", "--symlink-install", "--cmake-args"]
-    arguments = [f"-DPython3_EXECUTABLE={python}", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=Release"]
+    command: list[str | Path] = [python, "-m", "colcon", "build", "--symlink-install", "--base-paths", "src"]
+    arguments = ["--cmake-args", f"-DPython3_EXECUTABLE={python}", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=Release"]
     with step("building the workspace (half a minute the first time)" if fresh else "building what changed"):
         run([*command, *arguments], "colcon build", environment, WORKSPACE)
 
@@ -178,8 +172,10 @@ def set_up(requested: str | None) -> None:
     if current and read_stamp(build_stamp) == "\n".join(keys):
         return
     require_machine(python, ros, os.environ)
-    origin = "as sourced" if ros.source == "sourced" else "from its wheels"
-    print(f"set-up: Python {python.version}, ROS 2 Jazzy {origin}", flush=True)
+    if not VENV.exists():
+        require_disk()
+    origin = "as sourced" if ros.source == "sourced" else "from its wheels (Linux on x86_64 only)"
+    print(f"set-up: Python {python.version}, ROS 2 Jazzy {origin}, {DISK_NEEDED / 1e9:.1f} GB of disk", flush=True)
     LOG.write_text("")
     if not current:
         environment_stamp.unlink(missing_ok=True)
@@ -200,6 +196,11 @@ def main() -> int:
     except SetupError as error:
         print(error, file=sys.stderr)
         return error.status
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        print(disk_is_full(), file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("set-up: interrupted; the same command goes on where it can", file=sys.stderr)
         return 130

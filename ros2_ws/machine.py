@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 WORKSPACE = ROOT / "ros2_ws"
 VENV = ROOT / ".venv"
 
+DISK_NEEDED = 1.24e9  # of the environment and the workspace [bytes]
 SUPPORTED = ("3.10", "3.11", "3.12", "3.13")
 SEARCH_ORDER = ("python3", "python3.12", "python3.11", "python3.13", "python3.10")
 PYTHON_PROBE = """
@@ -26,7 +27,7 @@ HEADER_PROBE = "import os, sysconfig; print(os.path.exists(os.path.join(sysconfi
 
 # What decides how a package is built: contents of these, and names of those that are only installed as links.
 BUILD_FILES = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", "msg/*", "srv/*", "action/*")
-LINKED_FILES = ("launch/*", "config/*", "resource/*", "firmware/**/*", "atpid_common/**/*.py")
+LINKED_FILES = ("launch/**/*", "config/**/*", "resource/*", "firmware/**/*", "atpid_common/**/*.py")
 
 
 class SetupError(Exception):
@@ -133,6 +134,26 @@ def require_machine(python: Interpreter, ros: Ros, environment: Mapping[str, str
     if output_of([python.path, "-c", HEADER_PROBE]) != "True":
         package = "python3-dev" if python.path == "/usr/bin/python3" else f"python{python.version}-dev"
         raise SetupError(f"set-up needs the C headers of {python.path} for the messages: sudo apt install {package}")
+
+
+def require_disk() -> None:
+    """Refuse a disk on which the environment has no room."""
+    free = shutil.disk_usage(ROOT).free
+    if free < DISK_NEEDED:
+        raise SetupError(
+            f"set-up needs {DISK_NEEDED / 1e9:.1f} GB in {ROOT} and {free / 1e9:.1f} GB are free: make room, or move "
+            "the folder to a larger disk"
+        )
+
+
+def disk_is_full() -> SetupError:
+    """Return the line for a step that ended at a full disk: what is needed, and what is free where set-up writes."""
+    places = dict.fromkeys((str(ROOT), os.environ.get("TMPDIR", "/tmp")))
+    free = ", ".join(f"{shutil.disk_usage(place).free / 1e9:.1f} GB free in {place}" for place in places)
+    return SetupError(
+        f"set-up failed: a disk is full; it needs {DISK_NEEDED / 1e9:.1f} GB ({free}): make room, then run the same "
+        "command again"
+    )
 
 
 def digest(parts: Iterable[str | bytes]) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests across packages share. Domain, discovery range and the check for leftovers: ../conftest.py."""
+"""What the tests across packages share. Domain, discovery range and the check for leftovers: atpid_common.testing."""
 
 from pathlib import Path
 

@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set-up as pure functions and with its steps recorded instead of run; the real run comes before these tests."""
 
-import ast
+import contextlib
 import os
+import pty
 import re
+import subprocess
 import sys
 import types
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
 
 import bootstrap
 import machine
+import progress
 
 PACKAGES = bootstrap.PACKAGES
 HERE = os.path.realpath(sys.executable)
@@ -26,18 +28,6 @@ def fake_rclpy(folder: Path) -> Path:
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("")
     return package / "__init__.py"
-
-
-def imports_of(package: Path) -> set[str]:
-    """Return the top-level names a package imports from elsewhere, its launch files included."""
-    found = set()
-    for path in [*(package / package.name).rglob("*.py"), *package.glob("launch/*.py")]:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                found |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                found.add(node.module.partition(".")[0])
-    return found - set(sys.stdlib_module_names) - {package.name}
 
 
 @pytest.fixture
@@ -88,6 +78,7 @@ def steps(project: Path, monkeypatch: pytest.MonkeyPatch) -> Steps:
     monkeypatch.setattr(bootstrap, "repair_wheels", lambda venv: recorder.done.append("repair"))
     monkeypatch.setattr(bootstrap, "choose", lambda requested, environment: (PYTHON, WHEELS))
     monkeypatch.setattr(bootstrap, "require_machine", lambda *given: None)
+    monkeypatch.setattr(bootstrap, "require_disk", lambda: None)
     return recorder
 
 
@@ -131,6 +122,14 @@ def test_a_new_launch_file_is_linked_by_a_short_build(steps: Steps, project: Pat
     bootstrap.set_up(None)
     assert steps.done == [*FULL, "colcon build"]
     assert kept.exists()
+
+
+def test_a_new_file_in_a_folder_of_a_folder_is_linked(steps: Steps, project: Path) -> None:
+    bootstrap.set_up(None)
+    (project / "atpid_sim/config/calibration").mkdir(parents=True)
+    (project / "atpid_sim/config/calibration/laser.yaml").write_text("")
+    bootstrap.set_up(None)
+    assert steps.done == [*FULL, "colcon build"]
 
 
 def test_built_firmware_is_no_change(steps: Steps, project: Path) -> None:
@@ -233,6 +232,65 @@ def test_an_unknown_failure_shows_its_last_lines(capsys: pytest.CaptureFixture[s
     assert "the compiler says no" in capsys.readouterr().err
 
 
+def test_the_first_line_names_what_set_up_needs(steps: Steps, capsys: pytest.CaptureFixture[str]) -> None:
+    bootstrap.set_up(None)
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first == "set-up: Python 3.12, ROS 2 Jazzy from its wheels (Linux on x86_64 only), 1.2 GB of disk"
+
+
+def test_a_disk_without_room_is_refused_before_anything_is_made(
+    steps: Steps, monkeypatch: pytest.MonkeyPatch, project: Path
+) -> None:
+    monkeypatch.setattr(bootstrap, "require_disk", machine.require_disk)
+    monkeypatch.setattr(machine, "DISK_NEEDED", 1e18)
+    with pytest.raises(
+        machine.SetupError, match=r"^set-up needs 1000000000\.0 GB in .* GB are free: make room"
+    ) as caught:
+        bootstrap.set_up(None)
+    assert caught.value.status == 2
+    assert steps.done == []
+
+
+def test_a_disk_that_fills_up_is_one_line(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    writing = "open('/dev/full', 'wb', buffering=0).write(b'wheel')"
+    with pytest.raises(machine.SetupError, match=r"a disk is full; it needs 1\.2 GB .* GB free in /") as caught:
+        bootstrap.run([sys.executable, "-c", writing], "pip", dict(os.environ))
+    assert caught.value.status == 2
+    assert capsys.readouterr().err == ""
+
+
+def test_a_disk_too_full_for_the_log_is_one_line(
+    steps: Steps, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bootstrap, "set_up", lambda requested: Path("/dev/full").write_text("x"))
+    assert bootstrap.main() == 2
+    assert "a disk is full" in capsys.readouterr().err
+
+
+def test_steps_without_a_terminal_are_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.step("making it"):
+        pass
+    assert capsys.readouterr().out == "  making it ... 0 s\n"
+
+
+def test_on_a_terminal_the_seconds_are_counted() -> None:
+    code = "import sys, progress\nwith progress.step('making it'): sys.stdin.readline()"
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-c", code]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=theirs, cwd=machine.WORKSPACE)
+    os.close(theirs)
+    seen = b""
+    while not seen.endswith(b"... 2 s"):
+        seen += os.read(ours, 1000)
+    process.communicate(b"\n")
+    with contextlib.suppress(OSError):  # as a terminal ends whose last writer has gone
+        while rest := os.read(ours, 1000):
+            seen += rest
+    os.close(ours)
+    assert process.returncode == 0
+    assert re.fullmatch(rb"  making it \.\.\.(\r  making it \.\.\.( \d s)?)*( \d s)?\r\n", seen)
+
+
 def test_the_wheels_get_this_machines_paths(tmp_path: Path) -> None:
     python = tmp_path / "bin/python"
     python.parent.mkdir()
@@ -257,40 +315,3 @@ def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -
         assert re.match(r"[a-z0-9.-]+==\S+( ; [^\\]+)? \\\n    --hash=sha256:", entry), entry
     assert "://" not in text
     assert not re.search(r"^-|--(index|extra|find)", text, re.MULTILINE)
-
-
-def test_the_workspace_links_to_the_packages(root: Path) -> None:
-    for package in PACKAGES:
-        link = root / "ros2_ws/src" / package
-        assert link.is_symlink()
-        assert link.readlink() == Path("../..") / package
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_package_files_agree(root: Path, package: str) -> None:
-    manifest = ElementTree.parse(root / package / "package.xml").getroot()
-    assert manifest.get("format") == "3"
-    assert manifest.findtext("name") == package
-    assert manifest.findtext("license") == "Apache-2.0"
-    version = manifest.findtext("version")
-    assert f"\n{version} (" in (root / package / "CHANGELOG.rst").read_text()
-    if package != "atpid_interfaces":
-        setup = (root / package / "setup.py").read_text()
-        assert f'version="{version}"' in setup
-        assert (root / package / "resource" / package).exists()
-
-
-# rosdep's names where they differ, and what comes with another dependency.
-ROSDEP = {"yaml": "python3-yaml", "serial": "python3-serial", "pydantic_core": "python3-pydantic"}
-PART_OF = {"grpc": "nidaqmx"}
-
-
-@pytest.mark.parametrize("package", [name for name in PACKAGES if name != "atpid_interfaces"])
-def test_every_import_is_a_dependency(root: Path, package: str) -> None:
-    text = (root / package / "package.xml").read_text()
-    declared = set(re.findall(r"<(?:exec_)?depend>(.+)</", text))
-    pip_only = re.search(r"<!-- Without a rosdep key.*: (.+)\. -->", text)
-    assert pip_only
-    for name in imports_of(root / package):
-        known = {name, f"python3-{name}", ROSDEP.get(name, name)}
-        assert known & declared or PART_OF.get(name, name) in pip_only.group(1), f"package.xml lacks {name}"

@@ -82,6 +82,8 @@ RUN = {
 #: Commands no test runs, and why. That ours exist and take the options shown is tested all the same.
 NOT_RUN = {
     r"make test(-fast)?$": "it runs this",
+    r"make coverage$": "it runs this, counting lines",
+    r"make lock$": "resolves against the package index; its results have a test",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
+from ament_index_python.packages import get_package_prefix
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -206,7 +207,7 @@ def test_the_last_stamp_is_rounded_as_the_source_rounds_it() -> None:
 
 
 def test_as_a_process_without_parameters_it_says_what_to_do() -> None:
-    executable = ROOT / "ros2_ws" / "install" / "atpid_control" / "lib" / "atpid_control" / "identifier_node"
+    executable = Path(get_package_prefix("atpid_control")) / "lib" / "atpid_control" / "identifier_node"
     ended = subprocess.run([executable], capture_output=True, text=True, timeout=100.0, env=os.environ, check=False)
     assert ended.returncode == 2
     assert ended.stderr.strip().startswith("error: ") and "identifier.yaml" in ended.stderr

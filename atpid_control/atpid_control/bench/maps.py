@@ -10,11 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from atpid_common.cache import cache_root
+from atpid_common.errors import InputError
+from atpid_common.share import share_folder
 from atpid_sim.maps import HeightMap, MapError, build_map
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
@@ -56,12 +57,9 @@ def amplitudes_of(scene: Scene) -> tuple[float, float]:
 
 
 def _known(cache: Path) -> Iterator[Path]:
-    # as installed, and as it lies in a checkout whose workspace was built before the map was added
-    folders = [Path(__file__).resolve().parents[2] / "config" / "maps", cache]
-    with suppress(PackageNotFoundError, OSError):
-        folders.insert(0, Path(get_package_share_directory("atpid_control")) / "config" / "maps")
-    for folder in folders:
-        yield from sorted(folder.glob("*.npz"))
+    with suppress(InputError):  # used without a workspace
+        yield from sorted((share_folder("atpid_control") / "config" / "maps").glob("*.npz"))
+    yield from sorted(cache.glob("*.npz"))
 
 
 def _fits(path: Path, scene: Scene) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from atpid_common.share import share_folder
 from atpid_control.selection.study import landscape, margin_curve, pca_errors
 from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.maps import HeightMap
@@ -19,13 +20,13 @@ _STAGES = (0.015, 0.03, 0.04)
 #: Beyond this the grain is pressed deeper into a wall than its radius, and the contact law ends [m].
 _DEEPEST = 0.1
 
-_SHIPPED = Path(__file__).resolve().parents[2] / "config" / "maps" / "standard.npz"
+_SHIPPED = "config/maps/standard.npz"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this figure's arguments."""
     parser.add_argument("--out", type=Path, default=Path("docs/figures"), help="folder the pictures go to")
-    parser.add_argument("--map", type=Path, default=_SHIPPED, help="height map to draw; default: the shipped one")
+    parser.add_argument("--map", type=Path, help="height map to draw; default: the shipped one")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     for draw in (draw_landscape, draw_margin, draw_pca_errors):
         print(draw(args.out))
-    print(draw_map(args.out, HeightMap.load(args.map)))
+    print(draw_map(args.out, HeightMap.load(args.map or share_folder("atpid_control") / _SHIPPED)))
     return 0
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import fcntl
-import os
+import hashlib
 import shutil
 import subprocess
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Final
 
 from atpid_common.cache import cache_root
 from atpid_common.errors import InputError
+from atpid_common.share import share_folder
 
 SOURCE: Final = Path(__file__).resolve().parent / "data"
 PACKAGES: Final = "gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev"
@@ -41,33 +42,31 @@ def build_firmware(table: Path | None = None, folder: Path | None = None) -> Pat
     Raises `EmulatorUnavailableError` where the tools are missing or the build fails.
     """
     source = _firmware_source()
-    build = folder or _build_folder(source)
+    build = folder or _build_folder("firmware", source)
     _make(source, build, *([f"TABLE={table}"] if table else []))
     return build / "atpid_motor.elf"
 
 
 def build_emulator() -> Path:
     """Build the emulator and return its executable. Raises `EmulatorUnavailableError` as `build_firmware`."""
-    build = _build_folder(SOURCE.parent)
+    build = _build_folder("emulator", SOURCE)
     _make(SOURCE, build)
     return build / "emulator"
 
 
 def _firmware_source() -> Path:
-    """Return the firmware's folder: beside the package in a checkout, in the package's share folder once installed."""
-    beside = Path(__file__).resolve().parents[2] / "firmware"
-    if beside.is_dir():
-        return beside
-    from ament_index_python.packages import get_package_share_directory
-
-    return Path(get_package_share_directory("atpid_driver")) / "firmware"
+    """Return the folder of the installed firmware's sources."""
+    return share_folder("atpid_driver") / "firmware"
 
 
-def _build_folder(source: Path) -> Path:
-    """Return where to build: beside the source, or in the user's cache where that cannot be written."""
-    if os.access(source, os.W_OK):
-        return source / "build"
-    return cache_root() / source.name
+def _build_folder(name: str, source: Path) -> Path:
+    """Return where to build, a folder of the user's cache named after the contents of the sources."""
+    digest = hashlib.sha256()
+    for path in sorted(path for path in source.rglob("*") if path.is_file()):
+        place = path.relative_to(source)
+        if place.parts[0] != "build":
+            digest.update(str(place).encode() + path.read_bytes())
+    return cache_root() / f"{name}-{digest.hexdigest()[:16]}"
 
 
 def _make(source: Path, build: Path, *variables: str) -> None:

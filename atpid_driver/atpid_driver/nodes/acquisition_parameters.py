@@ -3,16 +3,15 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.share import share_folder
 from atpid_driver.acquisition import SetupRefusedError
 from atpid_driver.calibration import Calibration, check_channels, load
 
@@ -90,11 +89,8 @@ def declare(node: Node, rows: tuple[Row, ...]) -> NodeSettings:
 
 
 def shipped_calibrations() -> Path:
-    """Return the folder of the calibration files: the installed one, or the one in the source tree."""
-    candidates = [Path(__file__).resolve().parents[2] / "config" / "calibration"]
-    with suppress(PackageNotFoundError):  # run from the source tree
-        candidates.insert(0, Path(get_package_share_directory("atpid_driver")) / "config" / "calibration")
-    return next((folder for folder in candidates if folder.is_dir()), candidates[0])
+    """Return the folder of the installed calibration files; InputError where no sourced workspace has them."""
+    return share_folder("atpid_driver") / "config" / "calibration"
 
 
 def _declare(node: Node, name: str, default: Any, text: str) -> Any:

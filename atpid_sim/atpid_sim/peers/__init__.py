@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from atpid_sim import kernel_cache as kernel_cache
 from atpid_sim.peers.methods import PEERS
 from atpid_sim.peers.run import PeerResult, run_peer
 from atpid_sim.peers.task import PeerError

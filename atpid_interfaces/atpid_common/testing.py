@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every test of the project shares: a ROS domain of its own, checked message fields, and no leftovers."""
+"""The pytest plugin of all tests: a ROS domain of the session's own, checked message fields, no leftovers, settings.
+
+Each package's pytest.ini and the repository's pyproject.toml load it by `-p atpid_common.testing`, so a package tested
+alone is tested as in the whole repository.
+"""
+
+from __future__ import annotations
 
 import os
 import random
@@ -16,11 +22,47 @@ from hypothesis import settings
 settings.register_profile("atpid", derandomize=True, deadline=None)
 settings.load_profile("atpid")
 
+# Plugins of a ROS installation load themselves and do not fit the locked pytest.
+FOREIGN_PLUGINS = (
+    "launch_testing", "launch_testing_ros_pytest_entrypoint", "launch_pytest", "ament_copyright", "ament_flake8",
+    "ament_lint", "ament_pep257", "ament_xmllint",
+)  # fmt: skip
+WARNINGS = (
+    "error",
+    # protobuf, which nidaqmx's gRPC client is made with, warns about its own extension on Python 3.12 and 3.13
+    "ignore:Type google._upb:DeprecationWarning",
+)
+TIMEOUT = 600.0  # ends a test that hangs; none is that slow on a busy machine [s]
+SLOW = "slow: seconds of processor time, processes, or real time; `make test-fast` leaves it out"
+
 # Threads and processes that outlive a test by right, by the start of their name: "session-" is for fixtures wider than
 # one test, the others belong to libraries.
 LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
 LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
 PATIENCE = 60.0  # [s] for a thread or process that has been told to end, on a busy machine
+
+
+def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
+    """Keep the plugins of a ROS installation out; pytest calls this before it loads any of them."""
+    for name in FOREIGN_PLUGINS:
+        manager.set_blocked(name)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Apply the settings that are the same for all packages."""
+    for line in WARNINGS:
+        config.addinivalue_line("filterwarnings", line)
+    config.addinivalue_line("markers", SLOW)
+    if config.getoption("timeout", None) is None:
+        config.option.timeout = TIMEOUT
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Refuse a package without the repository around it: tests take scenes and recorded runs from there."""
+    package = session.config.rootpath
+    if (package / "package.xml").is_file() and not (package.parent / "scenes").is_dir():
+        pytest.exit(f"{package.name} is tested inside the repository, whose scenes/ and bags/ its tests use", 4)
 
 
 def claim_domain() -> tuple[int, socket.socket]:

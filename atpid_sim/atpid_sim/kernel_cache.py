@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where numba keeps the project's compiled functions: by the contents of their sources, wherever these lie.
+
+numba keys a cached function on the place and contents of its own file, not on the files of the functions it calls:
+after an update of one file the others would go on with the old code, and each copy of the sources, in a checkout or
+installed, would be compiled again. So modules that call each other share a folder named after the contents of all of
+them. Other functions, those of the user's own programs included, are kept where numba keeps them by default.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from numba import config
+from numba.core.caching import InTreeCacheLocator
+
+from atpid_common.cache import cache_root
+
+#: Folder of the cache for each source file.
+_FOLDERS: dict[str, str] = {}
+_NUMBAS_OWN = "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
+
+
+class SharedCacheLocator(InTreeCacheLocator):  # type: ignore[misc]
+    """Leads numba to the folder of a source file; for a file without one numba asks the next locator in its list."""
+
+    def get_cache_path(self) -> str:
+        """Return the folder of the function's source file."""
+        return _FOLDERS[self._py_file]
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> SharedCacheLocator | None:
+        """Return the locator of a function, None if its file has no folder here."""
+        if py_file not in _FOLDERS:
+            return None
+        found: SharedCacheLocator | None = super().from_function(py_func, py_file)
+        return found
+
+
+def share_cache(name: str, sources: Iterable[Path]) -> None:
+    """Keep the compiled functions of these modules in `<cache>/<name>-<digest>`; to be called before they are imported.
+
+    `<cache>` is NUMBA_CACHE_DIR where that is set, else the project's folder in the user's cache.
+    """
+    files = sorted(sources)
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_root()) / f"{name}-{digest(files)}"
+    _FOLDERS.update({str(path): str(folder / path.parent.name) for path in files})
+    ours = f"{__name__}.{SharedCacheLocator.__name__}"
+    others = config.CACHE_LOCATOR_CLASSES or _NUMBAS_OWN
+    if ours not in others.split(","):
+        config.CACHE_LOCATOR_CLASSES = f"{ours},{others}"
+
+
+def digest(files: Iterable[Path]) -> str:
+    """Return 16 hex digits of the names and contents of the files."""
+    total = hashlib.sha256()
+    for path in files:
+        total.update(path.name.encode())
+        total.update(path.read_bytes())
+    return total.hexdigest()[:16]
+
+
+_HERE = Path(__file__).parent
+share_cache("kernels", (path for name in ("engine", "contact", "peers") for path in (_HERE / name).glob("*.py")))

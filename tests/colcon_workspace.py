@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The repository as a ROS user has it: a clone in a workspace of their own, built and sourced like any other."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("atpid_interfaces", "atpid_sim", "atpid_driver", "atpid_control")
+
+#: What of a package is for those who read, build or test it, and is not installed.
+NOT_INSTALLED = (
+    "CHANGELOG.rst", "CMakeLists.txt", "QUALITY_DECLARATION.md", "README.md", "__main__.py", "pytest.ini", "setup.cfg",
+    "setup.py",
+)  # fmt: skip
+_MODULES = ("atpid_common", "atpid_sim", "atpid_driver", "atpid_control")
+_SHARED = ("action", "config", "firmware", "launch", "msg", "srv")
+
+
+def sources() -> list[Path]:
+    """Return the files a clone would have, relative to the root: those git keeps or would add."""
+    command = ["git", "-C", str(ROOT), "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, capture_output=True, check=True).stdout.decode()
+    paths = sorted(Path(name) for name in listed.split("\0") if name)
+    return [path for path in paths if (ROOT / path).is_symlink() or (ROOT / path).exists()]
+
+
+def clone(folder: Path) -> Path:
+    """Copy the sources to `folder`; return it."""
+    for path in sources():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / path, folder / path, follow_symlinks=False)
+    return folder
+
+
+def installed_place(path: Path) -> str | None:
+    """Return where a file of a package belongs below its installation prefix, None if it is not installed.
+
+    `path` is relative to the root; KeyError for a file that fits no rule.
+    """
+    package, first, *rest = path.parts
+    if first in _MODULES:
+        return f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages/" + "/".join([first, *rest])
+    if first in _SHARED:
+        return f"share/{package}/" + "/".join([first, *rest])
+    if first in ("LICENSE", "package.xml"):
+        return f"share/{package}/{first}"
+    if first == "resource":
+        return f"share/ament_index/resource_index/packages/{package}"
+    if first == "test" or first in NOT_INSTALLED:
+        return None
+    raise KeyError(f"{path}: say in {Path(__file__).name} where it is installed, or that it is not")
+
+
+def differences(package: str, prefix: Path) -> list[str]:
+    """Return the package's files that are missing or different in the installation at `prefix`."""
+    found = []
+    for path in sources():
+        place = installed_place(path) if path.parts[0] == package else None
+        if place is None:
+            continue
+        if not (prefix / place).is_file():
+            found.append(f"{path} is not installed")
+        elif (prefix / place).read_bytes() != (ROOT / path).read_bytes():
+            found.append(f"{path} is installed with other contents")
+    return found
+
+
+def environment() -> dict[str, str]:
+    """Return this environment without the built workspace of the repository and without pytest's own variables."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST_", "COLCON_"))}
+    own = f"{ROOT / 'ros2_ws'}{os.sep}"
+    for name in ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", "PYTHONPATH"):
+        kept[name] = os.pathsep.join(part for part in kept.get(name, "").split(os.pathsep) if not part.startswith(own))
+    return {name: value for name, value in kept.items() if value}
+
+
+def sourced(workspace: Path) -> dict[str, str]:
+    """Return the environment of a shell that has sourced the workspace."""
+    script = f". {workspace}/install/local_setup.sh && exec env -0"
+    done = subprocess.run(["sh", "-c", script], env=environment(), cwd=workspace, capture_output=True, check=True)
+    return dict(line.split("=", 1) for line in done.stdout.decode().split("\0") if line)
+
+
+def run(command: Sequence[str | Path], cwd: Path, env: dict[str, str]) -> str:
+    """Run a command to its end; return what it prints. A failed one fails the test with its last lines."""
+    done = subprocess.run(
+        command, cwd=cwd, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    assert done.returncode == 0, f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout[-6000:]}"
+    return done.stdout

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plain `colcon build` of a clone, its `colcon test`, and what was installed with the sources gone.
+
+The tests of this file are in the order in which a user comes to them: those above `removed` need the sources.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, run, sourced
+from graph_runs import scene_file, wait_until
+
+from atpid_driver.emulator import missing_tools
+
+pytestmark = [pytest.mark.timeout(600)]
+COLCON = [sys.executable, "-m", "colcon"]
+IMPORT_ALL = """
+import importlib, pkgutil, sys
+for name in sys.argv[1:]:
+    package = importlib.import_module(name)
+    for module in pkgutil.walk_packages(package.__path__, name + "."):
+        if not module.name.endswith("__main__"):
+            print(importlib.import_module(module.name).__file__)
+"""
+#: What each executable needs to stay; `{}` is the folder of the inputs.
+EXECUTABLES = {
+    ("atpid_sim", "plant_node"): ["plant.yaml", "scene:={}/scene.yaml"],
+    ("atpid_driver", "labjack_node"): ["labjack.yaml", "backend:=simulated"],
+    ("atpid_driver", "ni_node"): ["ni.yaml", "backend:=simulated"],
+    ("atpid_driver", "feed_node"): ["labjack.yaml", "feed:={}/feed", "calibrations:=[laser_beam.yaml]"],
+    ("atpid_driver", "motor_node"): ["motor.yaml"],
+    ("atpid_control", "identifier_node"): ["identifier.yaml"],
+    ("atpid_control", "selector_node"): ["selector.yaml", "scene:={}/scene.yaml", "map:={}/map.npz"],
+    ("atpid_control", "recorder_node"): ["recorder.yaml", "bag:={}/new_bag", "scene:={}/scene.yaml"],
+    ("atpid_control", "replay_node"): ["recorder.yaml", "bag:={}/out/bag"],
+}
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace of a user's own with a clone in it, built without links to the sources."""
+    folder = tmp_path_factory.mktemp("workspace")
+    clone(folder / "src" / "atpid")
+    assert "Finished <<< atpid_control" in run([*COLCON, "build"], folder, environment())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a user brings along: a scene and a map."""
+    folder = tmp_path_factory.mktemp("inputs")
+    scene_file(ROOT / "scenes/thesis_4_3.yaml", folder, duration=2.0, steady_window=[1.0, 2.0])
+    shutil.copy(ROOT / "atpid_control/config/maps/standard.npz", folder / "map.npz")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def removed(workspace: Path) -> Path:
+    """The workspace with nothing but what is installed."""
+    for name in ("src", "build", "log"):
+        shutil.rmtree(workspace / name)
+    return workspace
+
+
+@pytest.fixture(scope="module")
+def shell(removed: Path) -> dict[str, str]:
+    """The environment of a shell that has sourced the installation."""
+    return sourced(removed)
+
+
+@pytest.fixture(scope="module")
+def recorded(shell: dict[str, str], inputs: Path) -> Path:
+    """The folder of a run of the installed bench."""
+    command = [sys.executable, "-m", "atpid_control", "bench", str(inputs / "scene.yaml")]
+    run([*command, "--out", str(inputs / "out")], inputs, shell)
+    return inputs / "out"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_file_is_installed(package: str, workspace: Path) -> None:
+    assert differences(package, workspace / "install" / package) == []
+    assert [path for path in (workspace / "install" / package).rglob("*") if path.is_symlink()] == []
+
+
+def test_no_empty_folder_is_installed(workspace: Path) -> None:
+    shares = (workspace / "install").glob("*/share/atpid_*/**/")
+    assert [folder for folder in shares if not any(folder.iterdir())] == []
+
+
+def test_colcon_test_runs_the_tests_and_counts_them(workspace: Path) -> None:
+    command = [*COLCON, "test", "--return-code-on-test-failure", "--pytest-args", "-m", "'not slow'"]
+    run(command, workspace, environment())
+    *files, _, summary = run([*COLCON, "test-result", "--all"], workspace, environment()).splitlines()
+    counts = {file.split("/")[1]: int(file.split()[1]) for file in files}
+    assert counts.keys() == set(PACKAGES)
+    assert min(counts.values()) > 10
+    print(summary)
+    assert re.fullmatch(r"Summary: \d+ tests, 0 errors, 0 failures, \d+ skipped", summary)
+
+
+def test_every_module_is_there(removed: Path, shell: dict[str, str], tmp_path: Path) -> None:
+    modules = ["atpid_common", "atpid_sim", "atpid_driver", "atpid_control"]
+    files = run([sys.executable, "-c", IMPORT_ALL, *modules], tmp_path, shell).splitlines()
+    assert len(files) > 200
+    assert [file for file in files if not file.startswith(f"{removed}/install/")] == []
+
+
+@pytest.fixture
+def graph() -> Iterator[rclpy.node.Node]:
+    """A node that sees which others are there."""
+    context = rclpy.Context()
+    context.init()
+    node = rclpy.create_node("observer", context=context)
+    yield node
+    node.destroy_node()
+    context.shutdown()
+
+
+def test_every_executable_starts_and_ends(
+    removed: Path, shell: dict[str, str], inputs: Path, recorded: Path, tmp_path: Path, graph: rclpy.node.Node
+) -> None:
+    install = removed / "install"
+    assert {(path.parent.name, path.name) for path in install.glob("*/lib/atpid_*/*")} == set(EXECUTABLES)
+    processes = {}
+    try:
+        for (package, name), (file, *values) in EXECUTABLES.items():
+            command = [str(install / package / "lib" / package / name), "--ros-args", "-r", f"__ns:=/{name}"]
+            command += ["--params-file", str(install / package / "share" / package / "config" / file)]
+            command += [word for value in values for word in ("-p", value.format(inputs))]
+            with (tmp_path / name).open("w") as log:
+                processes[name] = subprocess.Popen(command, cwd=tmp_path, env=shell, stdout=log, stderr=log)
+        wait_until(lambda: processes.keys() <= set(graph.get_node_names()) or ended(processes))
+    finally:
+        for process in processes.values():
+            process.send_signal(signal.SIGINT)
+        statuses = {name: process.wait() for name, process in processes.items()}
+    failed = [name for name, status in statuses.items() if status != 0]
+    assert failed == [], [(tmp_path / name).read_text() for name in failed]
+
+
+def ended(processes: dict[str, subprocess.Popen[bytes]]) -> bool:
+    return any(process.poll() is not None for process in processes.values())
+
+
+def test_the_bench_makes_its_report(recorded: Path) -> None:
+    assert json.loads((recorded / "summary.json").read_text())["stages"]
+    page = next(recorded.rglob("report.html")).read_text()
+    for name in ("page.css", "page.js"):
+        assert (ROOT / "atpid_control/atpid_control/report/data" / name).read_text().strip()[-60:] in page
+
+
+@pytest.mark.parametrize("name", ["bench", "replay", "stand"])
+def test_the_launch_files_name_what_is_installed(name: str, removed: Path) -> None:
+    install = removed / "install"
+    text = (install / f"atpid_control/share/atpid_control/launch/{name}.launch.py").read_text()
+    named = re.findall(r'package="(\w+)",\s*executable="(\w+)"', text)
+    assert named
+    assert [place for place in named if place not in EXECUTABLES] == []
+
+
+def test_the_device_stand_ins_compile(shell: dict[str, str], tmp_path: Path) -> None:
+    run([sys.executable, "-m", "atpid_driver", "standin"], tmp_path, {**shell, "XDG_CACHE_HOME": str(tmp_path)})
+    assert {path.name for path in tmp_path.rglob("*.so")} == {"libLabJackM.so", "libnidaqmx.so"}
+
+
+def test_firmware_and_emulator_compile(shell: dict[str, str], tmp_path: Path) -> None:
+    if missing := missing_tools():
+        assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
+        pytest.skip(f"needs {', '.join(missing)}")
+    code = "from atpid_driver.emulator import build_emulator as e, build_firmware as f; print(e(), f())"
+    made = run([sys.executable, "-c", code], tmp_path, {**shell, "XDG_CACHE_HOME": str(tmp_path)}).split()
+    assert all(Path(path).is_relative_to(tmp_path) for path in made), "built into the installation"

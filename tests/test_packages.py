@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The four packages as ROS packages: their files agree, name every dependency, install whole and are found once."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+from catkin_pkg.packages import find_packages
+from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, run, sources
+
+PYTHON_PACKAGES = [name for name in PACKAGES if name != "atpid_interfaces"]
+#: Modules that come with another name, and the module a package installs beside the one of its own name.
+ALSO = {"atpid_interfaces": ("atpid_interfaces", "atpid_common")}
+#: rosdep's keys for Ubuntu 24.04 (rosdistro/rosdep/python.yaml), by module; ROS packages have their own name.
+KEYS = {
+    "atpid_common": "atpid_interfaces",
+    "grpc": "python3-grpcio",
+    "hypothesis": "python3-hypothesis",
+    "matplotlib": "python3-matplotlib",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "pydantic": "python3-pydantic",
+    "pydantic_core": "python3-pydantic",
+    "pytest": "python3-pytest",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "serial": "python3-serial",
+    "yaml": "python3-yaml",
+}
+#: Modules without such a key, by what pip calls them.
+PIP_ONLY = {
+    "distributed": "distributed",
+    "labjack": "labjack-ljm",
+    "mcap": "mcap",
+    "nidaqmx": "nidaqmx",
+    "plotly": "plotly",
+    "zstandard": "zstandard",
+}
+#: What is needed without an import: by `ros2 launch`, by the messages, by CMake, and by pytest as a plugin.
+WITHOUT_IMPORT = {
+    "ros2launch", "rosidl_default_runtime", "action_msgs", "std_msgs", "ament_cmake_pytest", "python3-pytest-timeout",
+}  # fmt: skip
+
+
+#: `atpid_driver load` records with atpid_control, which depends on the driver: as a dependency it would be a circle.
+OPTIONAL = {"atpid_driver": {"atpid_control"}}
+
+
+def manifest(package: str) -> ElementTree.Element:
+    return ElementTree.parse(ROOT / package / "package.xml").getroot()
+
+
+def declared(package: str, *kinds: str) -> set[str]:
+    """Return the dependencies of these kinds, and what the comments name that rosdep does not know."""
+    text = (ROOT / package / "package.xml").read_text()
+    pip_only = [name for names in re.findall(r"<!-- No rosdep key .*: (.+)\. -->", text) for name in names.split(", ")]
+    return {str(tag.text) for kind in kinds for tag in manifest(package).iter(kind)} | set(pip_only)
+
+
+def imported(files: Iterable[Path]) -> set[str]:
+    """Return the names of the modules that the files import from elsewhere."""
+    found = set()
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.partition(".")[0])
+    return found - set(sys.stdlib_module_names)
+
+
+def started(files: Iterable[Path]) -> set[str]:
+    """Return the project's packages that the files name in a string: to start a node, or to find a file."""
+    pattern = re.compile(rf"({'|'.join(PACKAGES)})(\.\w+)*")
+    strings = [node.value for path in files for node in ast.walk(ast.parse(path.read_text())) if is_string(node)]
+    return {match[1] for match in map(pattern.fullmatch, strings) if match}
+
+
+def is_string(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+def keys(modules: set[str]) -> set[str]:
+    """Return what package.xml calls the modules."""
+    return {KEYS.get(name) or PIP_ONLY.get(name, name) for name in modules}
+
+
+def needed(package: str) -> set[str]:
+    """Return what the package needs to run. pytest and hypothesis are for its pytest plugin, which only tests load."""
+    files = list(code_of(package))
+    modules = imported(files) | started(files)
+    own = {*ALSO.get(package, (package,)), *OPTIONAL.get(package, ())}
+    return keys(modules - own - {"pytest", "hypothesis"})
+
+
+def needed_for_tests(package: str) -> set[str]:
+    files = list((ROOT / package).glob("test/*.py"))
+    return keys(imported(files) - {path.stem for path in files} - {*ALSO.get(package, (package,))})
+
+
+def code_of(package: str) -> Iterator[Path]:
+    for module in ALSO.get(package, (package,)):
+        yield from (ROOT / package / module).rglob("*.py")
+    yield from (ROOT / package).glob("launch/*.py")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_manifest_setup_and_changelog_agree(package: str) -> None:
+    read = manifest(package)
+    assert read.get("format") == "3"
+    assert read.findtext("name") == package
+    assert read.findtext("version") == "1.0.0"
+    assert read.findtext("license") == "Apache-2.0"
+    assert {url.get("type") for url in read.iter("url")} == {"website", "repository", "bugtracker"}
+    newest = re.findall(r"^(\S+) \((\d{4}-\d\d-\d\d)\)\n-+$", (ROOT / package / "CHANGELOG.rst").read_text(), re.M)[0]
+    assert newest[0] == read.findtext("version")
+    if package in PYTHON_PACKAGES:
+        setup = (ROOT / package / "setup.py").read_text()
+        for name, tag in (("version", "version"), ("license", "license"), ("maintainer", "maintainer")):
+            assert f'{name}="{read.findtext(tag)}"' in setup
+        assert f'maintainer_email="{next(read.iter("maintainer")).get("email")}"' in setup
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_each_package_can_go_alone(package: str) -> None:
+    assert (ROOT / package / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+    readme = (ROOT / package / "README.md").read_text()
+    assert readme.startswith(f"# {package}\n")
+    assert "Copyright" in readme
+    assert "Quality Level" in (ROOT / package / "QUALITY_DECLARATION.md").read_text()
+    assert (ROOT / package / "pytest.ini").read_text() == (ROOT / "atpid_sim/pytest.ini").read_text()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_import_is_a_dependency(package: str) -> None:
+    running = declared(package, "depend", "exec_depend")
+    assert needed(package) - running == set()
+    assert needed_for_tests(package) - running - declared(package, "test_depend") == set()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_dependency_is_needed(package: str) -> None:
+    running = declared(package, "depend", "exec_depend")
+    known = needed(package) | WITHOUT_IMPORT | set(PIP_ONLY.values())
+    assert running - known == set()
+    assert declared(package, "test_depend") - known - needed_for_tests(package) - {"python3-hypothesis"} == set()
+
+
+def test_every_source_file_names_its_licence() -> None:
+    endings = {".py", ".c", ".h", ".cpp", ".xml", ".toml", ".ini"}
+    named = [path for path in sources() if path.suffix in endings or path.name in ("Makefile", "CMakeLists.txt")]
+    assert [str(path) for path in named if "SPDX-License-Identifier: Apache-2.0" not in read(path)] == []
+
+
+def read(path: Path) -> str:
+    return (ROOT / path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_setup_installs_every_file(package: str, tmp_path: Path) -> None:
+    folder, prefix = clone(tmp_path / "clone") / package, tmp_path / "prefix"
+    command = [sys.executable, "setup.py", "-q", "install", f"--prefix={prefix}", "--single-version-externally-managed"]
+    run([*command, f"--record={tmp_path / 'record'}"], folder, {**os.environ, "PYTHONWARNINGS": "ignore"})
+    assert differences(package, prefix) == []
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace of somebody's own, with a clone of the repository in it."""
+    folder = tmp_path_factory.mktemp("workspace")
+    clone(folder / "src" / "atpid")
+    return folder
+
+
+@pytest.mark.parametrize("place", [".", "src", "src/atpid", "src/atpid/ros2_ws", "src/atpid/ros2_ws/src"])
+def test_colcon_finds_every_package_once(place: str, workspace: Path) -> None:
+    command = [sys.executable, "-m", "colcon", "--log-base", os.devnull, "list", "--names-only"]
+    assert run(command, workspace / place, environment()).split() == sorted(PACKAGES)
+
+
+@pytest.mark.parametrize("place", [".", "src", "src/atpid", "src/atpid/ros2_ws/src"])
+def test_rosdep_finds_every_package_once(place: str, workspace: Path) -> None:
+    # rosdep asks this function; within ros2_ws it is told --from-paths src
+    assert sorted(package.name for package in find_packages(str(workspace / place)).values()) == sorted(PACKAGES)
+
+
+def test_the_workspace_links_to_the_packages() -> None:
+    links = {path.name: path.readlink() for path in (ROOT / "ros2_ws/src").iterdir()}
+    assert links == {package: Path("../..") / package for package in PACKAGES}
+
+
+@pytest.mark.parametrize("shell", ["bash", "sh"])
+def test_activate_asks_to_be_sourced(shell: str) -> None:
+    done = subprocess.run([shell, "ros2_ws/activate"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "this file changes the shell that reads it, so it has to be sourced: . ros2_ws/activate\n"
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_a_shell_that_is_not_activated_is_named(package: str) -> None:
+    command = [sys.executable, "-m", package, "--help"]
+    done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "'. ros2_ws/activate' first" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
