@@ -16,6 +16,9 @@ class Interrupt:
 
     At first a signal raises KeyboardInterrupt, so that loading and compiling can be stopped; after `defer` it only
     sets `received`, so that neither the loop nor an orderly end is torn.
+
+    A process may be started with both blocked, as the launch files start nodes, so that none arrives before there is a
+    handler. Entering unblocks them; one that was pending then only sets `received`.
     """
 
     def __init__(self) -> None:
@@ -33,6 +36,12 @@ class Interrupt:
         """From now on a signal only sets `received`."""
         self._deferred = True
 
+    def ignore_further(self) -> None:
+        """Ignore both from now on and after leaving: one that arrives while Python ends would change the status."""
+        self._before = [signal.SIG_IGN for _ in _SIGNALS]
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
     def _handle(self, number: int, frame: FrameType | None) -> None:
         already = self.received
         self._received.set()
@@ -42,15 +51,12 @@ class Interrupt:
     def __enter__(self) -> Interrupt:
         """Install the handlers."""
         self._before = [signal.signal(number, self._handle) for number in _SIGNALS]
+        self._deferred, deferred = True, self._deferred
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        self._deferred = deferred
         return self
 
     def __exit__(self, *_: object) -> None:
         """Put the former handlers back."""
         for number, before in zip(_SIGNALS, self._before, strict=True):
             signal.signal(number, before)
-
-
-def ignore_further() -> None:
-    """Ignore SIGINT and SIGTERM from now on: one that arrives while the interpreter ends would change the status."""
-    for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
