@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from types import FrameType
 from typing import Any
@@ -26,6 +27,7 @@ class Interrupt:
         self._received = threading.Event()
         self._deferred = False
         self._before: list[Any] = []
+        self._hook_before = sys.unraisablehook
 
     @property
     def received(self) -> bool:
@@ -46,6 +48,8 @@ class Interrupt:
         already = self.received
         self._received.set()
         if not self._deferred and not already:
+            # what is torn while it is made, such as a compiler's object, may fail when it is deleted
+            sys.unraisablehook = lambda _: None
             raise KeyboardInterrupt
 
     def __enter__(self) -> Interrupt:
@@ -58,5 +62,6 @@ class Interrupt:
 
     def __exit__(self, *_: object) -> None:
         """Put the former handlers back."""
+        sys.unraisablehook = self._hook_before
         for number, before in zip(_SIGNALS, self._before, strict=True):
             signal.signal(number, before)

@@ -13,12 +13,20 @@ from atpid_common.interrupt import Interrupt
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 SLOW_MODULE = """
-import os, sys
-print("loading", flush=True)
-sys.stdin.readline()
+import sys
+
+class Torn:
+    def __init__(self):
+        print("loading", flush=True)
+        sys.stdin.readline()
+        while True:
+            pass
+
+    def __del__(self):
+        raise AttributeError("half made")
+
 try:
-    while True:
-        pass
+    Torn()
 except KeyboardInterrupt:
     {reaction}
 """

@@ -3,19 +3,38 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Sequence
 from typing import Any
 
-from launch import LaunchContext
+from launch import LaunchContext, Substitution
 from launch.actions import EmitEvent, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event import Event
 from launch.event_handler import EventHandler
 from launch.events.process import ProcessExited
 from launch_ros.actions import Node
 
+#: What starts a node. SIGINT and SIGTERM are blocked until the node handles them, so that Ctrl-C while Python starts is
+#: neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it does not move the ceiling alone.
+START = "env --block-signal=INT --block-signal=TERM setpriv --pdeathsig TERM"
 #: How long a node may take to end after SIGINT before it is sent SIGTERM, and after that before it is killed [s].
 SIGTERM_TIMEOUT, SIGKILL_TIMEOUT = 5.0, 10.0
+
+
+class StartPrefix(Substitution):
+    """The command before a node's own: `START`, or what `ros2 launch --launch-prefix` gives for this executable."""
+
+    def __init__(self, executable: str) -> None:
+        """Keep the executable's name, which `--launch-prefix-filter` is matched with."""
+        super().__init__()
+        self._executable = executable
+
+    def perform(self, context: LaunchContext) -> str:
+        """Return the command."""
+        given = context.launch_configurations.get("launch-prefix", "")
+        chosen = re.match(context.launch_configurations.get("launch-prefix-filter", ""), self._executable)
+        return given if given and chosen else START
 
 
 class NodeEndedError(RuntimeError):
@@ -43,6 +62,7 @@ def node(package: str, executable: str, parameters: Sequence[Any], *, ends_run: 
         package=package,
         executable=executable,
         exec_name=executable,
+        prefix=[StartPrefix(executable)],
         parameters=list(parameters),
         output="screen",
         on_exit=on_exit,
