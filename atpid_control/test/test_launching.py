@@ -138,9 +138,10 @@ def test_each_argument_is_described_and_its_default_exists(name):
 
 def test_the_checks_need_the_standard_library_only():
     """`ros2 launch` runs in the Python of the ROS installation, without the project's requirements."""
+    sources = f"{ROOT / 'atpid_interfaces'}:{ROOT / 'atpid_control'}"
     done = subprocess.run(
         [sys.executable, "-S", "-c", "import atpid_control.launching.launch_files"],
-        env={"PYTHONPATH": str(ROOT / "atpid_control"), "LD_LIBRARY_PATH": os.environ.get("LD_LIBRARY_PATH", "")},
+        env={"PYTHONPATH": sources, "LD_LIBRARY_PATH": os.environ.get("LD_LIBRARY_PATH", "")},
         capture_output=True,
         text=True,
     )

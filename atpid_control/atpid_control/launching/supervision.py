@@ -15,6 +15,8 @@ from launch.event_handler import EventHandler
 from launch.events.process import ProcessExited
 from launch_ros.actions import Node
 
+from atpid_common.errors import AtpidError
+
 #: What starts a node. SIGINT and SIGTERM are blocked until the node handles them, so that Ctrl-C while Python starts is
 #: neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it does not move the ceiling alone.
 START = "env --block-signal=INT --block-signal=TERM setpriv --pdeathsig TERM"
@@ -37,7 +39,7 @@ class StartPrefix(Substitution):
         return given if given and chosen else START
 
 
-class NodeEndedError(RuntimeError):
+class NodeEndedError(AtpidError):
     """A node that ended with an exit status other than 0, or although the run had not ended."""
 
 

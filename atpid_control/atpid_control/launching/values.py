@@ -8,11 +8,13 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from atpid_common.errors import InputError
+
 #: A check: takes the text that was given, returns the text to use.
 Check = Callable[[str], str]
 
 
-class LaunchArgumentError(ValueError):
+class LaunchArgumentError(InputError):
     """A launch argument that cannot be used; the message is one line: what was given, what is allowed, what to do."""
 
 
