@@ -13,12 +13,12 @@ import select
 import shutil
 import signal
 import subprocess
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
-from graph_runs import scene_file
+from graph_runs import in_lockstep, scene_file
 
 from atpid_control.launching import launch_files
 from atpid_control.recording import verify
@@ -91,8 +91,8 @@ def launched(name, folder, **arguments):
     try:
         yield launch
     finally:
-        for pid in (launch.process.pid, *launch.pids.values()) if launch.process.poll() is None else ():
-            os.kill(pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.killpg(launch.process.pid, signal.SIGKILL)
         launch.process.wait()
         launch.process.stdout.close()
 
@@ -196,11 +196,13 @@ def test_the_bench_ends_with_its_run(short_scene, tmp_path):
 
 
 @needs_launch
-def test_a_replay_is_recorded_where_record_says(tmp_path):
+def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
     """The folder's name is text: nothing of it is evaluated."""
+    in_lockstep(short_scene, tmp_path / "out")
     record = tmp_path / "it's' + str(print('evaluated')) + '$(env HOME) \"x\""
-    (tmp_path / "scene.yaml").write_text((BAG.parent / "thesis_4_3_short.yaml").read_text())
-    with launched("replay", tmp_path, bag=BAG, scene="scene.yaml", map=HEIGHT_MAP, rate="0", record=record) as launch:
+    with launched(
+        "replay", tmp_path, bag="out/bag", scene="scene.yaml", map=HEIGHT_MAP, rate="0", record=record
+    ) as launch:
         assert launch.end() == 0, launch.text
         assert launch.errors == [] and "evaluated" not in launch.text.replace(str(record), "")
     assert verify(record).messages
@@ -237,17 +239,25 @@ def test_a_node_that_refuses_ends_the_launch(tmp_path):
 
 
 @needs_launch
-@pytest.mark.parametrize("moment", ["process started", "recording 8 topics"])
-def test_ctrl_c_twice_ends_everything_in_order(moment, tmp_path):
+def test_ctrl_c_while_the_nodes_load_ends_them_quietly(tmp_path):
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
-        launch.wait_for(moment)
+        launch.wait_for_nodes(len(BENCH_NODES))
+        launch.interrupt()
+        assert launch.end() == 0, launch.text
+        assert launch.errors == [] and "Traceback" not in launch.text
+    assert not (tmp_path / "run").exists()
+
+
+@needs_launch
+def test_ctrl_c_twice_ends_everything_in_order(tmp_path):
+    with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
+        launch.wait_for("recording 8 topics")
         launch.interrupt()
         launch.wait_for("user interrupted with ctrl-c")
         launch.interrupt()
         assert launch.end() == 0, launch.text
         assert launch.errors == [] and "has died" not in launch.text and "Traceback" not in launch.text
-    if moment.startswith("recording"):
-        verify(tmp_path / "run")
+    verify(tmp_path / "run")
 
 
 @needs_launch

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 from itertools import pairwise
@@ -51,6 +52,8 @@ def _declared(argument: Argument) -> DeclareLaunchArgument:
 
 def _check(context: LaunchContext, launch_file: Path, arguments: Sequence[Argument]) -> None:
     """Put the values to use in place of those given; LaunchArgumentError ends the launch before its first node."""
+    # `launch` gets SIGINT by set_wakeup_fd; a KeyboardInterrupt as well would tear a callback that starts a node
+    signal.signal(signal.SIGINT, lambda *_: None)
     if _on_command_line(launch_file):
         check_names(launch_file.name, arguments, [word.partition(":=")[0] for word in context.argv])
     context.launch_configurations.update(check(launch_file.name, arguments, context.launch_configurations))

@@ -83,6 +83,8 @@ def supervision() -> RegisterEventHandler:
 def _judge(context: LaunchContext) -> list[Shutdown]:
     """End the launch; an exception is how `launch` ends with a status other than 0."""
     ended: NodeEnded = context.locals.event
+    if context.is_shutdown and ended.status == -signal.SIGINT:
+        return []  # interrupted before `START` could block it: the node had not begun
     if ended.status != 0:
         rest = " while it was being stopped" if context.is_shutdown else "; the launch ends"
         raise NodeEndedError(f"{ended.node} {_in_words(ended.status)}{rest}")
