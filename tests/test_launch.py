@@ -130,6 +130,15 @@ def test_what_a_launch_file_names_exists(name):
 
 
 @needs_launch
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_the_arguments_are_shown(name):
+    command = ["ros2", "launch", "atpid_control", f"{name}.launch.py", "--show-args"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert re.findall(r"^    '(.*)':$", shown, flags=re.MULTILINE) == [item.name for item in ARGUMENTS[name]]
+    assert ("Valid choices are: ['false', 'true']" in shown) == (name == "stand")
+
+
+@needs_launch
 @pytest.mark.parametrize(
     ("name", "given", "line"),
     [
