@@ -18,9 +18,11 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+from ament_index_python.packages import get_package_prefix
 from graph_runs import in_lockstep, scene_file
 
 from atpid_control.launching import launch_files
+from atpid_control.launching.launch_files import START
 from atpid_control.recording import verify
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -31,6 +33,11 @@ SCENE = ROOT / "scenes/stand_realtime.yaml"
 BAG = ROOT / "bags/thesis_4_3_short"
 BENCH_NODES = {"plant_node", "identifier_node", "selector_node", "motor_node", "recorder_node"}
 STAND_NODES = BENCH_NODES - {"plant_node"} | {"labjack_node"}
+NODES = [
+    *(("atpid_driver", node) for node in ("motor_node", "labjack_node", "ni_node")),
+    *(("atpid_control", node) for node in ("identifier_node", "selector_node", "recorder_node", "replay_node")),
+    ("atpid_sim", "plant_node"),
+]
 
 needs_launch = pytest.mark.skipif(
     shutil.which("ros2") is None or importlib.util.find_spec("launch_ros") is None,
@@ -127,6 +134,16 @@ def test_what_a_launch_file_names_exists(name):
     assert all((ROOT / package / "config" / file).is_file() for package, file in named["config"])
     used = {words[0] for words in named["text"] | named["LaunchConfiguration"]}
     assert used == {argument.name for argument in ARGUMENTS[name]}
+
+
+@pytest.mark.parametrize(("package", "node"), NODES)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_python_starts_ends_a_node_quietly(package, node, number):
+    """The launch files start nodes with both signals blocked; each has to unblock them. The first may come at once."""
+    executable = Path(get_package_prefix(package)) / "lib" / package / node
+    at_once = ["sh", "-c", f'kill -{int(number)} $$; exec "$0"', executable]
+    done = subprocess.run([*START.split(), *at_once], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @needs_launch

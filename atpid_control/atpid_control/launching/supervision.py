@@ -16,10 +16,8 @@ from launch.events.process import ProcessExited
 from launch_ros.actions import Node
 
 from atpid_common.errors import AtpidError
+from atpid_control.launching.launch_files import START
 
-#: What starts a node. SIGINT and SIGTERM are blocked until the node handles them, so that Ctrl-C while Python starts is
-#: neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it does not move the ceiling alone.
-START = "env --block-signal=INT --block-signal=TERM setpriv --pdeathsig TERM"
 #: How long a node may take to end after SIGINT before it is sent SIGTERM, and after that before it is killed [s].
 SIGTERM_TIMEOUT, SIGKILL_TIMEOUT = 5.0, 10.0
 
