@@ -1,87 +1,310 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The launch files name nodes, parameter files and arguments that exist.
+"""The launch files, run with `ros2 launch` where it is installed.
 
-`launch` is not among the wheels: where it cannot be imported, stand-ins that only note their arguments take its place.
+It is not among the wheels; there these tests are left out, and only the names in the launch files are checked. The
+checks of the arguments have tests that need no `launch`: atpid_control/test/test_launching.py.
 """
 
+import ast
 import importlib.util
-import runpy
-import sys
+import os
+import re
+import select
+import shutil
+import signal
+import subprocess
+from contextlib import contextmanager, suppress
 from importlib.metadata import entry_points
-from types import ModuleType, SimpleNamespace
+from pathlib import Path
 
 import pytest
+from ament_index_python.packages import get_package_prefix
+from graph_runs import in_lockstep, scene_file
 
-NAMES = {
-    "launch": ["LaunchDescription"],
-    "launch.actions": ["DeclareLaunchArgument", "Shutdown"],
-    "launch.conditions": ["IfCondition"],
-    "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
-    "launch_ros": [],
-    "launch_ros.actions": ["Node"],
-    "launch_ros.parameter_descriptions": ["ParameterValue"],
-    "launch_ros.substitutions": ["FindPackageShare"],
-}
+from atpid_control.launching import launch_files
+from atpid_control.launching.launch_files import START
+from atpid_control.recording import verify
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = ROOT / "atpid_control" / "launch"
+ARGUMENTS = {"bench": launch_files.BENCH, "stand": launch_files.STAND, "replay": launch_files.REPLAY}
+HEIGHT_MAP = ROOT / "atpid_control/config/maps/standard.npz"
+SCENE = ROOT / "scenes/stand_realtime.yaml"
+BAG = ROOT / "bags/thesis_4_3_short"
+BENCH_NODES = {"plant_node", "identifier_node", "selector_node", "motor_node", "recorder_node"}
+STAND_NODES = BENCH_NODES - {"plant_node"} | {"labjack_node"}
+NODES = [
+    *(("atpid_driver", node) for node in ("motor_node", "labjack_node", "ni_node")),
+    *(("atpid_control", node) for node in ("identifier_node", "selector_node", "recorder_node", "replay_node")),
+    ("atpid_sim", "plant_node"),
+]
+
+needs_launch = pytest.mark.skipif(
+    shutil.which("ros2") is None or importlib.util.find_spec("launch_ros") is None,
+    reason="no `ros2 launch` here: the launch files are not run",
+)
 
 
-def noting(name):
-    return lambda *args, **kwargs: SimpleNamespace(kind=name, args=args, **kwargs)
+class Launch:
+    """A running `ros2 launch`, in a session of its own as in a terminal."""
+
+    def __init__(self, name, arguments, folder):
+        given = [f"{argument}:={value}" for argument, value in arguments.items()]
+        self.process = subprocess.Popen(
+            ["ros2", "launch", "atpid_control", f"{name}.launch.py", *given],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            cwd=folder, env={**os.environ, "ROS_LOG_DIR": str(folder / "log")}, start_new_session=True,
+        )  # fmt: skip
+        self.lines = []
+        self.pids = {}
+
+    def wait_for(self, pattern):
+        """Read up to and with the line that has `pattern`; fail where the launch ends without one."""
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+            if started := re.match(r"\[INFO\] \[(\w+)-\d+\]: process started with pid \[(\d+)\]", line):
+                self.pids[started[1]] = int(started[2])
+            if re.search(pattern, line):
+                return
+        pytest.fail(f"no line with {pattern!r} in:\n" + "\n".join(self.lines))
+
+    def wait_for_nodes(self, count):
+        """Read on until `count` nodes have been started."""
+        while len(self.pids) < count:
+            self.wait_for("process started")
+
+    def interrupt(self):
+        """Send what Ctrl-C in a terminal sends: SIGINT to the launch and to every node."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def end(self):
+        """Read the rest; return the exit status."""
+        self.lines += self.process.stdout.read().splitlines()
+        return self.process.wait()
+
+    @property
+    def text(self):
+        return "\n".join(self.lines)
+
+    @property
+    def errors(self):
+        """The launch's own lines about errors, without what `launch` says of each process."""
+        return [line.partition("traceback): ")[2] for line in self.lines if line.startswith("[ERROR] [launch]")]
+
+
+@contextmanager
+def launched(name, folder, **arguments):
+    launch = Launch(name, arguments, folder)
+    try:
+        yield launch
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(launch.process.pid, signal.SIGKILL)
+        launch.process.wait()
+        launch.process.stdout.close()
+
+
+def ended(pids):
+    """Wait until each process has ended."""
+    for pid in pids:
+        try:
+            handle = os.pidfd_open(pid)
+        except ProcessLookupError:
+            continue
+        select.select([handle], [], [])
+        os.close(handle)
 
 
 @pytest.fixture
-def stand_ins(monkeypatch):
-    for module, names in NAMES.items():
-        made = ModuleType(module)
-        for name in names:
-            setattr(made, name, noting(name))
-        monkeypatch.setitem(sys.modules, module, made)
+def short_scene(tmp_path, scenes):
+    return scene_file(scenes / "stand_realtime.yaml", tmp_path, duration=3.0, steady_window=(2.0, 3.0))
 
 
-def described(path):
-    entities = runpy.run_path(str(path))["generate_launch_description"]().args[0]
-    return [item for item in entities if item.kind == "Node"], [item for item in entities if item.kind != "Node"]
-
-
-def config_of(value):
-    """Return (package, file) of a parameter file."""
-    share, folder, name = value.args[0]
-    assert folder == "config"
-    return share.args[0], name
-
-
-EXPECTED = {
-    "bench": {"plant_node", "identifier_node", "selector_node", "motor_node", "recorder_node"},
-    "stand": {"labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node", "recorder_node"},
-}
-
-
-@pytest.mark.parametrize("name", EXPECTED)
-def test_nodes_and_parameter_files_exist(name, root, stand_ins):
-    nodes, arguments = described(root / "atpid_control" / "launch" / f"{name}.launch.py")
-    assert {node.executable for node in nodes} == EXPECTED[name]
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_what_a_launch_file_names_exists(name):
+    """Nodes, parameter files and arguments: read from the file's text, so that it needs no `launch`."""
+    calls = [item for item in ast.walk(ast.parse((FOLDER / f"{name}.launch.py").read_text())) if type(item) is ast.Call]
+    named = {"node": set(), "config": set(), "text": set(), "LaunchConfiguration": set()}
+    for call in calls:
+        if getattr(call.func, "id", "") in named:
+            words = tuple(item.value for item in call.args if isinstance(item, ast.Constant))
+            named[call.func.id].add(words)
     scripts = {(script.dist.name.replace("-", "_"), script.name) for script in entry_points(group="console_scripts")}
-    assert {(node.package, node.executable) for node in nodes} <= scripts
-    defaults = [item.default_value for item in arguments if not isinstance(getattr(item, "default_value", ""), str)]
-    files = [item for node in nodes for item in node.parameters if getattr(item, "kind", "") == "PathJoinSubstitution"]
-    for package, file in map(config_of, files + defaults):
-        assert (root / package / "config" / file).is_file()
+    assert named["node"] and named["node"] <= scripts
+    assert all((ROOT / package / "config" / file).is_file() for package, file in named["config"])
+    used = {words[0] for words in named["text"] | named["LaunchConfiguration"]}
+    assert used == {argument.name for argument in ARGUMENTS[name]}
 
 
-@pytest.mark.parametrize("name", EXPECTED)
-def test_every_argument_used_is_declared_and_described(name, root, stand_ins):
-    path = root / "atpid_control" / "launch" / f"{name}.launch.py"
-    _, arguments = described(path)
-    declared = {item.args[0] for item in arguments}
-    used = {word for word in declared if f'"{word}"' in path.read_text().replace(f'DeclareLaunchArgument("{word}"', "")}
-    assert declared == {"scene", "map", "bag"} | (declared & {"motor_config", "labjack_config", "ni_config", "ni"})
-    assert all(item.description for item in arguments)
-    assert {"scene", "map", "bag"} <= used
+@pytest.mark.parametrize(("package", "node"), NODES)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_python_starts_ends_a_node_quietly(package, node, number):
+    """The launch files start nodes with both signals blocked; each has to unblock them. The first may come at once."""
+    executable = Path(get_package_prefix(package)) / "lib" / package / node
+    at_once = ["sh", "-c", f'kill -{int(number)} $$; exec "$0"', executable]
+    done = subprocess.run([*START.split(), *at_once], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-@pytest.mark.parametrize("name", EXPECTED)
-def test_the_real_launch_takes_the_file_where_there_is_one(name, root):
-    path = root / "atpid_control" / "launch" / f"{name}.launch.py"
-    if importlib.util.find_spec("launch_ros") is None:
-        compile(path.read_text(), str(path), "exec")
-    else:
-        assert runpy.run_path(str(path))["generate_launch_description"]().entities
+@needs_launch
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_the_arguments_are_shown(name):
+    command = ["ros2", "launch", "atpid_control", f"{name}.launch.py", "--show-args"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert re.findall(r"^    '(.*)':$", shown, flags=re.MULTILINE) == [item.name for item in ARGUMENTS[name]]
+    assert ("Valid choices are: ['false', 'true']" in shown) == (name == "stand")
+
+
+@needs_launch
+@pytest.mark.parametrize(
+    ("name", "given", "line"),
+    [
+        ("stand", {"ni": "perhaps"}, "stand.launch.py: argument ni: given 'perhaps'; allowed: false or true"),
+        ("stand", {"labjack_config": "nothere.yaml"}, "argument labjack_config: .*/nothere.yaml does not exist"),
+        ("bench", {"scene": "nothere.yaml"}, "argument scene: .*/nothere.yaml does not exist; give a file"),
+        ("bench", {"map": "nothere.npz"}, "argument map: .*/nothere.npz does not exist; give a file"),
+        ("bench", {"bag": "."}, "argument bag: .* exists already, and a bag is never overwritten"),
+        ("bench", {"mpa": "a.npz"}, r"bench.launch.py: unknown argument mpa; did you mean map\?"),
+        ("bench", {"emulate_tty": "perhaps"}, "argument emulate_tty: given 'perhaps'"),
+        ("replay", {"bag": BAG, "rate": "abc"}, "replay.launch.py: argument rate: given 'abc'; allowed: a number from"),
+        ("replay", {"bag": "nothere"}, "argument bag: .*/nothere does not exist"),
+    ],
+)
+def test_a_wrong_argument_is_refused_before_a_node_starts(name, given, line, tmp_path):
+    with launched(name, tmp_path, **{"scene": SCENE, **given}) as launch:
+        assert launch.end() == 1, launch.text
+        assert len(launch.errors) == 1 and re.search(line, launch.errors[0])
+        assert "process started" not in launch.text and "Traceback" not in launch.text
+
+
+@needs_launch
+def test_a_missing_scene_is_refused(tmp_path):
+    with launched("bench", tmp_path, sceen=SCENE) as launch:
+        assert launch.end() == 1, launch.text
+        assert "missing required argument 'scene'" in launch.text and "given: [sceen]" in launch.text
+        assert "process started" not in launch.text
+
+
+@needs_launch
+def test_another_launch_file_may_have_arguments_of_its_own(short_scene, tmp_path):
+    """They stand on the same command line, and are none of ours."""
+    outer = tmp_path / "outer.launch.py"
+    outer.write_text(f"""
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.substitutions import LaunchConfiguration
+
+def generate_launch_description():
+    given = {{"scene": LaunchConfiguration("scene"), "map": "nothere.npz"}}.items()
+    return LaunchDescription([
+        DeclareLaunchArgument("mine"),
+        IncludeLaunchDescription({str(FOLDER / "bench.launch.py")!r}, launch_arguments=given),
+    ])
+""")
+    done = subprocess.run(
+        ["ros2", "launch", outer, f"scene:={short_scene}", "mine:=1"], capture_output=True, text=True, cwd=tmp_path,
+        env={**os.environ, "ROS_LOG_DIR": str(tmp_path / "log")},
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "argument map:" in done.stdout + done.stderr and "unknown argument" not in done.stdout + done.stderr
+
+
+@needs_launch
+def test_the_bench_ends_with_its_run(short_scene, tmp_path):
+    folder = tmp_path / 'it\'s a "folder"'
+    folder.mkdir()
+    short_scene.rename(folder / "a scene.yaml")
+    with launched("bench", folder, scene="a scene.yaml", map=HEIGHT_MAP, bag="a 'bag'") as launch:
+        assert launch.end() == 0, launch.text
+        assert launch.errors == [] and "has died" not in launch.text
+        assert launch.text.count("has finished cleanly") == len(BENCH_NODES)
+    assert verify(folder / "a 'bag'").messages
+
+
+@needs_launch
+def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
+    """The folder's name is text: nothing of it is evaluated."""
+    in_lockstep(short_scene, tmp_path / "out")
+    record = tmp_path / "it's' + str(print('evaluated')) + '$(env HOME) \"x\""
+    with launched(
+        "replay", tmp_path, bag="out/bag", scene="scene.yaml", map=HEIGHT_MAP, rate="0", record=record
+    ) as launch:
+        assert launch.end() == 0, launch.text
+        assert launch.errors == [] and "evaluated" not in launch.text.replace(str(record), "")
+    assert verify(record).messages
+
+
+@needs_launch
+@pytest.mark.parametrize(
+    ("node", "number", "line"),
+    [
+        ("recorder_node", signal.SIGKILL, "recorder_node was ended by SIGKILL; the launch ends"),
+        ("motor_node", signal.SIGKILL, "motor_node was ended by SIGKILL; the launch ends"),
+        ("selector_node", signal.SIGTERM, r"selector_node ended by itself \(exit status 0\) before the run was over"),
+    ],
+)
+def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tmp_path):
+    with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
+        launch.wait_for_nodes(len(BENCH_NODES))
+        launch.wait_for("recording 8 topics")
+        os.kill(launch.pids[node], number)
+        assert launch.end() == 1, launch.text
+        assert len(launch.errors) == 1 and re.match(line, launch.errors[0])
+        assert launch.text.count("has finished cleanly") == len(BENCH_NODES) - (number == signal.SIGKILL)
+    if node != "recorder_node":
+        verify(tmp_path / "run")
+
+
+@needs_launch
+def test_a_node_that_refuses_ends_the_launch(tmp_path):
+    (tmp_path / "broken.npz").write_text("no map")
+    with launched("bench", tmp_path, scene=SCENE, map="broken.npz") as launch:
+        assert launch.end() == 1, launch.text
+        assert launch.errors == ["selector_node ended with exit status 2; the launch ends"]
+        assert "Traceback" not in launch.text
+
+
+@needs_launch
+def test_ctrl_c_while_the_nodes_load_ends_them_quietly(tmp_path):
+    with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
+        launch.wait_for_nodes(len(BENCH_NODES))
+        launch.interrupt()
+        assert launch.end() == 0, launch.text
+        assert launch.errors == [] and "Traceback" not in launch.text
+    assert not (tmp_path / "run").exists()
+
+
+@needs_launch
+def test_ctrl_c_twice_ends_everything_in_order(tmp_path):
+    with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
+        launch.wait_for("recording 8 topics")
+        launch.interrupt()
+        launch.wait_for("user interrupted with ctrl-c")
+        launch.interrupt()
+        assert launch.end() == 0, launch.text
+        assert launch.errors == [] and "has died" not in launch.text and "Traceback" not in launch.text
+    verify(tmp_path / "run")
+
+
+@needs_launch
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_node_outlives_its_launch(number, tmp_path):
+    with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
+        launch.wait_for_nodes(len(BENCH_NODES))
+        launch.wait_for("recording 8 topics")
+        os.kill(launch.process.pid, number)
+        ended(launch.pids.values())
+        assert launch.end() != 0, launch.text
+    verify(tmp_path / "run")
+
+
+@needs_launch
+@pytest.mark.parametrize(("ni", "nodes"), [("false", STAND_NODES), ("true", STAND_NODES | {"ni_node"})])
+def test_the_stand_waits_for_its_devices_until_ctrl_c(ni, nodes, tmp_path):
+    with launched("stand", tmp_path, scene=SCENE, map=HEIGHT_MAP, ni=ni) as launch:
+        launch.wait_for_nodes(len(nodes))
+        assert set(launch.pids) == nodes
+        launch.wait_for("labjack_node.*cannot configure")
+        launch.interrupt()
+        assert launch.end() == 0, launch.text
+        assert launch.errors == [] and "Traceback" not in launch.text

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Launch descriptions whose arguments are checked before any node starts and whose nodes all have to live."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from atpid_control.launching.arguments import Argument, ParameterFile, check, check_names
+from atpid_control.launching.supervision import supervision
+
+PACKAGE = "atpid_control"
+
+
+def describe(launch_file: str, arguments: Sequence[Argument], *entities: Any) -> LaunchDescription:
+    """Return the description of `launch_file`: first the check of its arguments, then what it starts."""
+    checking = OpaqueFunction(function=_check, args=[Path(launch_file), arguments])
+    return LaunchDescription([checking, *map(_declared, arguments), supervision(), *entities])
+
+
+def config(package: str, name: str) -> PathJoinSubstitution:
+    """Return the parameter file `name` that `package` installs."""
+    return PathJoinSubstitution([FindPackageShare(package), "config", name])
+
+
+def text(argument: str) -> ParameterValue:
+    """Return a launch argument as a text parameter, whatever it looks like."""
+    return ParameterValue(LaunchConfiguration(argument), value_type=str)
+
+
+def _declared(argument: Argument) -> DeclareLaunchArgument:
+    default: Any = argument.default
+    if isinstance(default, ParameterFile):
+        default = config(default.package, default.name)
+    return DeclareLaunchArgument(
+        argument.name,
+        default_value=default,
+        description=argument.description,
+        choices=list(argument.choices) or None,
+    )
+
+
+def _check(context: LaunchContext, launch_file: Path, arguments: Sequence[Argument]) -> None:
+    """Put the values to use in place of those given; LaunchArgumentError ends the launch before its first node."""
+    # `launch` gets SIGINT by set_wakeup_fd; a KeyboardInterrupt as well would tear a callback that starts a node
+    signal.signal(signal.SIGINT, lambda *_: None)
+    if _on_command_line(launch_file):
+        check_names(launch_file.name, arguments, [word.partition(":=")[0] for word in context.argv])
+    context.launch_configurations.update(check(launch_file.name, arguments, context.launch_configurations))
+
+
+def _on_command_line(launch_file: Path) -> bool:
+    """Return whether `ros2 launch` was asked for this very file, so that every argument given is meant for it.
+
+    Where another launch file includes this one, the arguments on the command line are the other's.
+    """
+    words = sys.argv[1:]
+    by_package = (PACKAGE, launch_file.name) in pairwise(words)
+    return by_package or any(Path(word).name == launch_file.name and _same(Path(word), launch_file) for word in words)
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.exists() and one.samefile(other)
