@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_sim.batch import simulate_many
-from atpid_sim.scene import ControlledCeiling, Scene, SceneError, scene_from_mapping
+from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulate import Result
 
 
@@ -45,10 +45,7 @@ def sweep(scene: Scene, lowest: float, highest: float, count: int, rtol: float |
 
 
 def _opened(scene: Scene, height: float) -> Scene:
-    if isinstance(scene.ceiling, ControlledCeiling):
-        raise SceneError(
-            "ceiling: given one that a controller moves; allowed: one of {height}, {closed, open, start, end}"
-        )
+    scene.require_prescribed_ceiling()
     if len(scene.ceiling.heights) == 1:
         return scene.with_(height=height)
     (_, closed), *_, (start, _), (end, _) = [(0.0, scene.ceiling.heights[0][1]), *scene.ceiling.heights[-2:]]
