@@ -16,7 +16,6 @@ from types import FrameType
 
 from rich.console import Console
 
-from atpid_control.bagread import open_bag
 from atpid_control.bench import outdir
 from atpid_control.bench.domain import own_domain
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
@@ -27,6 +26,8 @@ from atpid_control.bench.progress import shown
 from atpid_control.bench.realtime import commands_of, run_realtime
 from atpid_control.bench.rehearsal import rehearse
 from atpid_control.selection import make_selector
+from atpid_sim.display import working
+from atpid_sim.output import writing
 from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
 
@@ -111,15 +112,17 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
     """Write summary and report, print the table."""
     # here, so that the run itself does not wait for the drawing libraries
     from atpid_control.bench.summary import show, summary_of, write_summary
-    from atpid_control.report import read_run, report, stages
+    from atpid_control.report.make import write_report
+    from atpid_control.report.view import view_of
 
-    bag = open_bag(out / "bag")
-    done = read_run(bag)
-    measured = stages(done)
-    summary = summary_of(bag, measured, scene, mode)
-    write_summary(summary, out / "summary.json")
-    show(summary, done, measured, Console(width=max(100, shutil.get_terminal_size().columns), highlight=False))
-    made = report(out / "bag", out)
+    with working("reading the bag, repeating its stages by simulation"):
+        view = view_of(out / "bag")
+    summary = summary_of(view, scene, mode)
+    with writing(out / "summary.json"):
+        write_summary(summary, out / "summary.json")
+    show(summary, view, scene, Console(width=max(100, shutil.get_terminal_size().columns), highlight=False))
+    with working("drawing the report"):
+        made = write_report(view, out)
     print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
     return 0
 

@@ -11,7 +11,7 @@ from atpid_control.report.comparison import Closed
 from atpid_control.report.page import page
 from atpid_control.report.picture import save_pictures
 from atpid_control.report.stages import Stage
-from atpid_control.report.view import headline, view_of
+from atpid_control.report.view import View, headline, view_of
 
 PAGE = "report.html"
 
@@ -36,7 +36,11 @@ def report(bag: Path, out: Path, closed: Closed | None = None) -> Report:
     `closed` gives the closed damper's beam for a scene at given times; default: it is simulated.
     Raises BagError where the bag cannot be read, ReportError where `out` cannot be written.
     """
-    view = view_of(bag, closed)
+    return write_report(view_of(bag, closed), out)
+
+
+def write_report(view: View, out: Path) -> Report:
+    """Write page and pictures of a run that has been read; see `report`."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         pictures = save_pictures(view, out)
