@@ -17,7 +17,7 @@ from types import FrameType
 from rich.console import Console
 
 from atpid_control.bench import outdir
-from atpid_control.bench.domain import own_domain
+from atpid_control.bench.domain import named_domain, own_domain
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
 from atpid_control.bench.graph import Parameters, parameters_for, write_parameters
 from atpid_control.bench.lockstep import run_lockstep
@@ -43,7 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board",
     )
-    parser.add_argument("--domain", type=int, help="ROS domain to use; default: a free one")
+    parser.add_argument(
+        "--domain",
+        type=int,
+        help="ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -98,14 +102,26 @@ def _run_nodes(
     write_parameters(parameters, parameter_file)
     rehearse(scene, parameters["identifier_node"])
     os.environ["ROS_LOG_DIR"] = str(out / "log")
-    with own_domain(args.domain), _stoppable(), shown(scene.duration, args.scene.name) as progress:
+    paced = args.real_time or args.emulated_stand
+    wanted = named_domain() if paced and args.domain is None else args.domain
+    with own_domain(wanted) as domain, _stoppable(), shown(scene.duration, args.scene.name) as progress:
         try:
-            if args.real_time or args.emulated_stand:
+            if paced:
+                print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
                 run_realtime(commands(parameter_file), out / "log", progress)
             else:
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"stopped before the end; the bag is closed: {out / 'bag'}") from None
+            raise KeyboardInterrupt(stopped(out / "bag")) from None
+
+
+def stopped(bag: Path) -> str:
+    """Return what is left of a run that was stopped."""
+    if not bag.exists():
+        return "stopped before the recording began; there is no bag"
+    if not (bag / "metadata.yaml").exists():
+        return f"stopped before the end; the bag is not closed: python -m atpid_control.recording repair {bag}"
+    return f"stopped before the end; the bag is closed: {bag}"
 
 
 def _conclude(scene: Scene, out: Path, mode: str) -> int:

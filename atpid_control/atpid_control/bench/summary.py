@@ -154,10 +154,10 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> T
         "height\n[m]",
         "beam\n[m]",
         "closed\n[m]",
-        "efficiency",
+        "effi-\nciency",
     ):
         table.add_column(Text(name), justify="right", no_wrap=True)
-    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\nefficiency") if printed else ():
+    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "effi-\nciency") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
     for stage, other in zip_longest(stages, printed or ()):
         table.add_row(*_row(stage), *(_printed(other) if other else ()))
@@ -172,9 +172,15 @@ def _row(stage: Stage) -> list[str]:
         f"{stage.height:.4f}{'' if stage.arrived else '*'}",
         f"{stage.amplitude:.4f}",
         f"{stage.undamped_amplitude:.3f}",
-        f"{100 * stage.efficiency:.1f} %" if stage.amplitude_spread is None else stage.efficiency_text(),
+        _efficiency(stage),
     )
     return [f"{stage.t0:g} to {stage.t1:g}", *("" if "nan" in text else text for text in shown)]
+
+
+def _efficiency(stage: Stage) -> str:
+    if stage.amplitude_spread is not None:
+        return stage.efficiency_text()
+    return f"{round(100 * stage.efficiency, 1) + 0.0:.1f} %" if math.isfinite(stage.efficiency) else "nan"
 
 
 def _printed(stage: Printed) -> list[str]:

@@ -14,6 +14,9 @@ from atpid_control.report.stages import Stage
 from atpid_control.report.view import View, headline, view_of
 
 PAGE = "report.html"
+#: Marks a folder of the bench (bench/outdir.py).
+_RUN = "bench.json"
+_FILES = {PAGE, *(f"{name}{scheme}.png" for name in ("overview", "grain") for scheme in ("", "-dark"))}
 
 
 class ReportError(InputError):
@@ -28,6 +31,18 @@ class Report:
     pictures: list[Path]
     stages: list[Stage]
     headline: str
+
+
+def check_folder(out: Path) -> None:
+    """Raise ReportError where `out` holds anything but an earlier report or a run of the bench."""
+    if not out.is_dir() or (out / _RUN).is_file():
+        return
+    foreign = sorted(item.name for item in out.iterdir() if item.name not in _FILES)
+    if foreign:
+        raise ReportError(
+            f"--out: given {out}, which holds files that are not a report's ({', '.join(foreign[:3])}); "
+            "give an empty or a new folder"
+        )
 
 
 def report(bag: Path, out: Path, closed: Closed | None = None) -> Report:

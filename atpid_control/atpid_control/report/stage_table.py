@@ -27,7 +27,7 @@ def table(view: View) -> str:
     rows = [_row(stage, view.printed[n] if view.printed else None) for n, stage in enumerate(view.stages)]
     thesis = _THESIS_NOTE if view.printed else ""
     head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
-    notes = [f"{escape(text)}." for text in not_arrived(view)]
+    notes = [f"* {escape(text)}." for text in not_arrived(view)]
     notes += ["Where the motion is irregular, efficiency is given as the range of repeated simulations."] * any(
         stage.amplitude_spread for stage in view.stages
     )
@@ -55,13 +55,13 @@ def _row(stage: Stage, printed: Printed | None) -> str:
         }
     cells = [
         (f"{stage.t0:.4g} to {stage.t1:.4g} s", "", ""),
-        (_number(1e3 * stage.excitation_amplitude, ".4g", "mm"), "", ""),
-        (_number(1e3 * stage.identified_amplitude, ".3f", "mm"), "", ""),
-        (_number(error, "+.3f", "%"), "", ""),
-        (_number(stage.identified_frequency, ".3f", "Hz"), "", ""),
-        (_number(stage.height, ".3f", "m") + ("" if stage.arrived else " *"), thesis["height"], best["height"]),
-        (_number(stage.undamped_amplitude, ".3f", "m"), thesis["closed"], ""),
-        (_number(stage.amplitude, ".3f", "m"), thesis["beam"], ""),
+        (number(1e3 * stage.excitation_amplitude, ".4g", "mm"), "", ""),
+        (number(1e3 * stage.identified_amplitude, ".3f", "mm"), "", ""),
+        (number(error, "+.3f", "%"), "", ""),
+        (number(stage.identified_frequency, ".3f", "Hz"), "", ""),
+        (number(stage.height, ".3f", "m") + ("" if stage.arrived else " *"), thesis["height"], best["height"]),
+        (number(stage.undamped_amplitude, ".3f", "m"), thesis["closed"], ""),
+        (number(stage.amplitude, ".3f", "m"), thesis["beam"], ""),
         (f"<b class='own'>{_efficiency(stage)}</b>", thesis["efficiency"], best["efficiency"]),
     ]
     return "<tr>" + "".join(_cell(name, *cell) for name, cell in zip(_COLUMNS, cells, strict=True)) + "</tr>"
@@ -77,10 +77,11 @@ def _cell(name: str, text: str, thesis: str, best: str) -> str:
 def _efficiency(stage: Stage) -> str:
     if stage.amplitude_spread is not None:
         return stage.efficiency_text()
-    return _number(100.0 * stage.efficiency, ".1f", "%")
+    return number(100.0 * stage.efficiency, ".1f", "%")
 
 
-def _number(value: float, form: str, unit: str) -> str:
+def number(value: float, form: str, unit: str) -> str:
+    """Return a value in the page's form: a true minus sign, no sign on zero, a dash for NaN."""
     if not math.isfinite(value):
         return "–"
     text = f"{value:{form}}"

@@ -62,7 +62,7 @@ class Stage:
 
     def efficiency_text(self) -> str:
         """Return the efficiency in per cent, as a range where repeated runs differ."""
-        least, largest = (f"{100.0 * value:.0f}" for value in self.efficiency_range)
+        least, largest = (round(100.0 * value) for value in self.efficiency_range)
         return f"{least} %" if least == largest else f"{least} to {largest} %"
 
 
