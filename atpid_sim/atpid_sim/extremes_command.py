@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from atpid_common import output
 from atpid_sim.batch import on_all_cores
 from atpid_sim.extremes import TOLERANCE, Case, check, run_case, rungs_for
 from atpid_sim.outcome import NumericalFailure, Outcome
@@ -31,8 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a promise."""
-    folder = Path(args.out)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = output.folder(Path(args.out))
     asked = args.rungs.split(",")
     jobs = [
         (index, rung)
@@ -47,9 +47,10 @@ def run(args: argparse.Namespace) -> int:
             bar.update(task, completed=len(cases))
     broken = [text for case in cases if (text := _broken(case))]
     summary = _summary(cases, args.seed, broken)
-    (folder / "extremes.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     text = _markdown(cases, summary)
-    (folder / "extremes.md").write_text(text, encoding="utf-8")
+    with output.writing(folder):
+        (folder / "extremes.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+        (folder / "extremes.md").write_text(text, encoding="utf-8")
     print(text)
     if broken:
         raise NumericalFailure(f"{len(broken)} of {len(cases)} runs broke a promise; the first: {broken[0]}")

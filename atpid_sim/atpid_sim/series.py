@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.output import OutputError, writing
 from atpid_sim.figures.numbers import metadata_of
-from atpid_sim.output import OutputError, writing
 from atpid_sim.scene import Scene
 from atpid_sim.simulate import Trajectory
 

@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from atpid_sim import output
+from atpid_common import output
 from atpid_sim.display import working
 from atpid_sim.run import FIDELITIES
 from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene

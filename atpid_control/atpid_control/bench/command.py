@@ -16,6 +16,7 @@ from types import FrameType
 
 from rich.console import Console
 
+from atpid_common.output import writing
 from atpid_control.bench import outdir
 from atpid_control.bench.domain import named_domain, own_domain
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
@@ -27,7 +28,6 @@ from atpid_control.bench.realtime import commands_of, run_realtime
 from atpid_control.bench.rehearsal import rehearse
 from atpid_control.selection import make_selector
 from atpid_sim.display import working
-from atpid_sim.output import writing
 from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
 
@@ -60,7 +60,8 @@ def run(args: argparse.Namespace) -> int:
         make_selector(scene.ceiling.controller, scene, height_map)
     with outdir.claimed(out):
         moved = outdir.prepare(out)
-        outdir.mark(out, scene_file)
+        with writing(out):
+            outdir.mark(out, scene_file)
         if moved:
             print(f"an earlier run was moved to {moved}", file=sys.stderr)
         _run_graph(args, scene, scene_file, height_map, out)
@@ -99,7 +100,8 @@ def _run_nodes(
     # the bag must replay to the same commands after a shipped map has been made anew: the map goes into it
     chosen = parameters["selector_node"]["map"]
     parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
-    write_parameters(parameters, parameter_file)
+    with writing(parameter_file):
+        write_parameters(parameters, parameter_file)
     rehearse(scene, parameters["identifier_node"])
     os.environ["ROS_LOG_DIR"] = str(out / "log")
     paced = args.real_time or args.emulated_stand
