@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 import numpy as np
 
+from atpid_common import output
 from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
 from atpid_sim.scene import Scene, load_scene
@@ -37,6 +39,8 @@ def run(args: argparse.Namespace) -> int:
     amplitudes, fractions = amplitudes_of(args.amplitudes), mass_fractions_of(args.mass_fractions)
     if args.header and len(fractions) != 1:
         raise MapError(f"--header: given {len(fractions)} mass fractions; a firmware table holds one, so map one")
+    if args.header:
+        output.file(Path(args.header), "--header")
     _warn(scene, amplitudes, fractions)
     with counting("height map", len(amplitudes) * len(fractions), kept=True) as count:
         made = build_map(

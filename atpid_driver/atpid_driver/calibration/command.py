@@ -36,8 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
     if out.exists() and not arguments.force:
         raise CalibrationError(f"{out} exists: a calibration is kept; name another file or say --force")
-    picture = output.file(arguments.picture or out.with_suffix(".png"), "--picture")
     output.file(out)
+    picture = output.file(arguments.picture or out.with_suffix(".png"), "--picture")
     positions, volts = read_readings(arguments.readings)
     result = fit(positions, volts, arguments.degree)
     calibration = calibration_of(result, arguments)
