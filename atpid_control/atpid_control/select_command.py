@@ -20,8 +20,8 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
 from atpid_sim.scene.ceiling import CONTROLLERS
 
-#: A height this close to an end of the ceiling's range is that end [m].
-_AT_THE_END = 1e-6
+#: A height this close to the end of the range, in clearances, was stopped there: of equally good ones the lowest counts.
+_AT_THE_END = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,9 +69,11 @@ def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
             f"height: {chosen.height:.4f} m is beyond ceiling.range ({low:g} to {high:g} m); the loop would send the "
             f"ceiling to {nearest:g} m"
         ]
-    if chosen.method == "direct" and high - chosen.height <= _AT_THE_END:
+    stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
+    if chosen.method == "direct" and stopped:
         return [
-            f"height: {high:g} m is the end of ceiling.range, in which `direct` selects; a larger one may do better"
+            f"height: {chosen.height:.4f} m lies at the end of ceiling.range ({low:g} to {high:g} m), in which `direct` "
+            "selects; a greater height may do better"
         ]
     return []
 
