@@ -20,7 +20,8 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
 from atpid_sim.scene.ceiling import CONTROLLERS
 
-#: A height this close to the end of the range, in clearances, was stopped there: of equally good ones the lowest counts.
+#: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
+#: is taken.
 _AT_THE_END = 0.02
 
 
@@ -72,8 +73,8 @@ def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
     stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
     if chosen.method == "direct" and stopped:
         return [
-            f"height: {chosen.height:.4f} m lies at the end of ceiling.range ({low:g} to {high:g} m), in which `direct` "
-            "selects; a greater height may do better"
+            f"height: {chosen.height:.4f} m lies at the end of ceiling.range ({low:g} to {high:g} m), in which "
+            "`direct` selects; a greater height may do better"
         ]
     return []
 
