@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from atpid_common import output
 from atpid_sim.batch import on_all_cores
+from atpid_sim.display import counting
 from atpid_sim.extremes import TOLERANCE, Case, check, run_case, rungs_for
 from atpid_sim.outcome import NumericalFailure, Outcome
 
@@ -40,11 +39,10 @@ def run(args: argparse.Namespace) -> int:
         for rung in rungs_for(args.seed, index, asked)
     ]
     cases: list[Case] = []
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("extreme systems", total=len(jobs))
+    with counting("extreme systems", len(jobs)) as count:
         for _, case in on_all_cores(lambda job: run_case(args.seed, *job), jobs):
             cases.append(case)
-            bar.update(task, completed=len(cases))
+            count(len(cases))
     broken = [text for case in cases if (text := _broken(case))]
     summary = _summary(cases, args.seed, broken)
     text = _markdown(cases, summary)

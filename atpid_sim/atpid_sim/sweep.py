@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,10 +28,18 @@ class Sweep(NamedTuple):
         return len(self.heights) / self.wall_s
 
 
-def sweep(scene: Scene, lowest: float, highest: float, count: int, rtol: float | None = None) -> Sweep:
+def sweep(
+    scene: Scene,
+    lowest: float,
+    highest: float,
+    count: int,
+    rtol: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Sweep:
     """Simulate a scene at `count` heights [m], each once, on all cores.
 
-    A ceiling that moves goes to the height in its last ramp, one that stands still stands there. Raises SceneError
+    A ceiling that moves goes to the height in its last ramp, one that stands still stands there. `progress` is called
+    with the number done after each. Raises SceneError
     where a controller moves the ceiling, ValueError for less than one height.
     """
     if count < 1:
@@ -39,7 +48,7 @@ def sweep(scene: Scene, lowest: float, highest: float, count: int, rtol: float |
     scenes = [_opened(scene, height) for height in heights]
     simulate_many(scenes[:1], "soft", rtol, check=False)  # compiles, or loads what was compiled
     begin = time.perf_counter()
-    results = simulate_many(scenes, "soft", rtol, check=False)
+    results = simulate_many(scenes, "soft", rtol, check=False, progress=progress)
     wall = time.perf_counter() - begin
     return Sweep(heights, results, wall, max(abs(result.energy_residual) for result in results))
 
