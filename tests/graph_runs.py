@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the whole-graph tests share: short scenes, runs of the graph without a report, and waiting for events."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -69,7 +70,14 @@ def _plain(value: Any) -> Any:
 def started(*arguments: str) -> subprocess.Popen[str]:
     """Start `python -m atpid_control` with these arguments."""
     command = [sys.executable, "-m", "atpid_control", *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_domain()
+    )  # fmt: skip
+
+
+def without_domain() -> dict[str, str]:
+    """Return the environment without this session's ROS domain, which it keeps: a bench then chooses a free one."""
+    return {key: value for key, value in os.environ.items() if key != "ROS_DOMAIN_ID"}
 
 
 def wait_until(

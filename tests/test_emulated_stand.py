@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from graph_runs import scene_file
+from graph_runs import scene_file, without_domain
 
 from atpid_control.bench.emulated import missing_tools
 
@@ -24,7 +24,7 @@ SCENE = {
 def bench(scene: Path, out: Path, *more: str) -> tuple[dict, str]:
     """Run the bench as a user would; return its summary and what it said."""
     command = [sys.executable, "-m", "atpid_control", "bench", str(scene), "--out", str(out), *more]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500.0)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500.0, env=without_domain())
     assert done.returncode == 0, done.stderr
     return json.loads((out / "summary.json").read_text()), done.stdout + done.stderr
 

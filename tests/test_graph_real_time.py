@@ -70,6 +70,23 @@ def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running):
     assert not [pid for pid in nodes.values() if Path(f"/proc/{pid}").exists()]
 
 
+def test_the_domain_is_printed_and_ctrl_c_before_the_recording_says_that_there_is_no_bag(scenes, tmp_path):
+    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES)
+    process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
+    said = ""
+    while not said.startswith("ROS domain "):  # printed before the nodes are started
+        said = process.stderr.readline()
+        assert said, "it ended"
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate()
+    number = said.split()[2].rstrip(":")
+    assert said.strip() == f"ROS domain {number}: listen with ROS_DOMAIN_ID={number}"
+    assert process.returncode == 130
+    bag = tmp_path / "out" / "bag"
+    told = "the bag is closed" if bag.exists() else "stopped before the recording began; there is no bag"
+    assert told in rest.strip().splitlines()[-1]
+
+
 def test_a_node_that_dies_stops_the_run_with_its_name(running):
     process, out = running
     os.kill(children(process.pid)["motor_node"], signal.SIGKILL)

@@ -17,15 +17,18 @@ from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_control.selection.registry import make_selector
 from atpid_sim.excitation import amplitude_at
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import HarmonicExcitation, Scene, load_scene
+from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
+from atpid_sim.scene.ceiling import CONTROLLERS
 
-_METHODS = ("lookup", "pca", "direct", "search")
+#: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
+#: is taken.
+_AT_THE_END = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE.yaml", help="the system and its excitation")
-    parser.add_argument("--method", required=True, choices=_METHODS, help="how the height is selected")
+    parser.add_argument("--method", required=True, choices=CONTROLLERS, help="how the height is selected")
     parser.add_argument("--map", type=Path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
     parser.add_argument("--amplitude-std", type=float, default=0.0, metavar="S", help="of the amplitude [m]; default 0")
     parser.add_argument(
@@ -47,11 +50,33 @@ def run(args: argparse.Namespace) -> int:
     except SelectionError as error:
         # in the loop a simulation that fails is one more reason to stay; for a user it is a failure of its own kind
         raise error.__cause__ if isinstance(error.__cause__, NumericalFailure) else error from None
+    warnings = [*scene.warnings(), *range_warnings(scene, chosen)]
     if args.json:
-        print(json.dumps(to_json(chosen), allow_nan=False))
+        told = to_json(chosen) | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
+        print(json.dumps(told, allow_nan=False))
     else:
-        _show(args.scene, amplitude, chosen)
+        _show(args.scene, scene, amplitude, chosen, warnings)
     return 0
+
+
+def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
+    """Return what the range of a controlled ceiling does to a selected height: a line, or nothing."""
+    if not isinstance(scene.ceiling, ControlledCeiling):
+        return []
+    low, high = scene.ceiling.range
+    nearest = min(max(chosen.height, low), high)
+    if nearest != chosen.height:
+        return [
+            f"height: {chosen.height:.4f} m is beyond ceiling.range ({low:g} to {high:g} m); the loop would send the "
+            f"ceiling to {nearest:g} m"
+        ]
+    stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
+    if chosen.method == "direct" and stopped:
+        return [
+            f"height: {chosen.height:.4f} m lies at the end of ceiling.range ({low:g} to {high:g} m), in which "
+            "`direct` selects; a greater height may do better"
+        ]
+    return []
 
 
 def steady_amplitude(scene: Scene) -> float:
@@ -65,7 +90,7 @@ def steady_amplitude(scene: Scene) -> float:
 
 
 def to_json(chosen: Selection) -> dict[str, Any]:
-    """Return the keys of DESIGN's `--json` and what else the method tells; NaN as None."""
+    """Return a selection's fields by the names of `--json`; NaN as None."""
     plain = asdict(chosen)
     plain["amplitude"] = plain.pop("beam_amplitude")
     plain["stages"] = [_without_nan(stage) for stage in plain["stages"]]
@@ -101,18 +126,21 @@ def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
 
 
-def _show(name: str, amplitude: float, chosen: Selection) -> None:
+def _show(name: str, scene: Scene, amplitude: float, chosen: Selection, warnings: list[str]) -> None:
     table = Table(title=f"{name}: {chosen.method} at {amplitude:g} m", show_header=False)
     table.add_row("height", f"{chosen.height:.4f} m")
     table.add_row("beam amplitude there", f"{chosen.beam_amplitude:.4f} m")
     table.add_row("efficiency", f"{100 * chosen.efficiency:.1f} %")
-    table.add_row("price of the margin", f"{100 * chosen.price:.2f} %")
+    table.add_row("price of the margin", f"{100 * chosen.price:.2f} %" if math.isfinite(chosen.price) else "unknown")
+    table.add_row("resonance, damper closed", f"{scene.natural_frequency_hz:.4f} Hz")
     table.add_row("simulations", str(chosen.evaluations))
     table.add_row("time", f"{1e3 * chosen.wall_s:.1f} ms")
     console = Console()
     console.print(table)
     if chosen.stages:
         console.print(_stages(chosen))
+    for line in warnings:
+        console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _stages(chosen: Selection) -> Table:

@@ -11,7 +11,8 @@ import pytest
 
 from atpid_common.nodes.messages import time_of
 from atpid_control.bench import graph, outdir
-from atpid_control.bench.domain import is_quiet, own_domain
+from atpid_control.bench.command import stopped
+from atpid_control.bench.domain import is_quiet, named_domain, own_domain
 from atpid_control.bench.errors import BenchError, NodeDiedError
 from atpid_control.bench.processes import Processes
 from atpid_control.bench.summary import real_time_factor
@@ -48,8 +49,36 @@ def test_a_domain_with_a_participant_is_not_quiet():
 def test_a_domain_out_of_range_or_taken_is_refused():
     with pytest.raises(BenchError, match="given 400; allowed: 0 to 232"), own_domain(400, {}):
         pass
-    with own_domain(environment={}) as taken, pytest.raises(BenchError, match=f"given {taken}"), own_domain(taken, {}):
+    with (
+        own_domain(environment={}) as taken,
+        pytest.raises(BenchError, match=f"ROS domain {taken}: another bench is running there"),
+        own_domain(taken, {}),
+    ):
         pass
+
+
+def test_the_domain_the_user_has_set_is_taken():
+    assert named_domain({}) is None and named_domain({"ROS_DOMAIN_ID": ""}) is None
+    assert named_domain({"ROS_DOMAIN_ID": "0"}) == 0 and named_domain({"ROS_DOMAIN_ID": "77"}) == 77
+    for text in ("lab", "-1", "233", "1.5"):
+        with pytest.raises(BenchError, match=f"ROS_DOMAIN_ID: given '{text}'; allowed: 0 to 232"):
+            named_domain({"ROS_DOMAIN_ID": text})
+
+
+@pytest.mark.parametrize(
+    ("files", "text"),
+    [
+        ([], "stopped before the recording began; there is no bag"),
+        (["bag_0.mcap"], "the bag is not closed: python -m atpid_control.recording repair "),
+        (["bag_0.mcap", "metadata.yaml"], "the bag is closed: "),
+    ],
+)
+def test_what_is_left_of_a_run_that_was_stopped(files, text, tmp_path):
+    bag = tmp_path / "bag"
+    for name in files:
+        bag.mkdir(exist_ok=True)
+        (bag / name).write_text("")
+    assert text in stopped(bag)
 
 
 def test_an_earlier_run_is_moved_aside_and_nothing_is_lost(tmp_path):

@@ -17,17 +17,20 @@ from numpy.typing import NDArray
 from recorded import SHORT, block, record
 
 from atpid_control.bagread import open_bag
+from atpid_control.bench.outdir import MARKER
 from atpid_control.cli import main
 from atpid_control.recording import BagError, BagWriter, new_run
 from atpid_control.report import Stage, read_run, report, stages
 from atpid_control.report.charts import thinned
 from atpid_control.report.comparison import closed_by_simulation
-from atpid_control.report.decay import largest_decrement, peaks
 from atpid_control.report.picture import rounded_up
+from atpid_control.report.repetition import corners
+from atpid_control.report.stage_table import number
 from atpid_control.report.stages import intervals
 from atpid_control.report.theme import DARK, LIGHT, Palette
 from atpid_control.report.thesis import beside, measured_decrement
 from atpid_control.report.view import headline, view_of
+from atpid_sim.decay import largest_decrement, peaks
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
@@ -112,11 +115,56 @@ def test_stages_are_the_intervals_of_constant_amplitude(adaptive: Path) -> None:
 
 def test_a_stage_has_the_keys_of_the_summary(adaptive: Path) -> None:
     keys = ["t0", "t1", "excitation_amplitude", "identified_amplitude", "identified_frequency", "height", "amplitude",
-            "undamped_amplitude", "efficiency"]  # fmt: skip
+            "undamped_amplitude", "efficiency", "commanded_height", "reproducible", "amplitude_spread"]  # fmt: skip
     assert [field.name for field in fields(Stage)] == keys
     first = stages(adaptive)[0]
     assert list(first.as_dict()) == keys
     json.dumps(replace(first, height=math.nan).as_dict(), allow_nan=False)
+
+
+def test_a_regular_stage_repeats_and_has_no_spread(adaptive: Path) -> None:
+    found = stages(adaptive)
+    assert [(stage.reproducible, stage.amplitude_spread) for stage in found] == [(True, None), (True, None)]
+    assert all(stage.arrived and stage.efficiency_range == (stage.efficiency, stage.efficiency) for stage in found)
+
+
+def test_an_irregular_stage_has_the_spread_of_repeated_runs(folder: Path, tmp_path: Path) -> None:
+    """Above the best height; one bag with a ceiling of the scene's own, one with the same heights by a controller."""
+    steady = SHORT.replace("[[0.0, 0.0], [0.5, 0.01], [4.0, 0.01], [4.5, 0.02], [8.0, 0.02]]", "0.01")
+    high = steady.replace("{closed: 0.017, range: [0.017, 1.0], speed: 0.3, controller: lookup}", "{height: 0.3}")
+    moved = steady.replace("speed: 0.3", "speed: 10.0")
+    for bag in (recorded(folder, "high", high, []), recorded(folder, "moved", moved, [(0.04, 0.3, 0.01)])):
+        made = report(bag, tmp_path / bag.name)
+        (stage,) = made.stages
+        assert stage.reproducible is False and stage.amplitude_spread is not None
+        least, largest = stage.amplitude_spread
+        assert least <= stage.amplitude <= largest and largest > 1.05 * least
+        low, high_ = (f"{100.0 * value:.0f}" for value in stage.efficiency_range)
+        assert f"reduces the resonant amplitude by {low} to {high_} %; the motion is irregular" in made.headline
+        assert json.loads(json.dumps(stage.as_dict()))["amplitude_spread"] == [least, largest]
+        assert f"{low} to {high_} %" in made.page.read_text()
+
+
+def test_the_ceiling_s_recorded_motion_is_kept_by_its_corners() -> None:
+    time = np.arange(0.0, 5.0, 1e-3)
+    height = np.interp(time, [0.0, 1.0, 2.0, 5.0], [0.017, 0.017, 0.317, 0.317])
+    times, heights = corners(time, height)
+    assert len(times) < 8 and np.max(np.abs(np.interp(time, times, heights) - height)) < 1e-12
+
+
+def test_a_height_that_was_not_reached_is_said(folder: Path, tmp_path: Path) -> None:
+    made = report(recorded(folder, "slow", SHORT.replace("speed: 0.3", "speed: 0.01"), [(0.8, 0.19, 0.01)]), tmp_path)
+    assert [stage.arrived for stage in made.stages] == [False, False]
+    assert made.stages[0].commanded_height == 0.19 and made.stages[0].height < 0.06
+    said = "0.1900 m was commanded and not reached; the ceiling was at"
+    assert made.page.read_text().count(said) == 2 and "speed 0.01 m/s" in made.page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(-1e-9, "0.000 %"), (0.0004, "0.000 %"), (-0.0016, "−0.002 %"), (math.nan, "–")]
+)
+def test_what_is_rounded_to_zero_has_no_sign(value: float, text: str) -> None:
+    assert number(value, "+.3f", "%") == text
 
 
 @pytest.mark.parametrize(
@@ -228,7 +276,11 @@ def test_every_kind_of_scene_gets_a_report(free: Path, folder: Path, tmp_path: P
     closed = recorded(folder, "closed", FREE.replace("{height: 0.2}", "{height: 0.017}"), [])
     sweep = FREE.replace("{free: {deflection: 0.2}}", "{sweep: {amplitude: 0.005, from: 2.0, to: 4.0}}")
     swept = recorded(folder, "swept", sweep, [])
-    for bag, said in ((free, "Released"), (closed, "closed damper"), (swept, "recorded run")):
+    for bag, said in (
+        (free, "successive peaks fall by a factor of up to 1.77"),
+        (closed, "closed damper"),
+        (swept, "recorded run"),
+    ):
         made = report(bag, tmp_path / bag.name)
         assert said in made.headline and made.stages == []
         assert Page(made.page.read_text()).open == []
@@ -287,6 +339,20 @@ def test_a_folder_that_cannot_be_written_is_one_line(
     (tmp_path / "file").write_text("")
     assert main(["report", str(free), "--out", str(tmp_path / "file" / "out")]) == 2
     assert "cannot write the report" in capsys.readouterr().err
+
+
+def test_a_folder_with_files_of_others_is_refused_and_an_earlier_report_replaced(
+    free: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["report", str(free), "--out", str(out)]) == 0
+    assert main(["report", str(free), "--out", str(out)]) == 0
+    (out / "thesis.docx").write_text("")
+    capsys.readouterr()
+    assert main(["report", str(free), "--out", str(out)]) == 2
+    assert "holds files that are not a report's (thesis.docx)" in capsys.readouterr().err
+    (out / MARKER).write_text("")  # a folder of the bench may hold anything
+    assert main(["report", str(free), "--out", str(out)]) == 0
 
 
 def test_thinning_keeps_extremes_and_gaps() -> None:

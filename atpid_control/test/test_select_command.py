@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
+from atpid_control.bench import maps
 from atpid_control.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -67,3 +69,56 @@ def test_a_numerical_failure_is_status_three(tmp_path: Path, capsys: pytest.Capt
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "deeper into a wall than its radius" in error
+
+
+def with_range(tmp_path: Path, high: float) -> str:
+    scene = tmp_path / "short.yaml"
+    text = Path(SCENE).read_text(encoding="utf-8")
+    assert "[0.017, 1.0]" in text
+    scene.write_text(text.replace("[0.017, 1.0]", f"[0.017, {high}]"), encoding="utf-8")
+    return str(scene)
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        ("lookup", " m is beyond ceiling.range (0.017 to 0.3 m); the loop would send"),
+        ("direct", "lies at the end of ceiling.range (0.017 to 0.3 m), in which `direct` selects"),
+    ],
+)
+def test_a_height_beyond_the_ceiling_s_range_is_said(
+    method: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    extra = ["--map", MAP] if method == "lookup" else []
+    assert main(["select", with_range(tmp_path, 0.3), "--method", method, *extra]) == 0
+    assert words in capsys.readouterr().out
+    assert main(["select", with_range(tmp_path, 0.3), "--method", method, "--json", *extra]) == 0
+    output = capsys.readouterr()
+    assert [line for line in json.loads(output.out)["warnings"] if words in line] and output.err == ""
+    assert main(["select", SCENE, "--method", method, "--json", *extra]) == 0
+    chosen = json.loads(capsys.readouterr().out)
+    assert chosen["warnings"] == [] and chosen["resonance"] == pytest.approx(5.47, abs=0.001)
+
+
+def test_one_infeasible_amplitude_costs_no_look_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A small stiff beam: most amplitudes of the usual range press the grain too deep; the one asked for does not."""
+    scene = tmp_path / "own.yaml"
+    text = Path(SCENE).read_text(encoding="utf-8")
+    text = text.replace(
+        "{mass: 0.3258, stiffness: 427.6, damping: 0.56}", "{mass: 1.2, stiffness: 3.0e4, damping: 2.0}"
+    )
+    text = re.sub(r"amplitude: \[\[.*\]\]", "amplitude: 0.0005", text)
+    scene.write_text(text.replace("tolerance:  1.0e-6", "tolerance:  1.0e-4"), encoding="utf-8")
+    monkeypatch.setattr(maps, "user_cache", lambda: tmp_path / "maps")
+    monkeypatch.setattr(maps, "_POINTS", 5)
+    assert main(["select", str(scene), "--method", "lookup", "--json"]) == 0
+    output = capsys.readouterr()
+    looked_up = json.loads(output.out)
+    assert "cannot be simulated: the map ends there" in output.err
+    assert main(["select", str(scene), "--method", "direct", "--json"]) == 0
+    direct = json.loads(capsys.readouterr().out)
+    assert looked_up["efficiency"] == pytest.approx(direct["efficiency"], abs=0.02)
+    assert main(["select", str(scene), "--method", "lookup", "--json"]) == 0
+    assert capsys.readouterr().err == ""  # kept

@@ -10,6 +10,7 @@ import pytest
 
 from atpid_control.selection import METHODS, HeightSelector, Selection, SelectionError, make_selector
 from atpid_sim.scene import Scene, load_scene
+from atpid_sim.scene.ceiling import CONTROLLERS
 
 ROOT = Path(__file__).parents[2]
 MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
@@ -87,3 +88,7 @@ def test_unknown_methods_are_named(scene: Scene) -> None:
 def test_a_selection_is_plain_data() -> None:
     chosen = Selection(0.3, 0.07, 0.8, "lookup")
     assert (chosen.evaluations, chosen.wall_s, chosen.price, chosen.stages) == (0, 0.0, 0.0, ())
+
+
+def test_the_methods_a_scene_may_name_are_those_there_are() -> None:
+    assert set(METHODS) == {*CONTROLLERS, "fixed"}

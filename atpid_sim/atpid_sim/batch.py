@@ -42,10 +42,20 @@ def on_all_cores(
 
 
 def simulate_many(
-    scenes: Iterable[Scene], fidelity: str = "auto", rtol: float | None = None, check: bool = True
+    scenes: Iterable[Scene],
+    fidelity: str = "auto",
+    rtol: float | None = None,
+    check: bool = True,
+    progress: Callable[[int], None] | None = None,
 ) -> list[Result]:
-    """Return the result of each scene, in order, computed on all cores; errors as `simulate`."""
+    """Return the result of each scene, in order, computed on all cores; errors as `simulate`.
+
+    `progress` is called with the number done after each.
+    """
     numbered = list(enumerate(scenes))
-    answers = on_all_cores(lambda job: simulate(job[1], fidelity, rtol, check=check), numbered)
-    results = {index: result for (index, _), result in answers}
+    results: dict[int, Result] = {}
+    for (index, _), result in on_all_cores(lambda job: simulate(job[1], fidelity, rtol, check=check), numbered):
+        results[index] = result
+        if progress is not None:
+            progress(len(results))
     return [results[index] for index, _ in numbered]

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
+from atpid_common import output
 from atpid_sim.batch import on_all_cores
+from atpid_sim.display import counting
 from atpid_sim.extremes import TOLERANCE, Case, check, run_case, rungs_for
 from atpid_sim.outcome import NumericalFailure, Outcome
 
@@ -31,8 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a promise."""
-    folder = Path(args.out)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = output.folder(Path(args.out))
     asked = args.rungs.split(",")
     jobs = [
         (index, rung)
@@ -40,16 +39,16 @@ def run(args: argparse.Namespace) -> int:
         for rung in rungs_for(args.seed, index, asked)
     ]
     cases: list[Case] = []
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("extreme systems", total=len(jobs))
+    with counting("extreme systems", len(jobs)) as count:
         for _, case in on_all_cores(lambda job: run_case(args.seed, *job), jobs):
             cases.append(case)
-            bar.update(task, completed=len(cases))
+            count(len(cases))
     broken = [text for case in cases if (text := _broken(case))]
     summary = _summary(cases, args.seed, broken)
-    (folder / "extremes.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
     text = _markdown(cases, summary)
-    (folder / "extremes.md").write_text(text, encoding="utf-8")
+    with output.writing(folder):
+        (folder / "extremes.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+        (folder / "extremes.md").write_text(text, encoding="utf-8")
     print(text)
     if broken:
         raise NumericalFailure(f"{len(broken)} of {len(cases)} runs broke a promise; the first: {broken[0]}")

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from atpid_common import output
+from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
-from atpid_sim.scene import load_scene
+from atpid_sim.scene import Scene, load_scene
+from atpid_sim.scene.plausibility import LARGEST_AMPLITUDE, Quantity
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,16 +39,12 @@ def run(args: argparse.Namespace) -> int:
     amplitudes, fractions = amplitudes_of(args.amplitudes), mass_fractions_of(args.mass_fractions)
     if args.header and len(fractions) != 1:
         raise MapError(f"--header: given {len(fractions)} mass fractions; a firmware table holds one, so map one")
-    with _bar() as bar:
-        task = bar.add_task("height map", total=len(amplitudes) * len(fractions))
+    if args.header:
+        output.file(Path(args.header), "--header")
+    _warn(scene, amplitudes, fractions)
+    with counting("height map", len(amplitudes) * len(fractions), kept=True) as count:
         made = build_map(
-            scene,
-            amplitudes,
-            fractions,
-            args.out,
-            lambda done, _: bar.update(task, completed=done),
-            args.workers,
-            args.scheduler,
+            scene, amplitudes, fractions, args.out, lambda done, _: count(done), args.workers, args.scheduler
         )
     if args.header:
         write_header(made, fractions[0], args.header)
@@ -79,19 +77,26 @@ def mass_fractions_of(text: str) -> list[float]:
     return fractions
 
 
-def _bar() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=Console(file=sys.stderr),
-    )
+def _warn(scene: Scene, amplitudes: list[float], fractions: list[float]) -> None:
+    """Print what is unusual in the map's own grid and system; the scene's ceiling and excitation do not count."""
+    grid = Quantity("--amplitudes, largest", amplitudes[-1], 0.0, LARGEST_AMPLITUDE, "m", "lengths are in metres")
+    system = (scene.with_(mass_fraction=fraction).warnings() for fraction in fractions)
+    lines = [line for lines in system for line in lines if line.startswith(("beam", "grain", "contact", "gravity"))]
+    for line in dict.fromkeys([*lines, *filter(None, [grid.warning()])]):
+        print(f"warning: {line}", file=sys.stderr)
 
 
 def _tell(made: HeightMap, out: str) -> None:
-    irregular = int(np.size(made.reproducible) - np.count_nonzero(made.reproducible))
-    print(f"{out}: {made.heights.size} best heights, {made.heights.min():.4f} to {made.heights.max():.4f} m, ", end="")
-    print(f"efficiency {100 * made.efficiencies.min():.1f} to {100 * made.efficiencies.max():.1f} %, ", end="")
-    print(f"{irregular} not reproducible")
+    computed = made.heights.size - len(made.failures)
+    irregular = computed - int(np.count_nonzero(made.reproducible))
+    print(
+        f"{out}: {computed} best heights, {np.nanmin(made.heights):.4f} to {np.nanmax(made.heights):.4f} m, "
+        f"efficiency {100 * np.nanmin(made.efficiencies):.1f} to {100 * np.nanmax(made.efficiencies):.1f} %, "
+        f"{irregular} not reproducible"
+    )
+    if made.failures:
+        first = made.failures[0]
+        print(
+            f"{len(made.failures)} of {made.heights.size} points could not be computed (NaN in the map); the first: "
+            f"{first.amplitude:g} m, mass fraction {first.mass_fraction:g}: {first.reason}"
+        )

@@ -7,7 +7,7 @@ import numpy as np
 
 from atpid_sim.engine import state
 from atpid_sim.run import Array, Counts, is_closed, nothing
-from atpid_sim.scene import Scene
+from atpid_sim.scene import FreeExcitation, Scene
 
 #: Change from period to period, relative to the amplitude, above which the motion is irregular (rumble).
 _IRREGULAR = 0.05
@@ -21,13 +21,15 @@ _STROBES = 64
 def classify(scene: Scene, y: Array, n: Counts, out: Array, amplitude: float) -> str:
     """Return closed, no_ceiling, irregular, optimal, sticking or mixed.
 
-    Optimal: every period one impact on the floor and one on the ceiling, and no sticking (criteria 4.3 and 4.5).
+    Optimal: every period one impact on the floor and one on the ceiling, and no sticking (criteria 4.3 and 4.5). A free
+    decay is never called irregular: its amplitude changes from period to period whatever the grain does.
     """
     if is_closed(scene):
         return "closed"
     window = scene.steady_window[1] - scene.steady_window[0]
     periods = window * scene.frequency_hz
-    if amplitude > nothing(scene) and _unrest(out, amplitude) > _IRREGULAR:
+    driven = not isinstance(scene.excitation, FreeExcitation)
+    if driven and amplitude > nothing(scene) and _unrest(out, amplitude) > _IRREGULAR:
         return "irregular"
     floor, ceiling = n[state.WINDOW_FLOOR], n[state.WINDOW_CEILING]
     if ceiling == 0:

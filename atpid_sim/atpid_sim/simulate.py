@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim import trust
+from atpid_sim.decay import largest_decrement
 from atpid_sim.engine import state
 from atpid_sim.fidelity import Choice, choose
 from atpid_sim.motion import classify
@@ -30,13 +31,16 @@ from atpid_sim.run import (
     stepper_of,
     undamped_amplitude,
 )
-from atpid_sim.scene import Scene
+from atpid_sim.scene import FreeExcitation, Scene
 
 #: Impacts remembered of one run.
 _LOG = 20_000
 
 #: Samples a period from which the kind of motion is read.
 _STROBES = 64
+
+#: Samples a period from which the peaks of a free decay are read: each is within 1e-5 of the true one.
+_DECAY_SAMPLES = 800.0
 
 #: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
 _TOLERANCE_SHARE = 0.3
@@ -64,6 +68,11 @@ class Result:
     steps: int
     wall_s: float  # the integration alone, compiled [s]
     result: str  # the outcome, a sentence
+    resonance: float = math.nan  # natural frequency of beam and grain as one mass [Hz]
+    decrement: float = math.nan  # of a free decay: largest ratio of successive upper peaks [-]; else NaN
+    undamped_decrement: float = math.nan  # the same with the damper closed [-]
+    decrement_error: float = math.nan  # relative, by a hundredth of the tolerance [-]
+    warnings: tuple[str, ...] = ()  # unusual values of the scene
 
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers and text; NaN as None."""
@@ -96,10 +105,10 @@ def simulate(
 
     `height` [m] replaces the ceiling by one that stands still there. With `check` the run is repeated with a finer
     tolerance and a disturbed start, which gives the error estimate and tells whether the amplitude is reproducible.
-    Raises NumericalFailure, naming time and state, where the run does not end as it should.
+    Raises NumericalFailure, naming time and state, where the run does not end as it should, and SceneError where a
+    controller moves the ceiling and no height is given.
     """
-    if height is not None:
-        scene = scene.with_(height=height)
+    scene = _with_height(scene, height)
     choice = choose(scene, fidelity)
     tolerance = _tolerance(scene, rtol)
     stepper = stepper_of(scene, choice.fidelity, tolerance)
@@ -135,11 +144,20 @@ def simulate(
         steps=int(state.spent(n)),
         wall_s=wall,
         result=Outcome.DONE.sentence,
+        resonance=scene.natural_frequency_hz,
+        warnings=tuple(scene.warnings()),
+        **_decay(scene, choice.fidelity, tolerance),
     )
 
 
-def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None) -> Trajectory:
-    """Run a scene and return its motion at i / rate [s] over the whole run. Raises NumericalFailure as `simulate`."""
+def trajectory(
+    scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None, height: float | None = None
+) -> Trajectory:
+    """Run a scene and return its motion at i / rate [s], `rate` in Hz, over the whole run.
+
+    `fidelity`, `rtol` and `height` [m] as in `simulate`. Raises NumericalFailure and SceneError as that does.
+    """
+    scene = _with_height(scene, height)
     choice = choose(scene, fidelity)
     stepper = stepper_of(scene, choice.fidelity, _tolerance(scene, rtol))
     count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
@@ -148,6 +166,29 @@ def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | 
     advance(stepper, drive_table(scene), y, n, (math.inf, math.inf), (0.0, 1.0 / rate), out, events, step_budget(scene))
     out = out[:, : n[state.SAMPLE]]
     return Trajectory(np.arange(out.shape[1]) / rate, *_series(out), events[: n[state.EVENTS]])
+
+
+def _with_height(scene: Scene, height: float | None) -> Scene:
+    changed = scene if height is None else scene.with_(height=height)
+    changed.require_prescribed_ceiling()
+    return changed
+
+
+def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
+    """Return what a free decay is measured by; nothing for any other excitation."""
+    if not isinstance(scene.excitation, FreeExcitation):
+        return {}
+
+    def largest(fidelity: str, rtol: float, height: float | None = None) -> float:
+        motion = trajectory(scene, _DECAY_SAMPLES * scene.natural_frequency_hz, fidelity, rtol, height)
+        return largest_decrement(motion.beam + scene.static_deflection)
+
+    found = largest(fidelity, rtol)
+    return {
+        "decrement": found,
+        "undamped_decrement": largest("simplified", rtol, 2.0 * scene.grain.radius),
+        "decrement_error": abs(largest(fidelity, max(1e-2 * rtol, 1e-12)) / found - 1.0),
+    }
 
 
 def _finite(value: Any) -> Any:

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from atpid_sim.batch import simulate_many
-from atpid_sim.scene import ControlledCeiling, Scene, SceneError, scene_from_mapping
+from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulate import Result
 
 
@@ -27,10 +28,18 @@ class Sweep(NamedTuple):
         return len(self.heights) / self.wall_s
 
 
-def sweep(scene: Scene, lowest: float, highest: float, count: int, rtol: float | None = None) -> Sweep:
+def sweep(
+    scene: Scene,
+    lowest: float,
+    highest: float,
+    count: int,
+    rtol: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Sweep:
     """Simulate a scene at `count` heights [m], each once, on all cores.
 
-    A ceiling that moves goes to the height in its last ramp, one that stands still stands there. Raises SceneError
+    A ceiling that moves goes to the height in its last ramp, one that stands still stands there. `progress` is called
+    with the number done after each. Raises SceneError
     where a controller moves the ceiling, ValueError for less than one height.
     """
     if count < 1:
@@ -39,16 +48,13 @@ def sweep(scene: Scene, lowest: float, highest: float, count: int, rtol: float |
     scenes = [_opened(scene, height) for height in heights]
     simulate_many(scenes[:1], "soft", rtol, check=False)  # compiles, or loads what was compiled
     begin = time.perf_counter()
-    results = simulate_many(scenes, "soft", rtol, check=False)
+    results = simulate_many(scenes, "soft", rtol, check=False, progress=progress)
     wall = time.perf_counter() - begin
     return Sweep(heights, results, wall, max(abs(result.energy_residual) for result in results))
 
 
 def _opened(scene: Scene, height: float) -> Scene:
-    if isinstance(scene.ceiling, ControlledCeiling):
-        raise SceneError(
-            "ceiling: given one that a controller moves; allowed: one of {height}, {closed, open, start, end}"
-        )
+    scene.require_prescribed_ceiling()
     if len(scene.ceiling.heights) == 1:
         return scene.with_(height=height)
     (_, closed), *_, (start, _), (end, _) = [(0.0, scene.ceiling.heights[0][1]), *scene.ceiling.heights[-2:]]

@@ -7,6 +7,7 @@ import argparse
 import json
 
 from atpid_sim.batch import cores
+from atpid_sim.display import counting
 from atpid_sim.simulate_command import tolerance
 from atpid_sim.sweep import standard_task, sweep
 
@@ -35,7 +36,8 @@ def _count(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Run the sweep and print one JSON object; return 0. Raises NumericalFailure."""
-    done = sweep(standard_task(0.01, 0.1, 0.2), 0.02, 0.4, args.points, args.rtol)
+    with counting("heights", args.points) as count:
+        done = sweep(standard_task(0.01, 0.1, 0.2), 0.02, 0.4, args.points, args.rtol, count)
     best = min(done.results, key=lambda result: result.amplitude)
     told = {
         "points": args.points,

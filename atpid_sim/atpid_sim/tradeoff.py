@@ -102,7 +102,11 @@ class _Run:
 
 
 def reference_of(scene: Scene) -> Reference:
-    """Return the reference of a scene; two tolerances that disagree by a thousandth make it an ensemble."""
+    """Return the reference of a scene; two tolerances that disagree by a thousandth make it an ensemble.
+
+    Raises SceneError where a controller moves the ceiling, NumericalFailure where the reference cannot be computed.
+    """
+    scene.require_prescribed_ceiling()
     begin, end = scene.steady_window
     count = int((end - begin) * scene.frequency_hz * _POINTS)
     times = begin + np.arange(count) * (end - begin) / count

@@ -12,6 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
+from atpid_common import output
 from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.scene import load_scene
 from atpid_sim.tradeoff import (
@@ -50,11 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure everything on one scene; return 0. Raises SceneError, NumericalFailure."""
+    """Measure everything on one scene; return 0. Raises SceneError, OutputError, NumericalFailure."""
     scene = load_scene(args.scene)
     console = Console(stderr=True)
-    folder = Path(args.out)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = output.folder(Path(args.out))
     with console.status("reference") as status:
         reference = reference_of(scene)
         points: list[Point] = []
@@ -65,9 +65,10 @@ def run(args: argparse.Namespace) -> int:
     found, finest = ([], []) if reference.spread else (answers(points), tightest(points))
     text = _markdown(Path(args.scene).name, reference, points, found + finest)
     plain = _plain(args.scene, reference, points, found) | {"tightest": finest}
-    (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")
-    (folder / "tradeoff.md").write_text(text, encoding="utf-8")
-    _draw(Path(args.scene).stem, reference, points, folder / "tradeoff.png")
+    with output.writing(folder):
+        (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")
+        (folder / "tradeoff.md").write_text(text, encoding="utf-8")
+        _draw(Path(args.scene).stem, reference, points, folder / "tradeoff.png")
     print(text)
     return 0
 

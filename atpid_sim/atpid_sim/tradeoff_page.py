@@ -10,6 +10,10 @@ import argparse
 import shutil
 from pathlib import Path
 
+from atpid_common import output
+from atpid_common.cli import guarded
+from atpid_common.errors import InputError
+
 _HEAD = """# Speed against accuracy
 
 Made by `python -m atpid_sim tradeoff scenes/NAME.yaml --out DIR` for three scenes and
@@ -27,7 +31,12 @@ the motion is chaotic no tolerance helps: look at `reproducible` and `spread`.
 _TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular (rumble)"}
 
 
-def main() -> None:
+def main() -> int:
+    """Run as a command."""
+    return guarded(_run)
+
+
+def _run() -> int:
     """Assemble the page and copy the pictures beside it."""
     parser = argparse.ArgumentParser(description=__doc__)
     for kind in _TITLES:
@@ -35,14 +44,19 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
     parts = [_HEAD]
-    (args.out / "figures").mkdir(parents=True, exist_ok=True)
+    output.folder(args.out / "figures")
     for kind, title in _TITLES.items():
         folder: Path = getattr(args, kind)
-        shutil.copyfile(folder / "tradeoff.png", args.out / "figures" / f"tradeoff_{kind}.png")
+        if not (folder / "tradeoff.md").is_file():
+            raise InputError(f"--{kind}: given {folder}; allowed: a folder that `tradeoff` has written")
+        with output.writing(args.out):
+            shutil.copyfile(folder / "tradeoff.png", args.out / "figures" / f"tradeoff_{kind}.png")
         table = (folder / "tradeoff.md").read_text(encoding="utf-8")
         parts.append(f"## {title}\n\n![{title}](figures/tradeoff_{kind}.png)\n\n{table}")
-    (args.out / "tradeoff.md").write_text("\n".join(parts), encoding="utf-8")
+    with output.writing(args.out):
+        (args.out / "tradeoff.md").write_text("\n".join(parts), encoding="utf-8")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -31,7 +31,99 @@ def test_simulate_without_json_is_a_table_for_people(capsys: pytest.CaptureFixtu
     text = capsys.readouterr().out
     assert "amplitude" in text
     assert "the duration and depth of contacts" in text
-    assert "default: seed" in text
+    assert "resonance" in text and "5.46997" in text
+    assert "default: " not in text  # sensors, recording and seed play no part here
+
+
+def test_a_default_that_decides_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = edited(tmp_path, "steady_window: [14.0, 16.0]\n", "")
+    assert main(["simulate", scene, "--fidelity", "impact"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("default: ")]
+    assert lines == ["default: steady_window = [14.0, 16.0]"]
+
+
+def edited(tmp_path: Path, old: str, new: str, scene: str = "standard") -> str:
+    """Write a scene with a piece of its text replaced; return its path."""
+    text = (SCENES / f"{scene}.yaml").read_text()
+    assert old in text
+    (tmp_path / "edited.yaml").write_text(text.replace(old, new))
+    return str(tmp_path / "edited.yaml")
+
+
+def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+    scene = str(SCENES / "thesis_4_3.yaml")
+    assert main(["simulate", scene, "--json"]) == 2
+    output = capsys.readouterr()
+    assert output.out == "" and output.err.count("\n") == 1
+    assert "a controller moves (lookup)" in output.err and "bench" in output.err and "--height H" in output.err
+    assert main(["simulate", scene, "--json", "--height", "0.57"]) == 0
+    output = capsys.readouterr()
+    assert json.loads(output.out)["efficiency"] == pytest.approx(0.81, abs=0.005) and output.err == ""
+
+
+def test_an_unusual_value_is_run_and_named_with_its_usual_range(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = edited(tmp_path, "amplitude: 0.01", "amplitude: 10")
+    assert main(["simulate", scene, "--fidelity", "simplified", "--json"]) == 0
+    output = capsys.readouterr()
+    warned = json.loads(output.out)["warnings"]
+    assert warned[0].startswith("excitation, amplitude: 10 m is unusual (usual: 1e-06 to 0.2 m)")
+    assert "222.4 m" in warned[1] and output.err == ""
+    assert main(["simulate", scene, "--fidelity", "simplified"]) == 0
+    assert "warning: excitation, amplitude: 10 m is unusual" in capsys.readouterr().out
+
+
+def test_a_chaotic_run_shows_its_spread(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", str(SCENES / "irregular.yaml")]) == 0
+    text = capsys.readouterr().out
+    assert "0.0699 to 0.09238, median 0.08085" in text
+    assert "not reproducible: single runs give an efficiency of 58 to 69 %" in text
+
+
+def test_a_free_decay_is_measured_by_its_decrement(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", str(SCENES / "free_decay.yaml")]) == 0
+    text = capsys.readouterr().out
+    assert "1.77" in text and "1.3098" in text
+    assert "irregular" not in text and "efficiency" not in text
+    assert main(["simulate", str(SCENES / "free_decay.yaml"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["decrement"] == pytest.approx(1.7703, rel=1e-4)
+    assert result["undamped_decrement"] == pytest.approx(1.3098, rel=1e-4)
+    assert 0.0 < result["decrement_error"] < 1e-5 and result["motion"] != "irregular"
+
+
+def test_the_motion_is_written_and_can_drive_another_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, arrays, picture = tmp_path / "new" / "run.csv", tmp_path / "run.npz", tmp_path / "run.png"
+    asked = ["simulate", STANDARD, "--series", str(table), "--rate", "500", "--picture", str(picture)]
+    assert main(asked) == 0
+    header, *rows = table.read_text().splitlines()
+    assert header.split(",")[:3] == ["time", "support_displacement", "beam_displacement"] and len(rows) == 8001
+    window = np.loadtxt(table, delimiter=",", skiprows=1)[7000:, 2]
+    assert 0.5 * np.ptp(window) == pytest.approx(0.04565, rel=2e-3)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    driven = edited(tmp_path, "{amplitude: 0.01, frequency: resonance}", f"{{series: {{file: {table}}}}}")
+    assert main(["simulate", driven, "--json", "--series", str(arrays)]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["amplitude"] == pytest.approx(0.04565, rel=1e-3)
+    with np.load(arrays) as kept:
+        assert len(kept["impacts"]) > 100 and len(kept["time"]) == 16001
+
+
+@pytest.mark.parametrize(
+    ("option", "target", "words"),
+    [
+        ("--series", "run.txt", "ends in .csv or .npz"),
+        ("--series", "file/run.csv", "is a file; choose another --series"),
+        ("--picture", ".", "is a folder"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_the_run(
+    option: str, target: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["simulate", STANDARD, option, str(tmp_path / target)]) == 2
+    output = capsys.readouterr()
+    assert output.out == "" and output.err.count("\n") == 1 and words in output.err
 
 
 @pytest.mark.parametrize(
@@ -85,3 +177,19 @@ def test_map_writes_a_map_and_a_header(tmp_path: Path, capsys: pytest.CaptureFix
     assert "3/3" in output.err
     assert np.allclose(HeightMap.load(out).amplitudes, [0.01, 0.015, 0.02])
     assert "#define ATPID_TABLE_N 3" in header.read_text()
+
+
+def test_one_amplitude_that_cannot_be_computed_does_not_cost_the_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, header = tmp_path / "map.npz", tmp_path / "table.h"
+    arguments = ["map", STANDARD, "--amplitudes", "0.05:0.25:3", "--mass-fractions", "0.1", "--out", str(out)]
+    assert main([*arguments, "--header", str(header)]) == 0
+    output = capsys.readouterr()
+    assert "1 best heights" in output.out
+    assert "2 of 3 points could not be computed (NaN in the map); the first: 0.15 m" in output.out
+    assert "warning: --amplitudes, largest: 0.25 m is unusual" in output.err
+    with np.load(out) as stored:
+        assert np.isnan(stored["heights"]).tolist() == [[False, True, True]]
+    text = header.read_text()
+    assert "could not be computed (2 amplitudes)" in text and text.count(", 0, 0}") == 1

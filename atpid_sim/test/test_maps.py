@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from atpid_sim.maps import HeightMap, MapError, Rig, Timing, best_height, build_map, header_text
+from atpid_sim.maps import Failure, HeightMap, MapError, Rig, Timing, best_height, build_map, header_text
 from atpid_sim.maps.best import FLAT
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -180,3 +182,55 @@ def test_the_header_holds_the_map_in_micrometres(shipped: HeightMap) -> None:
 def _numbers(text: str, name: str) -> list[int]:
     body = re.search(rf"uint32_t {name}\[ATPID_TABLE_N\] PROGMEM = \{{([^}}]*)\}};", text)[1]
     return [int(part) for part in body.split(",")]
+
+
+@pytest.fixture(scope="module")
+def gap(shipped: HeightMap) -> HeightMap:
+    """The shipped map without its points at 40.04 and 41.6 mm, 10 % of grain."""
+    missing = [int(np.argmin(np.abs(shipped.amplitudes - a))) for a in (0.04004, 0.0416)]
+    grids = {name: getattr(shipped, name).copy() for name in ("heights", "beam_amplitudes", "efficiencies")}
+    for grid in grids.values():
+        grid[0, missing] = np.nan
+    failures = tuple(Failure(0.1, float(shipped.amplitudes[k]), "too deep") for k in missing)
+    return replace(shipped, **grids, failures=failures)
+
+
+def test_a_point_without_a_height_is_kept_with_its_reason(gap: HeightMap, tmp_path: Path) -> None:
+    gap.save(tmp_path / "gap.npz")
+    again = HeightMap.load(tmp_path / "gap.npz")
+    assert again.failures == gap.failures
+    assert np.array_equal(again.heights, gap.heights, equal_nan=True)
+
+
+def test_between_points_of_which_one_is_missing_there_is_no_height(gap: HeightMap, shipped: HeightMap) -> None:
+    for amplitude in (0.0395, 0.04004, 0.0408, 0.042):
+        with pytest.raises(MapError, match=r"could not be computed \(too deep\)") as caught:
+            gap.lookup(amplitude, 0.1)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(MapError, match="could not be computed"):
+        gap.lookup(0.0408, 0.15)
+    assert gap.lookup(0.0408, 0.2) == shipped.lookup(0.0408, 0.2)  # that row is whole
+    assert gap.lookup(0.02, 0.1) == shipped.lookup(0.02, 0.1)
+    assert gap.covers(0.002, 0.039, 0.1) and gap.covers(0.043, 0.08, 0.1) and gap.covers(0.002, 0.08, 0.3)
+    assert not gap.covers(0.002, 0.08, 0.1) and not gap.covers(0.001, 0.02, 0.1)
+
+
+def test_the_firmware_s_table_has_a_height_that_is_refused_where_there_is_none(gap: HeightMap) -> None:
+    text = header_text(gap, 0.1)
+    heights = _numbers(text, "atpid_height_um")
+    assert heights.count(0) == 2 and len(heights) == 101
+    assert "could not be computed (2 amplitudes)" in text
+    assert "could not be computed" not in header_text(gap, 0.3)
+
+
+def test_a_hole_without_a_reason_is_damage(gap: HeightMap, tmp_path: Path) -> None:
+    replace(gap, failures=gap.failures[:1]).save(tmp_path / "torn.npz")
+    with pytest.raises(MapError, match="no whole grid"):
+        HeightMap.load(tmp_path / "torn.npz")
+
+
+def test_a_map_of_which_no_point_can_be_computed_is_a_failure(scene: Scene) -> None:
+    with pytest.raises(
+        NumericalFailure, match="none of the 2 points of the map can be computed: the grain was pressed"
+    ):
+        build_map(scene, [0.3, 0.4], [0.1])

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from atpid_sim.maps import HeightMap, MapError, build_map
-from atpid_sim.maps import build as build_module
+from atpid_sim.maps import point as point_module
 from atpid_sim.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -47,13 +47,13 @@ def test_a_killed_map_is_resumed_without_recomputation(
     journal.write_bytes(journal.read_bytes() + b'{"point": [0.1, 0.0')
     kept = journal.read_bytes().count(b"\n") - 1
     computed = []
-    original = build_module.best_height
+    original = point_module.best_height
 
     def counted(rig, amplitude, loyalty):
         computed.append(amplitude)
         return original(rig, amplitude, loyalty)
 
-    monkeypatch.setattr(build_module, "best_height", counted)
+    monkeypatch.setattr(point_module, "best_height", counted)
     seen: list[tuple[int, int]] = []
     made = build_map(scene, [round(0.01 + 0.002 * k, 9) for k in range(16)], [0.1], out, lambda *at: seen.append(at))
     assert 3 <= kept < 16

@@ -72,7 +72,16 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
     ("path", "value", "expected"),
     [
         ("beam.mas", 1.0, "beam.mas: unknown key; did you mean mass?; allowed: mass, stiffness, damping"),
-        ("beam.mass", "heavy", "beam.mass: given 'heavy'; allowed: number"),
+        ("beam.mass", "heavy", "beam.mass: given 'heavy'; allowed: a bare number, in kg"),
+        ("beam.mass", "0,3258", "beam.mass: given '0,3258'; allowed: a number with a decimal point: 0.3258"),
+        ("excitation.frequency", "5.47 Hz", "excitation.frequency: given '5.47 Hz'; allowed: a bare number, or the"),
+        ("excitation.amplitude", "10 mm", "excitation.amplitude: given '10 mm'; allowed: a bare number, in m"),
+        ("grain.mass_fraction", 10, "grain.mass_fraction: given 10.0; allowed: from 1e-06 to 0.999999 (a share: 10 %"),
+        ("beam.frequency", 5.7, "beam: given stiffness and frequency; allowed: exactly one of stiffness, frequency"),
+        ("beam", {"mass": 0.3, "frequency": "5.7 Hz", "damping": 0.5}, "beam.frequency: given '5.7 Hz'; allowed: from"),
+        ("beam", {"mass": 0.3, "frequency": 5.7}, "beam.damping: missing; allowed: reduced damping [N s/m]; or give"),
+        ("beam", {"mass": 0.3, "stiffness": 9.0, "damping_ratio": -1}, "beam.damping_ratio: given -1; allowed: from 0"),
+        ("beam", {"mass": "x", "frequency": 5.7, "damping_ratio": 0.1}, "beam.mass: given 'x'; allowed: a bare number"),
         ("beam.mass", True, "beam.mass: given True; allowed: number"),
         ("beam.mass", math.nan, "beam.mass: given nan; allowed: a finite number"),
         ("beam.stiffness", math.inf, "beam.stiffness: given inf; allowed: a finite number"),
@@ -94,7 +103,7 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
         (
             "excitation.frequency",
             "resonanc",
-            "excitation.frequency: given 'resonanc'; allowed: 'resonance'; did you mean",
+            "excitation.frequency: given 'resonanc'; allowed: a bare number, or the word 'resonance'; did you mean",
         ),
         ("excitation.frequency", 0, "excitation.frequency: given 0.0; allowed: from 1e-06 to 1e+06"),
         ("excitation.amplitude", [[0, 1], [0, 2]], "excitation.amplitude: given 0.0; allowed: times in rising order"),
@@ -281,6 +290,42 @@ def test_paths_start_from_the_scene_s_folder(tmp_path: Path) -> None:
     assert scene.to_mapping()["excitation"]["series"]["file"] == str(tmp_path / "support.csv")
     assert scene.to_mapping()["ceiling"]["map"] == str(tmp_path / "maps" / "a.npz")
     assert scene_from_mapping(scene.to_mapping()) == scene
+
+
+def test_a_beam_may_be_given_by_frequency_and_damping_ratio() -> None:
+    """Of the beam without the grain; the scene holds stiffness and damping however they were given."""
+    ratio = 0.56 / (2.0 * math.sqrt(427.6 * 0.3258))
+    frequency = math.sqrt(427.6 / 0.3258) / (2.0 * math.pi)
+    for beam in (
+        {"mass": 0.3258, "frequency": frequency, "damping_ratio": ratio},
+        {"mass": 0.3258, "frequency": frequency, "damping": 0.56},
+        {"mass": 0.3258, "stiffness": 427.6, "damping_ratio": ratio},
+    ):
+        scene = scene_from_mapping({**STANDARD, "beam": beam})
+        assert scene.beam.stiffness == pytest.approx(427.6, rel=1e-14)
+        assert scene.beam.damping == pytest.approx(0.56, rel=1e-14)
+        assert scene_from_mapping(scene.to_mapping()) == scene
+        assert [line for line in scene.defaults() if line.startswith("beam")] == []
+
+
+def test_every_wrong_key_is_named() -> None:
+    beam = {"mass": "a", "stiffness": "b", "damping": 0.56}
+    with pytest.raises(SceneError) as caught:
+        scene_from_mapping({**STANDARD, "beam": beam, "gravity": "c", "duration": -1.0, "seed": -1})
+    message = str(caught.value)
+    assert "beam.mass: given 'a'" in message and "also wrong: beam.stiffness, gravity, duration, seed)" in message
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{mass: 0,3258, stiffness: 427.6}", "beam.mass: given 0 and, after a comma, 3258; allowed: a number with a"),
+        ("{mass: 0.3258, stiffness: 427,6}", "beam.stiffness: given 427 and, after a comma, 6; allowed: a number with"),
+    ],
+)
+def test_a_decimal_comma_in_braces_is_named(text: str, expected: str) -> None:
+    with pytest.raises(SceneError, match=expected):
+        scene_from_mapping(read_yaml(f"beam: {text}", "here"))
 
 
 def test_the_documented_keys_are_those_that_are_checked() -> None:

@@ -80,7 +80,7 @@ def test_heights_of_any_ceiling_are_swept(ceiling: dict[str, Any], kind: str) ->
 
 def test_a_controlled_ceiling_and_no_height_are_refused() -> None:
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
-    with pytest.raises(SceneError, match="ceiling: given one that a controller moves; allowed: "):
+    with pytest.raises(SceneError, match=r"a controller moves \(lookup\); allowed in a single run: one of {height}, "):
         sweep(STANDARD.with_(ceiling=ceiling), 0.1, 0.2, 2)
     with pytest.raises(ValueError, match="count: given 0; allowed: at least 1 height"):
         sweep(STANDARD, 0.1, 0.2, 0)

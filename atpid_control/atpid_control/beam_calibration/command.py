@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from atpid_common import output
 from atpid_control.beam_calibration.errors import CalibrationError
 from atpid_control.beam_calibration.fit import BeamFit, fit_beam
 from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
@@ -42,6 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Calibrate and print; raise CalibrationError for bad input."""
     _check(args)
+    if args.out is not None:
+        output.file(args.out)
     fit = _fitted(args.recording, args)
     parameters = _parameters(fit, args)
     if parameters is None and args.out is not None:
@@ -50,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
             "--added-mass with --with-added"
         )
     if args.out is not None and parameters is not None:
-        args.out.write_text(parameters.to_yaml(), encoding="utf-8")
+        with output.writing(args.out):
+            args.out.write_text(parameters.to_yaml(), encoding="utf-8")
     print(json.dumps(_plain(fit, parameters)) if args.json else _text(fit, parameters))
     return 0
 

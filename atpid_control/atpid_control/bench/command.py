@@ -16,9 +16,9 @@ from types import FrameType
 
 from rich.console import Console
 
-from atpid_control.bagread import open_bag
+from atpid_common.output import writing
 from atpid_control.bench import outdir
-from atpid_control.bench.domain import own_domain
+from atpid_control.bench.domain import named_domain, own_domain
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
 from atpid_control.bench.graph import Parameters, parameters_for, write_parameters
 from atpid_control.bench.lockstep import run_lockstep
@@ -27,6 +27,7 @@ from atpid_control.bench.progress import shown
 from atpid_control.bench.realtime import commands_of, run_realtime
 from atpid_control.bench.rehearsal import rehearse
 from atpid_control.selection import make_selector
+from atpid_sim.display import working
 from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
 
@@ -42,7 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board",
     )
-    parser.add_argument("--domain", type=int, help="ROS domain to use; default: a free one")
+    parser.add_argument(
+        "--domain",
+        type=int,
+        help="ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,7 +60,8 @@ def run(args: argparse.Namespace) -> int:
         make_selector(scene.ceiling.controller, scene, height_map)
     with outdir.claimed(out):
         moved = outdir.prepare(out)
-        outdir.mark(out, scene_file)
+        with writing(out):
+            outdir.mark(out, scene_file)
         if moved:
             print(f"an earlier run was moved to {moved}", file=sys.stderr)
         _run_graph(args, scene, scene_file, height_map, out)
@@ -94,32 +100,47 @@ def _run_nodes(
     # the bag must replay to the same commands after a shipped map has been made anew: the map goes into it
     chosen = parameters["selector_node"]["map"]
     parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
-    write_parameters(parameters, parameter_file)
+    with writing(parameter_file):
+        write_parameters(parameters, parameter_file)
     rehearse(scene, parameters["identifier_node"])
     os.environ["ROS_LOG_DIR"] = str(out / "log")
-    with own_domain(args.domain), _stoppable(), shown(scene.duration, args.scene.name) as progress:
+    paced = args.real_time or args.emulated_stand
+    wanted = named_domain() if paced and args.domain is None else args.domain
+    with own_domain(wanted) as domain, _stoppable(), shown(scene.duration, args.scene.name) as progress:
         try:
-            if args.real_time or args.emulated_stand:
+            if paced:
+                print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
                 run_realtime(commands(parameter_file), out / "log", progress)
             else:
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"stopped before the end; the bag is closed: {out / 'bag'}") from None
+            raise KeyboardInterrupt(stopped(out / "bag")) from None
+
+
+def stopped(bag: Path) -> str:
+    """Return what is left of a run that was stopped."""
+    if not bag.exists():
+        return "stopped before the recording began; there is no bag"
+    if not (bag / "metadata.yaml").exists():
+        return f"stopped before the end; the bag is not closed: python -m atpid_control.recording repair {bag}"
+    return f"stopped before the end; the bag is closed: {bag}"
 
 
 def _conclude(scene: Scene, out: Path, mode: str) -> int:
     """Write summary and report, print the table."""
     # here, so that the run itself does not wait for the drawing libraries
     from atpid_control.bench.summary import show, summary_of, write_summary
-    from atpid_control.report import read_run, report, stages
+    from atpid_control.report.make import write_report
+    from atpid_control.report.view import view_of
 
-    bag = open_bag(out / "bag")
-    done = read_run(bag)
-    measured = stages(done)
-    summary = summary_of(bag, measured, scene, mode)
-    write_summary(summary, out / "summary.json")
-    show(summary, done, measured, Console(width=max(100, shutil.get_terminal_size().columns), highlight=False))
-    made = report(out / "bag", out)
+    with working("reading the bag, repeating its stages by simulation"):
+        view = view_of(out / "bag")
+    summary = summary_of(view, scene, mode)
+    with writing(out / "summary.json"):
+        write_summary(summary, out / "summary.json")
+    show(summary, view, scene, Console(width=max(100, shutil.get_terminal_size().columns), highlight=False))
+    with working("drawing the report"):
+        made = write_report(view, out)
     print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
     return 0
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import errno
 import os
 import socket
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import contextmanager, suppress
 from itertools import count
 
@@ -14,9 +14,21 @@ from atpid_control.bench.errors import BenchError
 
 #: Domains whose ports lie below Linux's ephemeral range, without 0, where everybody else is.
 LOWEST, HIGHEST = 1, 101
+#: Highest domain whose ports exist.
+MOST = 232
 # DDS: port of the domain's multicast and of its first participant (RTPS 2.5, section 9.6.2.3)
 _BASE, _GAIN, _FIRST_UNICAST = 7400, 250, 10
 _turn = count()
+
+
+def named_domain(environment: Mapping[str, str] = os.environ) -> int | None:
+    """Return the domain the user has named in ROS_DOMAIN_ID; None where it is not set. Raises BenchError."""
+    text = environment.get("ROS_DOMAIN_ID", "").strip()
+    if not text:
+        return None
+    if not text.isdecimal() or int(text) > MOST:
+        raise BenchError(f"ROS_DOMAIN_ID: given {text!r}; allowed: 0 to {MOST}, or not set: a free one is then chosen")
+    return int(text)
 
 
 @contextmanager
@@ -41,8 +53,8 @@ def own_domain(wanted: int | None = None, environment: MutableMapping[str, str] 
 
 
 def _claim(wanted: int | None) -> tuple[int, socket.socket]:
-    if wanted is not None and not 0 <= wanted <= 232:
-        raise BenchError(f"--domain: given {wanted}; allowed: 0 to 232")
+    if wanted is not None and not 0 <= wanted <= MOST:
+        raise BenchError(f"--domain: given {wanted}; allowed: 0 to {MOST}")
     # starting from the process id, benches started together look in different places first; and no process takes a
     # domain twice in a row, for discovery may keep names of the run before for some seconds
     span = HIGHEST - LOWEST + 1
@@ -57,9 +69,7 @@ def _claim(wanted: int | None) -> tuple[int, socket.socket]:
                 return domain, holder
         holder.close()
     if wanted is not None:
-        raise BenchError(
-            f"--domain: given {wanted}, where another bench is running; leave it out to have a free one chosen"
-        )
+        raise BenchError(f"ROS domain {wanted}: another bench is running there; name another one with --domain")
     raise BenchError(
         f"no free ROS domain between {LOWEST} and {HIGHEST}: stop other ROS programs, or name one with --domain"
     )

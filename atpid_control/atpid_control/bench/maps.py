@@ -5,24 +5,29 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from atpid_common.cache import cache_root
 from atpid_common.errors import InputError
 from atpid_common.share import share_folder
-from atpid_sim.maps import HeightMap, MapError, build_map
+from atpid_sim.display import counting, working
+from atpid_sim.maps import HeightMap, MapError, Rig, best_height, build_map
 from atpid_sim.maps.identity import identity_of
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: Amplitudes a map made here covers at least [m]; every scene of the thesis lies inside.
 _USUAL = (0.002, 0.08)
 _POINTS = 41
+
+#: How closely the largest amplitude that can be simulated is looked for, as a factor.
+_CLOSE = 1.1
 
 
 def map_for(scene: Scene, cache: Path | None = None) -> Path | None:
@@ -64,33 +69,71 @@ def _known(cache: Path) -> Iterator[Path]:
 
 def _fits(path: Path, scene: Scene) -> bool:
     """Whether the map was made for this system, mass fraction and amplitudes; a damaged one does not fit."""
-    try:
-        found = HeightMap.load(path)
-        found.check(scene)
-    except MapError:
+    if not _is_map_of(path, scene):
         return False
-    low, high = amplitudes_of(scene)
-    return bool(found.amplitudes[0] <= low and high <= found.amplitudes[-1])
+    found = HeightMap.load(path)
+    return found.covers(*amplitudes_of(scene), scene.grain.mass_fraction)
 
 
 def _make(scene: Scene, folder: Path) -> Path:
     low, high = amplitudes_of(scene)
-    amplitudes = np.linspace(min(_USUAL[0], 0.5 * low), max(_USUAL[1], 1.25 * high), _POINTS)
-    purpose = [identity_of(scene), scene.grain.mass_fraction, amplitudes[[0, -1]].tolist(), scene.tolerance]
+    first, last = min(_USUAL[0], 0.5 * low), max(_USUAL[1], 1.25 * high)
+    purpose = [identity_of(scene), scene.grain.mass_fraction, [first, last], scene.tolerance]
     key = hashlib.sha256(json.dumps(purpose, sort_keys=True).encode()).hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise MapError(f"{folder}: no map can be kept there: {error.strerror}; name one in ceiling.map") from None
     path = folder / f"{key}.npz"
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    console.print(f"no height map fits this system: making one, kept as {path}", soft_wrap=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("height map", total=_POINTS)
-
-        def report(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-
-        build_map(scene, amplitudes.tolist(), [scene.grain.mass_fraction], path, report)
+    if _is_map_of(path, scene):  # made before, and lacks amplitudes that cannot be computed: made anew it would again
+        return path
+    print(f"no height map fits this system: making one, kept as {path}", file=sys.stderr)
+    with working("looking for the largest amplitude that can be simulated"):
+        reached = _largest_computable(scene, 1.25 * high, last)
+    if reached < last:
+        print(f"amplitudes above {reached:.4g} m cannot be simulated: the map ends there", file=sys.stderr)
+    with counting("height map", _POINTS) as count:
+        made = build_map(
+            scene, _grid(first, reached), [scene.grain.mass_fraction], path, lambda done, _: count(done)
+        )  # fmt: skip
+    if made.failures:
+        first_lost = made.failures[0]
+        print(
+            f"{len(made.failures)} of its {_POINTS} points could not be computed; the first, {first_lost.amplitude:g} "
+            f"m: {first_lost.reason}", file=sys.stderr,
+        )  # fmt: skip
     return path
+
+
+def _largest_computable(scene: Scene, needed: float, wanted: float) -> float:
+    """Return about the largest support amplitude [m] up to `wanted` with a best height, at least `needed`."""
+    rig = Rig(scene, max(scene.tolerance, 1e-5))
+    if wanted <= needed or _computable(rig, wanted):
+        return wanted
+    low, high = needed, wanted
+    while high > _CLOSE * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if _computable(rig, middle) else (low, middle)
+    return low
+
+
+def _computable(rig: Rig, amplitude: float) -> bool:
+    try:
+        best_height(rig, amplitude)
+    except NumericalFailure:
+        return False
+    return True
+
+
+def _grid(first: float, last: float) -> list[float]:
+    """Return the map's amplitudes [m]: evenly spaced unless the smallest would lie within the first step."""
+    even = last <= _POINTS * first
+    return [float(a) for a in (np.linspace if even else np.geomspace)(first, last, _POINTS)]
+
+
+def _is_map_of(path: Path, scene: Scene) -> bool:
+    try:
+        HeightMap.load(path).check(scene)
+    except MapError:
+        return False
+    return True

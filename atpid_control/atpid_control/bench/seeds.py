@@ -25,6 +25,7 @@ from atpid_control.bench.maps import amplitudes_of, map_for
 from atpid_control.bench.pure_loop import LoopRun, controlled, run_loop
 from atpid_control.bench.rumbling import longest_rumble
 from atpid_sim.batch import cores
+from atpid_sim.display import counting
 from atpid_sim.excitation import amplitude_points
 from atpid_sim.maps import HeightMap, Rig
 from atpid_sim.scene import Scene, load_scene
@@ -80,7 +81,11 @@ def run(args: argparse.Namespace) -> int:
     parameters = configured()
     if args.margin is not None:
         parameters["selector_node"]["margin"] = args.margin
-    done = list(run_all(args.scenes, range(1, args.seeds + 1), parameters, args.decibels))
+    done = []
+    with counting("runs", len(args.scenes) * args.seeds) as count:
+        for one in run_all(args.scenes, range(1, args.seeds + 1), parameters, args.decibels):
+            done.append(one)
+            count(len(done))
     if args.json:
         print(json.dumps([asdict(one) for one in done]))
     else:
@@ -166,7 +171,7 @@ def table(done: list[SeedRun]) -> Table:
         "A [m]",
         "seeds",
         "height [m]",
-        "reduction [%]\nmean",
+        "efficiency [%]\nmean",
         "\nworst",
         "longest\nrumble [s]",
         "step\nbacks",

@@ -17,16 +17,20 @@ from rich.table import Table
 from rich.text import Text
 
 from atpid_control.bagread import Bag
-from atpid_control.report.run import Run
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed, beside
+from atpid_control.report.view import View, not_arrived
 from atpid_sim.scene import Scene
 
 
-def summary_of(bag: Bag, stages: Sequence[Stage], scene: Scene, mode: str) -> dict[str, Any]:
-    """Return summary.json's object: DESIGN's keys, and what makes the numbers trustworthy."""
+def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
+    """Return summary.json's object: the results, and what makes them trustworthy. NaN: unknown."""
+    bag = view.run.bag
+    own, closed = view.decrements or (math.nan, math.nan)
     return {
-        "stages": [stage.as_dict() for stage in stages],
+        "stages": [stage.as_dict() for stage in view.stages],
+        "decrement": own,
+        "undamped_decrement": closed,
         "real_time_factor": real_time_factor(bag, mode),
         "bag": str(bag.path),
         "mode": mode,
@@ -36,6 +40,7 @@ def summary_of(bag: Bag, stages: Sequence[Stage], scene: Scene, mode: str) -> di
         "unanswered_blocks": unanswered_blocks(bag),
         "events": dict(sorted(Counter(kind for kind, _ in notable(bag)).items())),
         "defaults": scene.defaults(),
+        "warnings": scene.warnings(),
     }
 
 
@@ -107,23 +112,29 @@ def notable(bag: Bag) -> list[tuple[str, str]]:
     return [(str(event.kind), str(event.text)) for event in found if event.severity > 0]
 
 
-def show(summary: Mapping[str, Any], run: Run, stages: list[Stage], console: Console) -> None:
+def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console) -> None:
     """Print the table of stages and the facts below it."""
-    if stages:
-        console.print(stage_table(stages, beside(run, stages)))
-    console.print(
+
+    def line(text: str, style: str | None = None) -> None:
+        console.print(text, style=style, soft_wrap=True, markup=False, highlight=False)
+
+    if view.stages:
+        console.print(stage_table(view.stages, beside(view.run, view.stages)))
+    for text in not_arrived(view):
+        line(f"not reached: {text}")
+    line(
         f"{summary['mode']}: {summary['real_time_factor']:.1f} x real time; lost scans: {summary['lost_scans']}; "
         f"unanswered blocks: {summary['unanswered_blocks']}; seed {summary['seed']}"
     )
     if summary["lost_scans"] or summary["unanswered_blocks"]:
-        console.print(
-            "INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", style="bold"
-        )
-    for kind, text in notable(run.bag):
-        console.print(f"{kind}: {text}", soft_wrap=True, markup=False)
-    left_open = "; ".join(line.split(":", 1)[0] for line in summary["defaults"])
-    if left_open:
-        console.print(f"left to defaults: {left_open}", style="dim", soft_wrap=True, markup=False, highlight=False)
+        line("INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", "bold")
+    for kind, text in notable(view.run.bag):
+        line(f"{kind}: {text}")
+    for text in scene.warnings():
+        line(f"warning: {text}")
+    used = "; ".join(scene.decisive_defaults(measured=True))
+    if used:
+        line(f"defaults: {used}", "dim")
 
 
 def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> Table:
@@ -143,10 +154,10 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> T
         "height\n[m]",
         "beam\n[m]",
         "closed\n[m]",
-        "left",
+        "effi-\nciency",
     ):
         table.add_column(Text(name), justify="right", no_wrap=True)
-    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\nleft") if printed else ():
+    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "effi-\nciency") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
     for stage, other in zip_longest(stages, printed or ()):
         table.add_row(*_row(stage), *(_printed(other) if other else ()))
@@ -158,14 +169,20 @@ def _row(stage: Stage) -> list[str]:
         f"{stage.excitation_amplitude:.5f}",
         f"{stage.identified_amplitude:.5f}",
         f"{stage.identified_frequency:.3f}",
-        f"{stage.height:.4f}",
+        f"{stage.height:.4f}{'' if stage.arrived else '*'}",
         f"{stage.amplitude:.4f}",
         f"{stage.undamped_amplitude:.3f}",
-        f"{100 * stage.left:.1f} %",
+        _efficiency(stage),
     )
     return [f"{stage.t0:g} to {stage.t1:g}", *("" if "nan" in text else text for text in shown)]
 
 
+def _efficiency(stage: Stage) -> str:
+    if stage.amplitude_spread is not None:
+        return stage.efficiency_text()
+    return f"{round(100 * stage.efficiency, 1) + 0.0:.1f} %" if math.isfinite(stage.efficiency) else "nan"
+
+
 def _printed(stage: Printed) -> list[str]:
-    left = 100 * stage.amplitude / stage.closed
-    return [f"{stage.height_sign}{stage.height:g}", f"{stage.amplitude:g}", f"{stage.closed:g}", f"{left:.0f} %"]
+    height = f"{stage.height_sign}{stage.height:g}"
+    return [height, f"{stage.amplitude:g}", f"{stage.closed:g}", f"{100 * stage.efficiency:.0f} %"]

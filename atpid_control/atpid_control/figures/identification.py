@@ -14,8 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from atpid_common import output
 from atpid_control.identification import Estimate, Quality
 from atpid_control.identification import showcase as data
+from atpid_sim.display import working
 from atpid_sim.figures.numbers import metadata_of
 
 Array = NDArray[np.float64]
@@ -38,12 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make all pictures; about half a minute."""
-    args.out.mkdir(parents=True, exist_ok=True)
+    output.folder(args.out)
     for name, draw in FIGURES.items():
-        with matplotlib.rc_context(STYLE):
-            figure = draw()
         path = args.out / f"identification_{name}.png"
-        figure.savefig(path, metadata=metadata_of(figure))
+        with working(f"drawing {path.name}"), matplotlib.rc_context(STYLE):
+            figure = draw()
+        with output.writing(path):
+            figure.savefig(path, metadata=metadata_of(figure))
         print(path)
     return 0
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from atpid_common import output
 from atpid_common.share import share_folder
 from atpid_control.selection.study import landscape, margin_curve, pca_errors
+from atpid_sim.display import working
 from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.maps import HeightMap
 
@@ -31,9 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw the figures; return the exit status."""
-    args.out.mkdir(parents=True, exist_ok=True)
+    output.folder(args.out)
     for draw in (draw_landscape, draw_margin, draw_pca_errors):
-        print(draw(args.out))
+        with working(draw.__name__.replace("_", "ing ", 1).replace("_", " ")):
+            made = draw(args.out)
+        print(made)
     print(draw_map(args.out, HeightMap.load(args.map or share_folder("atpid_control") / _SHIPPED)))
     return 0
 
@@ -137,6 +141,7 @@ def _panels(columns: int, xlabel: str, rows: int = 1) -> tuple[Any, list[Any]]:
 def _save(figure: Any, path: Path) -> Path:
     from matplotlib import pyplot
 
-    figure.savefig(path, dpi=130, metadata=metadata_of(figure))
+    with output.writing(path):
+        figure.savefig(path, dpi=130, metadata=metadata_of(figure))
     pyplot.close(figure)
     return path

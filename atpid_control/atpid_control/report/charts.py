@@ -92,7 +92,7 @@ def grain(view: View) -> Figure | None:
 
 def _layout(height: int) -> Figure:
     return {
-        "height": height, "margin": {"l": 56, "r": 92, "t": 34, "b": 44}, "showlegend": False, "annotations": [],
+        "height": height, "margin": {"l": 56, "r": 112, "t": 34, "b": 44}, "showlegend": False, "annotations": [],
         "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)", "hovermode": "x unified",
         "font": {"family": _FONT, "size": 12.5, "color": "@muted"}, "dragmode": "zoom",
         "hoverlabel": {"bgcolor": "@paper", "bordercolor": "@grid", "font": {"color": "@ink"}},
@@ -127,8 +127,8 @@ def _title(figure: Figure, top: float, text: str, unit: str) -> None:
 
 def _label(figure: Figure, axis: str, height: float, text: str, colour: str, shift: float = 0.0) -> None:
     _note(
-        figure, xref="paper", yref=axis, x=1, y=height, xanchor="left", xshift=8, yshift=shift, text=f"<b>{text}</b>",
-        font={"color": colour},
+        figure, name="label", xref="paper", yref=axis, x=1, y=height, xanchor="left", xshift=8, yshift=shift,
+        text=f"<b>{text}</b>", font={"color": colour},
     )  # fmt: skip
 
 
@@ -147,8 +147,9 @@ def _beam(figure: Figure, view: View, axis: str, top: float) -> None:
     _label(figure, axis, 0.0 if alone else 0.5 * own, view.own_name, "@own")
     for stage, (begin, end) in zip(view.stages, view.windows, strict=True):
         if not alone and np.isfinite(stage.efficiency):
-            _note(figure, xref="x", yref=axis, x=0.5 * (begin + end), y=1.3 * reach, yanchor="top",
-                  text=f"<b>−{100.0 * stage.efficiency:.0f} %</b>", font={"color": "@own", "size": 19})  # fmt: skip
+            place = {"xref": "x", "yref": axis, "x": 0.5 * (begin + end), "y": 1.3 * reach, "yanchor": "top"}
+            text, font = f"<b>{stage.efficiency_text()}</b>", {"color": "@own", "size": 19}
+            _note(figure, name="efficiency", text=text, font=font, **place)
 
 
 def _excitation(figure: Figure, view: View, axis: str, top: float) -> None:

@@ -6,18 +6,23 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from atpid_control.report.make import report
+from atpid_control.report.make import check_folder, report
+from atpid_sim.display import working
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("bag", type=Path, help="folder of the bag")
-    parser.add_argument("--out", type=Path, required=True, help="folder for report.html and the pictures")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder for report.html and the pictures: new, empty, or an earlier one"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the report; return the exit status."""
-    made = report(args.bag, args.out)
+    """Make the report; return 0. Raises BagError, ReportError."""
+    check_folder(args.out)
+    with working("reading the bag, repeating its stages by simulation, drawing"):
+        made = report(args.bag, args.out)
     print(made.headline)
     print(made.page)
     return 0

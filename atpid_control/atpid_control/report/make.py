@@ -11,9 +11,12 @@ from atpid_control.report.comparison import Closed
 from atpid_control.report.page import page
 from atpid_control.report.picture import save_pictures
 from atpid_control.report.stages import Stage
-from atpid_control.report.view import headline, view_of
+from atpid_control.report.view import View, headline, view_of
 
 PAGE = "report.html"
+#: Marks a folder of the bench (bench/outdir.py).
+_RUN = "bench.json"
+_FILES = {PAGE, *(f"{name}{scheme}.png" for name in ("overview", "grain") for scheme in ("", "-dark"))}
 
 
 class ReportError(InputError):
@@ -30,13 +33,29 @@ class Report:
     headline: str
 
 
+def check_folder(out: Path) -> None:
+    """Raise ReportError where `out` holds anything but an earlier report or a run of the bench."""
+    if not out.is_dir() or (out / _RUN).is_file():
+        return
+    foreign = sorted(item.name for item in out.iterdir() if item.name not in _FILES)
+    if foreign:
+        raise ReportError(
+            f"--out: given {out}, which holds files that are not a report's ({', '.join(foreign[:3])}); "
+            "give an empty or a new folder"
+        )
+
+
 def report(bag: Path, out: Path, closed: Closed | None = None) -> Report:
     """Write `out`/report.html and the pictures of a recorded run; return what was made.
 
     `closed` gives the closed damper's beam for a scene at given times; default: it is simulated.
     Raises BagError where the bag cannot be read, ReportError where `out` cannot be written.
     """
-    view = view_of(bag, closed)
+    return write_report(view_of(bag, closed), out)
+
+
+def write_report(view: View, out: Path) -> Report:
+    """Write page and pictures of a run that has been read; see `report`."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         pictures = save_pictures(view, out)

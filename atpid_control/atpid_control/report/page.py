@@ -11,6 +11,7 @@ from importlib.resources import files
 from plotly.offline import get_plotlyjs
 
 from atpid_control.report import charts, sections
+from atpid_control.report.stage_table import table
 from atpid_control.report.theme import DARK, LIGHT, Palette
 from atpid_control.report.view import View, headline
 
@@ -21,8 +22,8 @@ def page(view: View) -> str:
     figures = {"overview": charts.overview(view), "grain": charts.grain(view)}
     shown = {name: figure for name, figure in figures.items() if figure is not None}
     parts = [
-        *(make(view) for make in (sections.header, sections.tiles, sections.overview, sections.table, sections.grain)),
-        sections.energy(view.run.ledger),
+        *(make(view) for make in (sections.header, sections.tiles, sections.overview, table, sections.grain)),
+        sections.energy(view),
         sections.events(view.run.events),
         sections.facts(view),
     ]

@@ -107,7 +107,7 @@ def _beam(axes: Any, view: View, palette: Palette) -> None:
             continue
         middle = 0.5 * (begin + end)
         axes.text(
-            middle, 1.31 * reach, f"−{100.0 * stage.efficiency:.0f} %", ha="center", va="top", color=palette.own,
+            middle, 1.31 * reach, stage.efficiency_text(), ha="center", va="top", color=palette.own,
             fontsize=_SIZE + 5.5, fontweight="bold",
         )  # fmt: skip
 

@@ -8,17 +8,13 @@ from html import escape
 
 from atpid_control.report.run import Happening, Ledger
 from atpid_control.report.stages import Stage
-from atpid_control.report.thesis import Printed, measured_decrement
+from atpid_control.report.thesis import measured_decrement
 from atpid_control.report.view import View, headline
 
-_THESIS_NOTE = (
-    ' Beneath, in <b class="accent">orange</b>, what the thesis prints (section 4.3; read off figures, and sometimes '
-    "with the static deflection in it); in grey, the best that a search over all heights finds with this model."
-)
 _OPTIMAL_NOTE = (
     "At the right height the grain meets floor and ceiling once each in every period, "
     "each time against the motion of the "
-    "beam. Higher, and it misses the beat; lower, and it takes less."
+    "beam. Higher, and impacts lose synchronism; lower, and each impact dissipates less."
 )
 _SEVERITIES = ("info", "warning", "alarm")
 
@@ -36,28 +32,28 @@ def _lead(view: View) -> str:
         return ""
     if view.decrements is not None:
         return (
-            '<p>The beam is released and left alone. The <b class="own">damper</b> is compared with the same beam and '
-            "a "
-            '<b class="given">closed damper</b>, which can only swing as one mass.</p>'
+            '<p>The beam is released from a deflection. The <b class="own">damper</b> is compared with the same beam '
+            'and a <b class="given">closed damper</b>: beam and grain move as one mass.</p>'
         )
     moving = (
         "The support's amplitude is identified while the beam vibrates, and a motor takes the ceiling to the height "
         "that belongs to it. " if view.own_name == "adaptive" else ""
     )  # fmt: skip
     return (
-        f"<p>{moving}What is left is compared with the same beam under the same excitation and a "
-        '<b class="given">closed damper</b>, in which the grain cannot move.</p>'
+        f"<p>{moving}The <b>efficiency</b> is the reduction of the beam's amplitude against the same beam under the "
+        'same excitation with a <b class="given">closed damper</b>, which holds the grain between floor and ceiling.'
+        "</p>"
     )
 
 
 def tiles(view: View) -> str:
-    """Return the numbers one remembers: one a stage, or the decrements of a free decay."""
+    """Return the main results: one a stage, or the decrements of a free decay."""
     if view.always_closed:
         return ""
     made = [
-        f'<div class="tile"><div class="big">−{100.0 * stage.efficiency:.0f} %</div>'
-        f'<div class="what">support ±{1e3 * stage.excitation_amplitude:.4g} mm</div>'
-        f'<div class="sub">beam ±{stage.undamped_amplitude:.3f} m → ±{stage.amplitude:.3f} m</div></div>'
+        f'<div class="tile"><div class="big">{stage.efficiency_text()}</div>'
+        f'<div class="what">efficiency, support ±{1e3 * stage.excitation_amplitude:.4g} mm</div>'
+        f'<div class="sub">beam ±{stage.undamped_amplitude:.3f} m → {_beam_amplitude(stage)}</div></div>'
         for stage in view.stages
         if math.isfinite(stage.efficiency)
     ]
@@ -73,6 +69,13 @@ def tiles(view: View) -> str:
             else []
         )
     return f'<div class="tiles">{"".join(made)}</div>' if made else ""
+
+
+def _beam_amplitude(stage: Stage) -> str:
+    if stage.amplitude_spread is None:
+        return f"±{stage.amplitude:.3f} m"
+    least, largest = stage.amplitude_spread
+    return f"±{least:.3f} to {largest:.3f} m: irregular; this run: ±{stage.amplitude:.3f} m"
 
 
 def _decrement(value: float, what: str, measured: float | None, kind: str) -> str:
@@ -102,63 +105,11 @@ def overview(view: View) -> str:
     )
 
 
-def table(view: View) -> str:
-    """Return the stages' figures with the thesis's beneath."""
-    if not view.stages:
-        return ""
-    heads = ("stage", "support amplitude", "identified", "error", "frequency", "ceiling height", "beam, closed", "beam",
-             "left over")  # fmt: skip
-    rows = [_row(stage, view.printed[n] if view.printed else None) for n, stage in enumerate(view.stages)]
-    thesis = _THESIS_NOTE if view.printed else ""
-    head = "".join(f"<th>{name}</th>" for name in heads)
-    return (
-        "<h2>Stage by stage</h2>"
-        f'<p class="note">Amplitudes are half peak-to-peak, in the shaded windows.{thesis}</p>'
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
-    )
-
-
-def _row(stage: Stage, printed: Printed | None) -> str:
-    error = 100.0 * (stage.identified_amplitude / stage.excitation_amplitude - 1.0)
-    thesis = best = {"height": "", "closed": "", "beam": "", "left": ""}
-    if printed is not None:
-        thesis = {
-            "height": f"{escape(printed.height_sign)}{printed.height:.2f} m",
-            "closed": f"{printed.closed:.2f} m",
-            "beam": f"{printed.amplitude:.2f} m",
-            "left": f"{100.0 * printed.amplitude / printed.closed:.0f} %",
-        }
-        best = best | {"height": f"{printed.best_height:.2f} m", "left": f"{100.0 * printed.best_left:.0f} %"}
-    return "<tr>" + "".join(
-        [
-            _cell(f"{stage.t0:.4g} to {stage.t1:.4g} s"),
-            _cell(_number(1e3 * stage.excitation_amplitude, ".4g", "mm")),
-            _cell(_number(1e3 * stage.identified_amplitude, ".3f", "mm")),
-            _cell(_number(error, "+.3f", "%")),
-            _cell(_number(stage.identified_frequency, ".3f", "Hz")),
-            _cell(_number(stage.height, ".3f", "m"), thesis["height"], best["height"]),
-            _cell(_number(stage.undamped_amplitude, ".3f", "m"), thesis["closed"]),
-            _cell(_number(stage.amplitude, ".3f", "m"), thesis["beam"]),
-            _cell(f"<b class='own'>{_number(100.0 * stage.left, '.1f', '%')}</b>", thesis["left"], best["left"]),
-        ]
-    ) + "</tr>"  # fmt: skip
-
-
-def _cell(text: str, thesis: str = "", best: str = "") -> str:
-    beneath = f'<span class="thesis">{thesis}</span>' if thesis else ""
-    beneath += f'<span class="best">{best}</span>' if best else ""
-    return f"<td>{text}{beneath}</td>"
-
-
-def _number(value: float, form: str, unit: str) -> str:
-    return f"{value:{form}} {unit}".replace("-", "−") if math.isfinite(value) else "–"
-
-
 def grain(view: View) -> str:
     """Return the place of the grain's chart."""
     if view.grain_window is None:
         return ""
-    said = "Where lines touch, the grain meets a wall; each meeting turns motion into heat."
+    said = "Where lines touch, the grain is in contact with a wall, which dissipates energy."
     if view.own_name == "adaptive":
         said = _OPTIMAL_NOTE
     return (
@@ -168,8 +119,9 @@ def grain(view: View) -> str:
     )
 
 
-def energy(ledger: Ledger | None) -> str:
+def energy(view: View) -> str:
     """Return where the energy of the run went."""
+    ledger = view.run.ledger
     if ledger is None:
         return ""
     parts = [
@@ -185,17 +137,22 @@ def energy(ledger: Ledger | None) -> str:
         f"({100.0 * value / total:.0f} %)</li>"
         for name, value, colour in parts
     )
-    brought = [f"The support brought {ledger.input:.4g} J"] if ledger.input else []
-    if ledger.ceiling_work:
-        verb = "brought" if ledger.ceiling_work > 0.0 else "took"
-        brought.append(f"the ceiling's motor {verb} {abs(ledger.ceiling_work):.3g} J")
-    if ledger.stored < 0.0:
-        brought.append(f"{-ledger.stored:.4g} J were there at the start")
     return (
-        f'<h2>Where the energy went</h2><p class="note">{", ".join(brought)}; the grain met the walls {ledger.impacts} '
-        f"times. The ledger closes to {_power(ledger.residual)} of the energy that came in.</p>"
+        f'<h2>Where the energy went</h2><p class="note">{_supplied(ledger)}.'
+        f"{'' if view.always_closed else f' The grain had {ledger.impacts} contacts with floor and ceiling.'} "
+        f"The ledger closes to {_power(ledger.residual)} of the energy supplied.</p>"
         f'<div class="bar" role="img" aria-label="Shares of the energy">{bar}</div><ul class="keys">{keys}</ul>'
     )
+
+
+def _supplied(ledger: Ledger) -> str:
+    supplied = [f"The support supplied {ledger.input:.4g} J"] if ledger.input else []
+    if ledger.ceiling_work:
+        verb = "supplied" if ledger.ceiling_work > 0.0 else "took up"
+        supplied.append(f"the ceiling's motor {verb} {abs(ledger.ceiling_work):.3g} J")
+    if ledger.stored < 0.0:
+        supplied.append(f"{-ledger.stored:.4g} J were stored at the start")
+    return ", ".join(supplied)
 
 
 def _power(value: float) -> str:
@@ -234,11 +191,16 @@ def facts(view: View) -> str:
     if view.run.scene_problem:
         known["scene"] = view.run.scene_problem
     rows = "".join(f"<dt>{name}</dt><dd>{escape(value)}</dd>" for name, value in known.items())
-    defaults = "".join(f"<li>{escape(line)}</li>" for line in scene.defaults()) if scene else ""
-    more = f"<p class='note defaults'>Values the scene leaves to defaults:</p><ul class='note'>{defaults}</ul>"
+    unusual = _listed("Values of the scene that are unusual:", scene.warnings() if scene else [])
+    defaults = _listed("Values left to defaults:", scene.decisive_defaults(measured=True) if scene else [])
     text = view.run.bag.scene_text
     whole = f"<details><summary>The scene, word for word</summary><pre>{escape(text)}</pre></details>" if text else ""
-    return f"<h2>The run</h2><dl>{rows}</dl>{more if defaults else ''}{whole}"
+    return f"<h2>The run</h2><dl>{rows}</dl>{unusual}{defaults}{whole}"
+
+
+def _listed(title: str, lines: list[str]) -> str:
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<p class='note defaults'>{title}</p><ul class='note'>{items}</ul>" if items else ""
 
 
 def _clock(kind: str, factor: str | None) -> str:

@@ -7,14 +7,19 @@ import math
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.bagread import Bag
 from atpid_control.report.comparison import Closed, closed_motion
+from atpid_control.report.repetition import repeated
 from atpid_control.report.run import Array, Run, read_run
 from atpid_sim.excitation import amplitude_points
+
+#: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
+_ARRIVED = 5e-3
 
 #: Length of the window at the end of a stage in which everything is measured [s].
 WINDOW = 2.0
@@ -33,15 +38,32 @@ class Stage:
     amplitude: float  # half peak-to-peak of the beam in the window [m]
     undamped_amplitude: float  # the same with the damper closed [m]
     efficiency: float  # 1 - amplitude / undamped_amplitude [-]
+    commanded_height: float = math.nan  # the last one before the window's end [m]
+    reproducible: bool | None = None  # whether repeated simulations agree; None: not known
+    amplitude_spread: tuple[float, float] | None = None  # least and largest of them, where they do not agree [m]
 
-    def as_dict(self) -> dict[str, float | None]:
-        """Return plain numbers for JSON; NaN as None."""
-        return {key: value if math.isfinite(value) else None for key, value in asdict(self).items()}
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; NaN as None."""
+        plain = asdict(self) | {"amplitude_spread": self.amplitude_spread and list(self.amplitude_spread)}
+        return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in plain.items()}
 
     @property
-    def left(self) -> float:
-        """Share of the closed damper's amplitude that is left [-]."""
-        return self.amplitude / self.undamped_amplitude
+    def efficiency_range(self) -> tuple[float, float]:
+        """Least and largest efficiency of repeated runs [-]; twice the efficiency where they agree."""
+        if self.amplitude_spread is None:
+            return self.efficiency, self.efficiency
+        least, largest = (1.0 - amplitude / self.undamped_amplitude for amplitude in reversed(self.amplitude_spread))
+        return least, largest
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the ceiling was where it had been commanded to; true where that is not known."""
+        return not abs(self.height - self.commanded_height) > _ARRIVED
+
+    def efficiency_text(self) -> str:
+        """Return the efficiency in per cent, as a range where repeated runs differ."""
+        least, largest = (round(100.0 * value) for value in self.efficiency_range)
+        return f"{least} %" if least == largest else f"{least} to {largest} %"
 
 
 def stages(source: Path | Bag | Run, closed: Closed | None = None) -> list[Stage]:
@@ -92,6 +114,7 @@ def _measure(run: Run, closed: Array | None, t0: float, t1: float) -> Stage:
     undamped = half_range(closed[inside]) if closed is not None else math.nan
     estimated = _within(run.estimates.time, begin, end) & run.estimates.steady
     given = run.true_amplitude()
+    again = repeated(run, begin, end)
     return Stage(
         t0=t0,
         t1=t1,
@@ -102,7 +125,23 @@ def _measure(run: Run, closed: Array | None, t0: float, t1: float) -> Stage:
         amplitude=amplitude,
         undamped_amplitude=undamped,
         efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
+        commanded_height=_commanded(run, end),
+        reproducible=again.reproducible if again else None,
+        amplitude_spread=_spread(again.spread, amplitude) if again and again.spread else None,
     )
+
+
+def _spread(repeated: tuple[float, float, float], amplitude: float) -> tuple[float, float]:
+    """Return least and largest amplitude [m] of the recorded run and its repetitions."""
+    found = [value for value in (*repeated, amplitude) if math.isfinite(value)]
+    return min(found), max(found)
+
+
+def _commanded(run: Run, end: float) -> float:
+    """Return the height [m] commanded last before `end` [s]; NaN where none was."""
+    ceiling = run.ceiling
+    told = ceiling.commanded[np.isfinite(ceiling.commanded) & (ceiling.commanded_time <= end + 1e-9)]
+    return float(told[-1]) if len(told) else math.nan
 
 
 def _height(run: Run, begin: float, end: float) -> float:

@@ -11,10 +11,11 @@ import numpy as np
 
 from atpid_control.bagread import Bag
 from atpid_control.report.comparison import Closed, closed_height, closed_motion
-from atpid_control.report.decay import largest_decrement
 from atpid_control.report.run import Array, Run, read_run
 from atpid_control.report.stages import Stage, measure, window_of
 from atpid_control.report.thesis import Printed, beside
+from atpid_sim.decay import largest_decrement
+from atpid_sim.scene import ControlledCeiling
 
 #: How many periods of the grain's motion are shown.
 _PERIODS = 4.0
@@ -106,11 +107,30 @@ def headline(view: View) -> str:
         return "The closed damper: the beam as it is without an impact damper."
     if view.decrements is not None:
         own, closed = view.decrements
-        return f"Released, the beam falls by up to {own:.2f} times a swing; with the damper closed by {closed:.2f}."
-    shares = [stage.efficiency for stage in view.stages if math.isfinite(stage.efficiency)]
-    if not shares:
+        return (
+            f"After the release successive peaks fall by a factor of up to {own:.2f}; with the damper closed by "
+            f"{closed:.2f}."
+        )
+    known = [stage for stage in view.stages if math.isfinite(stage.efficiency)]
+    if not known:
         return "The recorded run."
-    low, high = 100.0 * min(shares), 100.0 * max(shares)
+    low, high = (100.0 * pick(value for stage in known for value in stage.efficiency_range) for pick in (min, max))
     much = f"{low:.0f} %" if round(low) == round(high) else f"{low:.0f} to {high:.0f} %"
-    who = "A ceiling that follows the excitation takes" if view.own_name == "adaptive" else "One grain takes"
-    return f"{who} {much} off the resonance."
+    who = "A ceiling that follows the excitation" if view.own_name == "adaptive" else "One grain"
+    irregular = any(stage.amplitude_spread for stage in known)
+    note = "; the motion is irregular, and single runs differ by that much" if irregular and len(known) == 1 else ""
+    note = "; where the motion is irregular, by the spread of single runs" if irregular and len(known) > 1 else note
+    return f"{who} reduces the resonant amplitude by {much}{note}."
+
+
+def not_arrived(view: View) -> list[str]:
+    """Return one sentence for each stage in which the ceiling was not where it had been commanded to."""
+    scene = view.run.scene
+    controlled = scene is not None and isinstance(scene.ceiling, ControlledCeiling)
+    speed = f" (speed {scene.ceiling.speed:g} m/s)" if controlled else ""  # type: ignore[union-attr]
+    return [
+        f"{stage.t0:g} to {stage.t1:g} s: {stage.commanded_height:.4f} m was commanded and not reached; "
+        f"the ceiling was at {stage.height:.4f} m{speed}"
+        for stage in view.stages
+        if not stage.arrived
+    ]  # fmt: skip

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Methods by name. A new method is one file and one line here."""
+"""Methods by name: those a scene may name (atpid_sim/scene/ceiling.py), and `fixed` for a ceiling of the scene's own.
+
+A new method is one file, one entry here and its name there (docs/selection.md).
+"""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from atpid_common import output
 from atpid_driver.calibration.fit import Fit, fit, read_readings
 from atpid_driver.calibration.model import Calibration, CalibrationError, save
 
@@ -35,16 +36,18 @@ def run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
     if out.exists() and not arguments.force:
         raise CalibrationError(f"{out} exists: a calibration is kept; name another file or say --force")
+    output.file(out)
+    picture = output.file(arguments.picture or out.with_suffix(".png"), "--picture")
     positions, volts = read_readings(arguments.readings)
     result = fit(positions, volts, arguments.degree)
     calibration = calibration_of(result, arguments)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    comment = f"Made from {arguments.readings.name} by `python -m atpid_driver calibrate`."
-    save(calibration, out, comment)
     from atpid_driver.calibration.picture import draw  # matplotlib takes a second to load
 
-    picture: Path = arguments.picture or out.with_suffix(".png")
-    draw(result, calibration, picture)
+    comment = f"Made from {arguments.readings.name} by `python -m atpid_driver calibrate`."
+    with output.writing(out):
+        save(calibration, out, comment)
+    with output.writing(picture, "--picture"):
+        draw(result, calibration, picture)
     print(table(result, calibration.unit))
     if hint := curvature_hint(result):
         print(hint)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from atpid_common import output
 from atpid_driver.acquisition import BACKENDS, Acquisition, create
 from atpid_driver.calibration.fit import COLUMNS
 from atpid_driver.calibration.model import CalibrationError
@@ -37,8 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise CalibrationError(
             f"position {arguments.position}, seconds {arguments.seconds}: give finite, positive time"
         )
+    output.file(arguments.readings, "file")
     volts = measure(_device(arguments), arguments.seconds)
-    append(arguments.readings, arguments.position, float(volts.mean()))
+    with output.writing(arguments.readings, "file"):
+        append(arguments.readings, arguments.position, float(volts.mean()))
     std = float(volts.std(ddof=1)) if len(volts) > 1 else math.nan
     print(f"{arguments.position:g} at {volts.mean():.6f} V (scatter {1e3 * std:.3f} mV over {len(volts)} samples)")
     return 0

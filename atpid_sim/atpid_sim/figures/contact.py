@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from atpid_common import output
+from atpid_common.cli import guarded
 from atpid_sim.contact import Contact, contact_of, dispatch, restitution_of
 from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.scene import Scene, scene_from_mapping
@@ -36,6 +38,9 @@ _LABELS = {
     "tsuji": "Tsuji, β = 1 (the thesis)",
     "walton_braun": "Walton-Braun",
 }
+
+#: Laws of the same constant restitution, and the marker each is told by.
+_CONSTANT = {"impact": "o", "linear": "s", "tsuji": "D", "walton_braun": "^"}
 
 
 class Impact(NamedTuple):
@@ -137,9 +142,10 @@ def draw(out: Path) -> list[Path]:
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(11.0, 4.4), layout="constrained")
     speeds = np.geomspace(1e-3, 20.0, 120)
     for index, (name, contact) in enumerate(contacts.items()):
-        style = {"color": f"C{index}", "label": _LABELS[name], "linewidth": 2.4 if name == "tsuji" else 1.4}
+        style: dict[str, Any] = {"color": f"C{index}", "label": _LABELS[name]}
+        style["linewidth"] = 2.4 if name == "tsuji" else 1.4
         curve = [restitution_of(contact, speed, mass) for speed in speeds]
-        right.semilogx(speeds, curve, linestyle="--" if name in ("impact", "linear", "walton_braun") else "-", **style)
+        right.semilogx(speeds, curve, **style, **_marked(name))
         if name != "impact":
             impact = impact_of(contact, mass, SPEED)
             left.plot(1e6 * impact.overlap, impact.force, **style)
@@ -155,11 +161,19 @@ def draw(out: Path) -> list[Path]:
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
     right.legend(fontsize=8, loc="center left", bbox_to_anchor=(0.0, 0.72))
-    out.mkdir(parents=True, exist_ok=True)
-    file = out / "contact_laws.png"
-    figure.savefig(file, dpi=150, metadata=metadata_of(figure))
+    file = output.folder(out) / "contact_laws.png"
+    with output.writing(file):
+        figure.savefig(file, dpi=150, metadata=metadata_of(figure))
     pyplot.close(figure)
     return [file]
+
+
+def _marked(name: str) -> dict[str, Any]:
+    """Return markers in turn for the laws whose restitution is the same at every speed: their curves coincide."""
+    if name not in _CONSTANT:
+        return {}
+    place = list(_CONSTANT).index(name)
+    return {"marker": _CONSTANT[name], "markersize": 7, "markevery": (6 * place, 6 * len(_CONSTANT))}
 
 
 def _damping_for(scene: Scene, law: str, restitution: float, mass: float) -> float:
@@ -196,7 +210,7 @@ def main() -> int:
     """Run as a command."""
     parser = argparse.ArgumentParser(description="contact laws side by side")
     add_arguments(parser)
-    return run(parser.parse_args())
+    return guarded(lambda: run(parser.parse_args()))
 
 
 if __name__ == "__main__":

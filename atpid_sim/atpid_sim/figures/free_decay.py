@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common import output
+from atpid_common.cli import guarded
 from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulate import trajectory
@@ -111,12 +113,15 @@ def draw(out: Path) -> list[Path]:
         xlim=(0.0, 3.0), xlabel="time [s]", ylabel="beam above equilibrium [m]", title="Released from 0.2 m, h = 0.2 m"
     )
     left.legend(fontsize=8)
-    cases = [case for case in MEASURED if case.within]
+    cases = MEASURED
     model = [decrements(free_decay(case.mass_fraction, case.height)).max() for case in cases]
     places = np.arange(len(cases))
     right.plot(
         places, [case.decrement for case in cases], "ko", markersize=8, fillstyle="none", label="measured on the stand"
     )
+    open_end = [place for place, case in zip(places, cases, strict=True) if case.within is None]
+    for place in open_end:  # "above 3"
+        right.annotate("", (place, 4.2), (place, 3.1), arrowprops={"arrowstyle": "->"})
     right.plot(places, model, "C3x", markersize=8, label="model, nothing fitted")
     names = [f"{100 * c.mass_fraction:g} %\n" + ("closed" if c.height == 0.017 else f"{c.height:g} m") for c in cases]
     right.set_xticks(places, names, fontsize=8)
@@ -124,14 +129,17 @@ def draw(out: Path) -> list[Path]:
         xlabel="grain, height",
         ylabel="largest ratio of amplitudes [-]",
         title="Damping of the free decay (thesis §2.3.1)",
+        yscale="log",
     )
+    right.set_yticks([1.3, 1.5, 2.0, 3.0, 4.0, 6.0], ["1.3", "1.5", "2", "3", "4", "6"])
+    right.minorticks_off()
     right.legend(fontsize=8)
     for axes in (left, right):
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
-    out.mkdir(parents=True, exist_ok=True)
-    file = out / "free_decay.png"
-    figure.savefig(file, dpi=150, metadata=metadata_of(figure))
+    file = output.folder(out) / "free_decay.png"
+    with output.writing(file):
+        figure.savefig(file, dpi=150, metadata=metadata_of(figure))
     pyplot.close(figure)
     return [file]
 
@@ -153,7 +161,7 @@ def main() -> int:
     """Run as a command."""
     parser = argparse.ArgumentParser(description="measured and computed free decays")
     add_arguments(parser)
-    return run(parser.parse_args())
+    return guarded(lambda: run(parser.parse_args()))
 
 
 if __name__ == "__main__":

@@ -42,8 +42,10 @@ def _rows(model: type[Block]) -> list[str]:
     for name, field in model.model_fields.items():
         needed = "yes" if field.is_required() else "no"
         meaning = field.description or f"`{_title(model)}`"
+        if needed == "no" and "default" not in meaning and not isinstance(field.default, Block):
+            meaning += f"; default: {'none' if field.default is None else field.default}"
         rows.append(f"| `{field.alias or name}` | {needed} | {meaning} |")
-    return rows
+    return rows + [f"| `{name}` | instead | {meaning} |" for name, meaning in model.alternatives.items()]
 
 
 def _title(model: type[Block]) -> str:

@@ -7,7 +7,7 @@ from atpid_sim.maps.best import Best, best_height
 from atpid_sim.maps.build import build_map
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.header import header_text, write_header
-from atpid_sim.maps.height_map import HeightMap, MapEntry
+from atpid_sim.maps.height_map import Failure, HeightMap, MapEntry
 from atpid_sim.maps.rig import Response, Rig, Timing
 from atpid_sim.maps.ways import ALL_WAYS, FROM_CLOSED, Way, travelled
 
@@ -15,6 +15,7 @@ __all__ = [
     "ALL_WAYS",
     "FROM_CLOSED",
     "Best",
+    "Failure",
     "HeightMap",
     "MapEntry",
     "MapError",

@@ -6,20 +6,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from atpid_sim.batch import on_all_cores
-from atpid_sim.maps.best import best_height
 from atpid_sim.maps.cluster import on_cluster
 from atpid_sim.maps.errors import MapError
-from atpid_sim.maps.height_map import FORMAT, HeightMap
+from atpid_sim.maps.height_map import FORMAT, Failure, HeightMap
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.maps.journal import Journal, Point
+from atpid_sim.maps.point import values_at
 from atpid_sim.maps.rig import Rig
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
 
 Progress = Callable[[int, int], None]
@@ -44,7 +44,8 @@ def build_map(
 
     With `out` it is also written there, and a run that was killed goes on where it stopped: points lie in a journal
     beside the file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
-    use instead of this machine's cores. Raises MapError, NumericalFailure.
+    use instead of this machine's cores. A point whose runs fail is NaN in the map, with the reason in `failures`.
+    Raises MapError, and NumericalFailure where every point fails.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
     identity, tolerance = identity_of(scene), max(scene.tolerance, _FINEST)
@@ -81,7 +82,7 @@ def _compute(scene: Scene, points: list[Point], tolerance: float, workers: int |
 
     def best(point: Point) -> dict[str, Any]:
         fraction, amplitude = point
-        return asdict(best_height(rigs[fraction], amplitude, _LOYALTY))
+        return values_at(rigs[fraction], amplitude, _LOYALTY)
 
     return on_all_cores(best, points, workers)
 
@@ -100,8 +101,14 @@ def _assemble(
     identity: dict[str, Any],
     tolerance: float,
 ) -> HeightMap:
+    points = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
+    failures = tuple(Failure(*point, known[point]["failure"]) for point in points if "failure" in known[point])
+    if len(failures) == len(points):
+        raise NumericalFailure(f"none of the {len(points)} points of the map can be computed: {failures[0].reason}")
+
     def grid(name: str) -> Any:
-        return np.array([[known[(fraction, amplitude)][name] for amplitude in wide] for fraction in heavy])
+        rows = [[known[(fraction, amplitude)][name] for amplitude in wide] for fraction in heavy]
+        return np.array(rows, dtype=bool if name == "reproducible" else float)  # None becomes NaN
 
     return HeightMap(
         amplitudes=np.array(wide),
@@ -112,6 +119,7 @@ def _assemble(
         reproducible=grid("reproducible"),
         identity=identity,
         tolerance=tolerance,
+        failures=failures,
     )
 
 

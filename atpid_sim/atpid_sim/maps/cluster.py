@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from typing import Any
 
-from atpid_sim.maps.best import best_height
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.journal import Point
+from atpid_sim.maps.point import values_at
 from atpid_sim.maps.rig import Rig
 from atpid_sim.scene import Scene, scene_from_mapping
 
@@ -53,7 +52,7 @@ def point_of_map(mapping: dict[str, Any], point: Point, tolerance: float, loyalt
     """Return one point (mass fraction, amplitude [m]) of the map of the scene in `mapping`; runs on a worker."""
     fraction, amplitude = point
     scene = scene_from_mapping(mapping, source="scene of the map").with_(mass_fraction=fraction)
-    return asdict(best_height(Rig(scene, tolerance), amplitude, loyalty))
+    return values_at(Rig(scene, tolerance), amplitude, loyalty)
 
 
 def _distributed() -> Any:

@@ -19,19 +19,24 @@ def header_text(height_map: HeightMap, mass_fraction: float) -> str:
     """Return the header for one mass fraction: ATPID_TABLE_N, atpid_amplitude_um[] and atpid_height_um[].
 
     The firmware takes the recorded amplitude nearest to the measured one, so heights are rounded down, to the side
-    away from the cliff. Raises MapError where the map does not reach the mass fraction.
+    away from the cliff. A point that could not be computed has height 0, which lies outside the soft limits: the
+    firmware refuses it (RANGE). Raises MapError where the map does not reach the mass fraction.
     """
-    heights = [height_map.lookup(float(a), mass_fraction).height for a in height_map.amplitudes]
+    height_map.check_mass_fraction(mass_fraction)
+    heights = [_height_um(height_map, float(a), mass_fraction) for a in height_map.amplitudes]
     amplitude_um = np.round(1e6 * height_map.amplitudes).astype(np.int64)
-    height_um = np.floor(1e6 * np.asarray(heights) + 1e-6).astype(np.int64)
+    height_um = np.array(heights, dtype=np.int64)
     if (np.diff(amplitude_um) <= 0).any():
         raise MapError(f"{height_map.source}: amplitudes closer than 1 um cannot go into a header; use fewer")
+    missing = int(np.count_nonzero(height_um == 0))
+    note = [f"// Height 0, which the firmware refuses: could not be computed ({missing} amplitudes)"] if missing else []
     system = ", ".join(f"{key} {value}" for key, value in height_map.identity.items())
     return "\n".join(
         [
             "// SPDX-License-Identifier: Apache-2.0",
             "// Best ceiling heights over support amplitude, made by `python -m atpid_sim map --header`. Do not edit.",
             f"// System: {system}; mass fraction {mass_fraction:g}",
+            *note,
             "#pragma once",
             "#include <stdint.h>",
             f"#define ATPID_TABLE_N {len(amplitude_um)}",
@@ -48,6 +53,14 @@ def write_header(height_map: HeightMap, mass_fraction: float, path: str | os.Pat
         Path(path).write_text(header_text(height_map, mass_fraction), encoding="utf-8")
     except OSError as error:
         raise MapError(f"{path}: cannot be written: {error.strerror}; choose another --header") from None
+
+
+def _height_um(height_map: HeightMap, amplitude: float, mass_fraction: float) -> int:
+    try:
+        height = height_map.lookup(amplitude, mass_fraction).height
+    except MapError:
+        return 0
+    return int(np.floor(1e6 * height + 1e-6))
 
 
 def _array(name: str, values: NDArray[np.int64]) -> str:

@@ -7,10 +7,11 @@ import json
 import math
 import os
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,14 @@ _TINY = 1e-9
 _MAKE = "make one with `python -m atpid_sim map SCENE.yaml --amplitudes A0:A1:N --mass-fractions m1,m2 --out MAP.npz`"
 
 
+class Failure(NamedTuple):
+    """A point that could not be computed, and why."""
+
+    mass_fraction: float  # [-]
+    amplitude: float  # of the support [m]
+    reason: str
+
+
 @dataclass(frozen=True)
 class MapEntry:
     """What a map says of one excitation."""
@@ -45,9 +54,17 @@ class MapEntry:
     efficiency: float  # 1 - amplitude / amplitude of the closed damper [-]
 
 
+class Curve(NamedTuple):
+    """Height, beam amplitude and efficiency over amplitudes from `first` to `last` [m], all of them computed."""
+
+    first: float
+    last: float
+    values: Callable[[float], Array]
+
+
 @dataclass(frozen=True)
 class HeightMap:
-    """Best heights; grids are (mass fractions, amplitudes)."""
+    """Best heights; grids are (mass fractions, amplitudes), NaN where a point could not be computed."""
 
     amplitudes: Array  # (n,) of the support, rising [m]
     mass_fractions: Array  # (m,) grain over total mass, rising [-]
@@ -58,12 +75,14 @@ class HeightMap:
     identity: Identity  # the system it holds for
     tolerance: float  # relative tolerance of the runs
     source: str = "the map"  # its name in messages
+    failures: tuple[Failure, ...] = ()  # points that could not be computed
 
     def lookup(self, amplitude: float, mass_fraction: float) -> MapEntry:
         """Return height, beam amplitude and efficiency at a support amplitude [m] and a mass fraction [-].
 
         Monotone cubic in the amplitude; between mass fractions a power law of the clearance, which is nearly inverse
-        to the grain's mass: nothing lies outside its neighbours. Raises MapError where the map does not reach.
+        to the grain's mass: nothing lies outside its neighbours. Raises MapError where the map does not reach, and
+        where a point beside the amplitude could not be computed.
         """
         share, row = self._between(mass_fraction)
         lowest, highest = float(self.amplitudes[0]), float(self.amplitudes[-1])
@@ -71,26 +90,42 @@ class HeightMap:
             raise MapError(
                 f"{self.source}: amplitude {amplitude:g} m is outside its {lowest:g} to {highest:g} m; {_MAKE}"
             )
-        below, above = self._curves[row], self._curves[min(row + 1, len(self._curves) - 1)]
-        left, right = below(amplitude), above(amplitude)
+        # on a row of the map the other one does not matter: it may lack the point
+        left, right = self._at(row + (share == 1.0), amplitude), self._at(row + (share > 0.0), amplitude)
         diameter = 2.0 * float(self.identity["grain.radius"])
         clearances = np.maximum([left[0] - diameter, right[0] - diameter], _TINY)
         height = diameter + float(clearances[0] ** (1.0 - share) * clearances[1] ** share)
         swing, efficiency = (1.0 - share) * left[1:] + share * right[1:]
         return MapEntry(height, float(swing), float(efficiency))
 
+    def covers(self, lowest: float, highest: float, mass_fraction: float) -> bool:
+        """Return whether every support amplitude from `lowest` to `highest` [m] can be looked up."""
+        inside = [a for a in map(float, self.amplitudes) if lowest < a < highest]
+        try:
+            for amplitude in (lowest, *inside, highest):
+                self.lookup(amplitude, mass_fraction)
+        except MapError:
+            return False
+        return True
+
     def check(self, scene: Scene) -> None:
         """Raise MapError, naming the first difference, where the map was made for another system than the scene's."""
         found = difference(self.identity, identity_of(scene))
         if found:
             raise MapError(f"{self.source}: made for {found}; {_MAKE}")
-        self._between(scene.grain.mass_fraction)
+        self.check_mass_fraction(scene.grain.mass_fraction)
+
+    def check_mass_fraction(self, fraction: float) -> None:
+        """Raise MapError where the map does not reach a mass fraction [-]."""
+        self._between(fraction)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the file at once or not at all: a crash leaves the old one."""
         target = Path(path)
         part = target.with_name(target.name + ".part")
         about = {"format": FORMAT, "system": self.identity, "tolerance": self.tolerance}
+        if self.failures:
+            about["failures"] = [list(failure) for failure in self.failures]
         grids = {name: getattr(self, name) for name in ("amplitudes", "mass_fractions", *_GRIDS)}
         try:
             with part.open("wb") as file:
@@ -114,8 +149,9 @@ class HeightMap:
                     )
                 grids = {key: stored[key] for key in ("amplitudes", "mass_fractions", *_GRIDS)}
             made = HeightMap(
-                **grids, identity=about["system"], tolerance=float(about["tolerance"]), source=Path(name).name
-            )
+                **grids, identity=about["system"], tolerance=float(about["tolerance"]), source=Path(name).name,
+                failures=tuple(Failure(*failure) for failure in about.get("failures", ())),
+            )  # fmt: skip
         except FileNotFoundError:
             raise MapError(f"{name}: no such file; {_MAKE}") from None
         except MapError:
@@ -133,16 +169,42 @@ class HeightMap:
             and shape[0] >= 1
             and shape[1] >= 2
             and all(getattr(self, name).shape == shape for name in _GRIDS)
-            and all(np.isfinite(getattr(self, name)).all() for name in ("amplitudes", "mass_fractions", *_GRIDS))
+            and all(np.isfinite(getattr(self, name)).all() for name in ("amplitudes", "mass_fractions"))
+            and self._has_all_but_its_failures()
             and bool(np.all(np.diff(self.amplitudes) > 0.0) and np.all(np.diff(self.mass_fractions) > 0.0))
         )
         if not sound:
             raise MapError(f"{self.source}: holds no whole grid of finite heights over rising amplitudes; {_MAKE}")
 
+    def _has_all_but_its_failures(self) -> bool:
+        missing = np.zeros(self.heights.shape, dtype=bool)
+        for failure in self.failures:
+            row = int(np.argmin(np.abs(self.mass_fractions - failure.mass_fraction)))
+            missing[row, int(np.argmin(np.abs(self.amplitudes - failure.amplitude)))] = True
+        grids = (self.heights, self.beam_amplitudes, self.efficiencies)
+        # `reproducible` has no NaN: it is false where there is no height
+        return not missing.all() and all(np.array_equal(~np.isfinite(grid), missing) for grid in grids)
+
     @cached_property
-    def _curves(self) -> list[PchipInterpolator]:
+    def _curves(self) -> list[list[Curve]]:
+        """For each mass fraction the curves over amplitudes without a gap."""
         stacked = np.stack([self.heights, self.beam_amplitudes, self.efficiencies], axis=2)
-        return [PchipInterpolator(self.amplitudes, row) for row in stacked]
+        return [_unbroken(self.amplitudes, row) for row in stacked]
+
+    def _at(self, row: int, amplitude: float) -> Array:
+        """Return height, beam amplitude [m] and efficiency (3,) at an amplitude [m] inside the map."""
+        for curve in self._curves[row]:
+            if curve.first <= amplitude <= curve.last:
+                return np.asarray(curve.values(amplitude))
+        fraction = float(self.mass_fractions[row])
+        near = min(
+            (failure for failure in self.failures if failure.mass_fraction == fraction),
+            key=lambda failure: abs(failure.amplitude - amplitude),
+        )
+        raise MapError(
+            f"{self.source}: no height at amplitude {amplitude:g} m: its point at {near.amplitude:g} m, mass fraction "
+            f"{fraction:g}, could not be computed ({near.reason})"
+        )
 
     def _between(self, fraction: float) -> tuple[float, int]:
         """Share of the way from the row below to the next, in the logarithm, and the row below."""
@@ -156,3 +218,21 @@ class HeightMap:
             return 0.0, 0
         share = math.log(fraction / rows[row]) / math.log(rows[row + 1] / rows[row])
         return float(np.clip(share, 0.0, 1.0)), row
+
+
+def _unbroken(amplitudes: Array, values: Array) -> list[Curve]:
+    """Return a curve for each stretch of amplitudes (n,) [m] whose values (n, 3) are numbers."""
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    curves = []
+    for places in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        x, y = amplitudes[places], values[places]
+        if len(places) > 1:
+            curves.append(Curve(float(x[0]), float(x[-1]), PchipInterpolator(x, y)))
+        elif len(places) == 1:
+            curves.append(Curve(float(x[0]), float(x[0]), partial(_constant, y[0])))
+    return curves
+
+
+def _constant(values: Array, amplitude: float) -> Array:
+    del amplitude
+    return values

@@ -7,6 +7,7 @@ import fcntl
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -78,6 +79,18 @@ class Journal:
             self.points[(fraction, amplitude)] = line
 
     def _append(self, line: Mapping[str, Any]) -> None:
-        self._file.write(json.dumps(line).encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        try:
+            self._file.write(json.dumps(line).encode() + b"\n")
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._abandon()
+            raise MapError(
+                f"{self.path}: cannot be written: {error.strerror}; make room and give the same command: it goes on "
+                "from the points that are in it"
+            ) from None
+
+    def _abandon(self) -> None:
+        """Close the file without another attempt to write what is buffered."""
+        with suppress(OSError):
+            self._file.close()

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, Tag, model_validator
 
@@ -69,6 +69,11 @@ class ProfileCeiling(Block):
         return self.profile
 
 
+#: Methods that may move a ceiling; atpid_control/selection/registry.py has the code of each.
+Controller = Literal["lookup", "pca", "direct", "search"]
+CONTROLLERS: tuple[str, ...] = get_args(Controller)
+
+
 class ControlledCeiling(Block):
     """A ceiling that a controller moves at constant speed; it starts closed."""
 
@@ -76,7 +81,7 @@ class ControlledCeiling(Block):
     closed: Length = Field(description="height at the start [m]")
     range: HeightRange = Field(description="lowest and highest height the motor may reach [m]")
     speed: Speed = Field(description="the motor's constant speed [m/s]")
-    controller: Literal["lookup", "pca", "direct", "search"] = Field(description="how the height is selected")
+    controller: Controller = Field(description=f"how the height is selected: {', '.join(CONTROLLERS)}")
     map: LocatedPath | None = Field(default=None, description="height map for the look-up; default: one made and kept")
 
     @model_validator(mode="after")

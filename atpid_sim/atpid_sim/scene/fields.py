@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Strict, Tag
 from pydantic_core import PydanticCustomError
@@ -17,6 +17,8 @@ class Block(BaseModel):
     """One block of a scene: frozen, and without keys it does not know."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
+    #: Keys that may be given in place of others, and their meaning: converted before the block is validated.
+    alternatives: ClassVar[Mapping[str, str]] = {}
 
 
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
@@ -35,9 +37,9 @@ def impossible(key: str, given: object, allowed: str) -> PydanticCustomError:
     return PydanticCustomError("impossible", "{allowed}", {"key": key, "given": given, "allowed": allowed})
 
 
-def within(low: float, high: float, or_zero: bool = False) -> AfterValidator:
-    """Return the check of a number: from `low` to `high`, with `or_zero` also 0."""
-    allowed = f"{'0, or ' if or_zero else ''}from {low:g} to {high:g}"
+def within(low: float, high: float, or_zero: bool = False, hint: str = "") -> AfterValidator:
+    """Return the check of a number: from `low` to `high`, with `or_zero` also 0; `hint` ends the message."""
+    allowed = f"{'0, or ' if or_zero else ''}from {low:g} to {high:g}{hint and f' ({hint})'}"
 
     def check(value: float) -> float:
         if low <= value <= high or (or_zero and value == 0.0):
@@ -53,7 +55,7 @@ Stiffness = Annotated[Number, within(1e-6, 1e12)]  # [N/m]
 ContactStiffness = Annotated[Number, within(1e-3, 1e15)]  # [N/m]
 Modulus = Annotated[Number, within(1.0, 1e18)]  # [Pa]
 Damping = Annotated[Number, within(0.0, 1e9)]  # [N s/m], or as the law has it
-Fraction = Annotated[Number, within(1e-6, 1.0 - 1e-6)]  # [-]
+Fraction = Annotated[Number, within(1e-6, 1.0 - 1e-6, hint="a share: 10 % is 0.1")]  # [-]
 Length = Annotated[Number, within(1e-6, 1e6)]  # [m]
 Amplitude = Annotated[Number, within(1e-12, 1e3, or_zero=True)]  # [m]
 Hertz = Annotated[Number, within(1e-6, 1e6)]  # [Hz]

@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
 from atpid_sim.scene.contact import ContactSpec
+from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation, HarmonicExcitation
 from atpid_sim.scene.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.sensors import Recording, Sensors
@@ -87,9 +88,30 @@ class Scene(Block):
         """How far the weight of beam and grain pulls the beam down [m] (equation 3.41), positive."""
         return self.total_mass * self.gravity / self.beam.stiffness
 
+    def require_prescribed_ceiling(self) -> None:
+        """Raise SceneError where a controller moves the ceiling: a single run has none to ask for a height."""
+        if isinstance(self.ceiling, ControlledCeiling):
+            raise SceneError(
+                f"ceiling: given one that a controller moves ({self.ceiling.controller}); allowed in a single run: one "
+                "of {height}, {closed, open, start, end}, {profile}; use `simulate --height H`, or run the loop with "
+                "`python -m atpid_control bench SCENE.yaml --out DIR`"
+            )
+
+    def warnings(self) -> list[str]:
+        """Return one line for each value that is possible but unusual: key, value, usual range (`plausibility`)."""
+        from atpid_sim.scene.plausibility import warnings_of
+
+        return warnings_of(self)
+
     def defaults(self) -> list[str]:
         """Return one line for each optional value the scene does not give: key, value used, meaning."""
-        return list(_defaults(self, ""))
+        return [f"{key} = {_text(value)}: {meaning}" for key, value, meaning in _defaults(self, "")]
+
+    def decisive_defaults(self, measured: bool = False) -> list[str]:
+        """Return `key = value` of each value the scene does not give and a run uses; `measured`: sensors as well."""
+        apart = () if measured else ("sensors.", "recording.", "seed")
+        return [f"{key} = {_text(value)}" for key, value, _ in _defaults(self, "") if value is not None
+                and not key.startswith(apart)]  # fmt: skip
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what was given, as plain numbers, text, lists and dicts."""
@@ -161,11 +183,16 @@ def _block_errors(scene: Scene) -> Iterator[PydanticCustomError]:
             yield impossible("recording.block", scene.recording.block, allowed)
 
 
-def _defaults(block: Block, prefix: str) -> Iterator[str]:
+def _defaults(block: Block, prefix: str) -> Iterator[tuple[str, Any, str]]:
+    """Yield key, value used and meaning of each value that was not given."""
     for name, field in type(block).model_fields.items():
         key, value = prefix + (field.alias or name), getattr(block, name)
         if name not in block.model_fields_set and not isinstance(value, Block):
-            shown = list(value) if isinstance(value, tuple) else value
-            yield f"{key} = {'none' if shown is None else shown}: {field.description}"
+            yield key, value, field.description or ""
         elif isinstance(value, Block):
             yield from _defaults(value, key + ".")
+
+
+def _text(value: Any) -> str:
+    shown = list(value) if isinstance(value, tuple) else value
+    return "none" if shown is None else str(shown)

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, TypeGuard
 
 from pydantic import Field, model_validator
 
-from atpid_sim.scene.fields import Block, Damping, Fraction, Length, Mass, Stiffness, impossible
+from atpid_sim.scene.fields import Block, Damping, Fraction, Length, Mass, Stiffness, Words, impossible
 
 #: Largest damping ratio of the beam alone. Beyond, it follows the support and nothing else, but ever shorter steps are
 #: needed and the ledger loses its digits: at 400 000 it is open by 1 %, and a second takes five.
@@ -18,16 +20,57 @@ class Beam(Block):
     """The beam reduced to one mass, without the grain (equation 3.39)."""
 
     mass: Mass = Field(description="reduced mass of beam and container, without the grain [kg]")
-    stiffness: Stiffness = Field(description="reduced stiffness [N/m]")
-    damping: Damping = Field(description="reduced damping [N s/m]")
+    stiffness: Stiffness = Field(description="reduced stiffness [N/m]; or give frequency")
+    damping: Damping = Field(description="reduced damping [N s/m]; or give damping_ratio")
+
+    alternatives: ClassVar[Mapping[str, str]] = {
+        "frequency": "natural frequency without the grain [Hz], in place of stiffness",
+        "damping_ratio": "damping over critical damping, without the grain [-], in place of damping",
+    }
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_newtons(cls, given: Any) -> Any:
+        """Return the block with stiffness and damping in place of frequency and damping ratio.
+
+        Where the mass is no number, which is reported, any stiffness will do.
+        """
+        if not isinstance(given, Mapping):
+            return given
+        own = dict(given)
+        for key, alternative in (("stiffness", "frequency"), ("damping", "damping_ratio")):
+            if key in own and alternative in own:
+                raise impossible("", Words(f"{key} and {alternative}"), f"exactly one of {key}, {alternative}")
+        mass = own.get("mass")
+        if "frequency" in own:
+            frequency = _number("frequency", own.pop("frequency"), 1e-6, 1e6)
+            own["stiffness"] = (2.0 * math.pi * frequency) ** 2 * mass if _is_number(mass) else 1.0
+        if "damping_ratio" in own:
+            ratio, stiffness = (
+                _number("damping_ratio", own.pop("damping_ratio"), 0.0, _MOST_DAMPED),
+                own.get("stiffness"),
+            )
+            product = mass * stiffness if _is_number(mass) and _is_number(stiffness) else 0.0
+            own["damping"] = 2.0 * ratio * math.sqrt(max(product, 0.0))
+        return own
 
     @model_validator(mode="after")
-    def _swings_at_all(self) -> Beam:
+    def _oscillates(self) -> Beam:
         critical = 2.0 * math.sqrt(self.stiffness * self.mass)
-        if self.damping > _MOST_DAMPED * critical:
+        if self.damping > _MOST_DAMPED * critical * (1.0 + 1e-12):
             most = f"at most {_MOST_DAMPED:g} times critical, {_MOST_DAMPED * critical:g} N s/m"
             raise impossible("damping", self.damping, f"{most}: beyond, the beam only follows the support")
         return self
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _number(key: str, value: Any, low: float, high: float) -> float:
+    if not _is_number(value) or not low <= value <= high:
+        raise impossible(key, value, f"from {low:g} to {high:g}")
+    return float(value)
 
 
 class Grain(Block):

@@ -6,8 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from atpid_control.report.run import Array
+Array = NDArray[np.float64]
 
 #: Peaks below this share of the first are noise and rest, not decay.
 _SMALLEST = 0.02

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Output files and folders of the commands: what cannot be written is one line, before the work where possible."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from atpid_common.errors import InputError
+
+
+class OutputError(InputError):
+    """A file or folder that cannot be written; one line: which, why, what to do."""
+
+
+@contextmanager
+def writing(target: str | os.PathLike[str], option: str = "--out") -> Iterator[None]:
+    """Raise OutputError for an OSError inside: `target` cannot be written; `option` is where another is named."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{target}: cannot be written: {error.strerror or error}; choose another {option}") from None
+
+
+def folder(path: Path, option: str = "--out") -> Path:
+    """Return the folder, made where it is missing; raise OutputError where no file can be made in it."""
+    if path.is_file():
+        raise OutputError(f"{path}: is a file; give a folder to {option}")
+    with writing(path, option):
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
+    return path
+
+
+def file(path: Path, option: str = "--out") -> Path:
+    """Return the path of a file to write, its folder made; raise OutputError where that cannot be written.
+
+    Checked before the work, so that a long run does not end without its result.
+    """
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; give a file to {option}")
+    if path.parent.is_file():
+        raise OutputError(f"{path}: {path.parent} is a file; choose another {option}")
+    folder(path.parent, option)
+    return path

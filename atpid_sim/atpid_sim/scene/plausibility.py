@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plausibility of a scene: values that are possible but unusual, as after a wrong unit. They are run all the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+from atpid_sim.scene.ceiling import ControlledCeiling
+from atpid_sim.scene.contact import ElasticContact
+from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SweepExcitation
+
+if TYPE_CHECKING:
+    from atpid_sim.scene.model import Scene
+
+#: Largest support amplitude in use [m]: the thesis goes to 0.08 m.
+LARGEST_AMPLITUDE = 0.2
+
+_MILLIMETRES = "lengths are in metres"
+
+
+class Quantity(NamedTuple):
+    """A value of a scene, or one computed from it, and its usual range; `hint` names a frequent cause."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    hint: str = ""
+
+    def warning(self) -> str | None:
+        """Return the line that states value and usual range; None inside the range."""
+        if self.low <= self.value <= self.high:
+            return None
+        unit = f" {self.unit}" if self.unit else ""
+        hint = f"; {self.hint}" if self.hint else ""
+        return f"{self.name}: {_shown(self.value)}{unit} is unusual (usual: {self._range()}{unit}){hint}"
+
+    def _range(self) -> str:
+        if math.isinf(self.high):
+            return f"at least {_shown(self.low)}"
+        return f"at most {_shown(self.high)}" if self.low == 0.0 else f"{_shown(self.low)} to {_shown(self.high)}"
+
+
+def _shown(value: float) -> str:
+    """Return four digits, without an exponent up to a million."""
+    return f"{float(f'{value:.4g}'):.10g}" if 1e-3 <= abs(value) < 1e6 else f"{value:.4g}"
+
+
+def warnings_of(scene: Scene) -> list[str]:
+    """Return one line for each unusual value of the scene: key, value, usual range."""
+    quantities = (*_structure(scene), *_contact(scene), *_excitation(scene), *_ceiling(scene), *_measurement(scene))
+    return [line for quantity in quantities if (line := quantity.warning()) is not None]
+
+
+def _structure(scene: Scene) -> Iterator[Quantity]:
+    critical = 2.0 * math.sqrt(scene.beam.stiffness * scene.total_mass)
+    volume = 4.0 / 3.0 * math.pi * scene.grain.radius**3
+    heavy = f"a grain of {1e3 * scene.grain_mass:.4g} g and {1e3 * scene.grain.radius:.4g} mm radius"
+    yield Quantity("beam.mass", scene.beam.mass, 1e-3, 1e4, "kg", "masses are in kilograms")
+    yield Quantity("beam, resonance with the damper closed", scene.natural_frequency_hz, 0.1, 1e3, "Hz")
+    yield Quantity(
+        "beam.damping, as a damping ratio", scene.beam.damping / critical, 1e-5, 0.5, "", "0.01 is one per cent"
+    )
+    yield Quantity("beam, static deflection", scene.static_deflection, 0.0, 0.5, "m", "too heavy or too soft?")
+    yield Quantity("grain.radius", scene.grain.radius, 2e-4, 0.2, "m", _MILLIMETRES)
+    yield Quantity("grain, density", scene.grain_mass / volume, 100.0, 23_000.0, "kg/m^3", heavy)
+    if scene.gravity != 0.0:
+        yield Quantity("gravity", scene.gravity, 1.0, 30.0, "m/s^2")
+
+
+def _contact(scene: Scene) -> Iterator[Quantity]:
+    if isinstance(scene.contact, ElasticContact):
+        modulus = scene.contact.young_modulus
+        yield Quantity("contact.young_modulus", modulus, 1e4, 1.3e12, "Pa", "rubber 1e6, steel 2.1e11")
+
+
+def _excitation(scene: Scene) -> Iterator[Quantity]:
+    excitation = scene.excitation
+    if isinstance(excitation, FreeExcitation):
+        yield Quantity("excitation.free.deflection", abs(excitation.free.deflection), 0.0, 1.0, "m", _MILLIMETRES)
+    amplitude = _largest_amplitude(scene)
+    if amplitude > 0.0:
+        yield Quantity("excitation, amplitude", amplitude, 1e-6, LARGEST_AMPLITUDE, "m", _MILLIMETRES)
+    if isinstance(excitation, HarmonicExcitation):
+        ratio = scene.frequency_hz / scene.natural_frequency_hz
+        yield Quantity("excitation.frequency over the resonance", ratio, 0.1, 10.0, "")
+        yield Quantity(
+            "excitation, steady amplitude of the beam with the damper closed", closed_amplitude(scene, amplitude), 0.0,
+            5.0, "m",
+        )  # fmt: skip
+
+
+def closed_amplitude(scene: Scene, amplitude: float) -> float:
+    """Return the beam's steady amplitude [m] with the damper closed: one mass, support amplitude [m]."""
+    omega = 2.0 * math.pi * scene.frequency_hz
+    beam, damping = scene.beam, scene.beam.damping * omega
+    resistance = complex(beam.stiffness - scene.total_mass * omega**2, damping)
+    return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
+
+
+def _largest_amplitude(scene: Scene) -> float:
+    excitation = scene.excitation
+    if isinstance(excitation, SweepExcitation):
+        return excitation.sweep.amplitude
+    if not isinstance(excitation, HarmonicExcitation):
+        return 0.0
+    given = excitation.amplitude
+    return given if isinstance(given, float) else max(amplitude for _, amplitude in given)
+
+
+def _ceiling(scene: Scene) -> Iterator[Quantity]:
+    ceiling, heights = scene.ceiling, scene.ceiling.heights
+    speeds = [abs(h1 - h0) / (t1 - t0) for (t0, h0), (t1, h1) in pairwise(heights)]
+    highest = max(height for _, height in heights)
+    if isinstance(ceiling, ControlledCeiling):
+        highest, speeds = ceiling.range[1], [ceiling.speed]
+    yield Quantity("ceiling, largest height", highest, 0.0, 3.0, "m", _MILLIMETRES)
+    if isinstance(ceiling, ControlledCeiling):
+        yield Quantity("ceiling.speed", ceiling.speed, 1e-3, 5.0, "m/s", _MILLIMETRES)
+    elif speeds:
+        yield Quantity("ceiling, largest speed", max(speeds), 0.0, 5.0, "m/s")
+
+
+def _measurement(scene: Scene) -> Iterator[Quantity]:
+    amplitude, laser = _largest_amplitude(scene), scene.sensors.laser
+    if isinstance(scene.excitation, HarmonicExcitation):
+        begin, end = scene.steady_window
+        periods = (end - begin) * scene.frequency_hz
+        yield Quantity("steady_window, in periods", periods, 2.0, math.inf, "", "amplitudes are taken in it")
+        yield Quantity(
+            "sensors.laser.rate, samples a period", laser.rate / scene.frequency_hz, 20.0, math.inf, ""
+        )  # fmt: skip
+    if amplitude > 0.0:
+        yield Quantity("sensors.laser.noise over the amplitude", laser.noise / amplitude, 0.0, 0.2, "", _MILLIMETRES)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What cannot be written is one line and status 2, for whoever runs it, and before the work."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from atpid_common.output import OutputError, file, folder, writing
+from atpid_control.cli import main as control
+from atpid_driver.cli import main as driver
+from atpid_sim.cli import main as sim
+from atpid_sim.figures import contact, free_decay
+from atpid_sim.maps import HeightMap
+
+#: A folder in which nobody can make anything, root included.
+NOWHERE = "/proc/nowhere"
+READINGS = "position,volts\n-0.1,1\n0,3\n0.1,5\n0.12,5.4\n0.05,4\n-0.05,2\n0.02,3.4\n"
+MAP = ["map", "scenes/standard.yaml", "--amplitudes", "0.01:0.02:2", "--mass-fractions", "0.1"]
+SENSOR = ["--channel", "support_displacement", "--sensor", "X", "--serial", "A"]
+
+
+@pytest.mark.parametrize(
+    ("main", "arguments"),
+    [
+        (sim, ["tradeoff", "scenes/standard.yaml", "--out", NOWHERE]),
+        (sim, ["extremes", "--systems", "1", "--out", NOWHERE]),
+        (sim, ["simulate", "scenes/standard.yaml", "--series", f"{NOWHERE}/run.csv"]),
+        (sim, ["simulate", "scenes/standard.yaml", "--picture", f"{NOWHERE}/run.png"]),
+        (
+            sim,
+            [*MAP, "--out", "MAP", "--header", f"{NOWHERE}/table.h"],
+        ),
+        (control, ["figures", "identification", "--out", NOWHERE]),
+        (control, ["figures", "selection", "--out", NOWHERE]),
+        (control, ["bench", "scenes/standard.yaml", "--out", NOWHERE]),
+        (control, ["report", "bags/thesis_4_3_short", "--out", NOWHERE]),
+        (
+            control,
+            ["calibrate-beam", "bags/thesis_4_3_short", "--moving-mass", "0.36", "--out", f"{NOWHERE}/beam.yaml"],
+        ),
+        (driver, ["calibrate", "READINGS", *SENSOR, "--out", f"{NOWHERE}/laser.yaml"]),
+        (driver, ["calibrate", "READINGS", *SENSOR, "--out", "OUT", "--picture", f"{NOWHERE}/laser.png"]),
+        (driver, ["reading", f"{NOWHERE}/readings.csv", "--position", "0.1", "--terminal", "AIN0"]),
+    ],
+    ids=lambda value: " ".join(value[:2]) if isinstance(value, list) else "",
+)
+def test_a_place_that_cannot_be_written_is_one_line(main, arguments, root, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(root)
+    (tmp_path / "readings.csv").write_text(READINGS)
+    places = {"READINGS": tmp_path / "readings.csv", "OUT": tmp_path / "laser.yaml", "MAP": tmp_path / "map.npz"}
+    assert main([str(places.get(word, word)) for word in arguments]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1 and said.err.startswith("error: ") and NOWHERE in said.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["readings.csv"]
+
+
+@pytest.mark.parametrize("figure", [contact, free_decay], ids=lambda module: module.__name__)
+def test_the_figures_of_their_own_commands_too(figure, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["figure", "--out", NOWHERE])
+    assert figure.main() == 2
+    assert capsys.readouterr().err.startswith(f"error: {NOWHERE}: cannot be written")
+
+
+def test_a_new_folder_is_made_for_the_beam_s_parameters(root, tmp_path, capsys):
+    out = tmp_path / "new" / "beam.yaml"
+    found = control(["calibrate-beam", str(root / "bags/thesis_4_3_short"), "--moving-mass", "0.36", "--out", str(out)])
+    said = capsys.readouterr().err
+    assert out.parent.is_dir() and "Traceback" not in said
+    assert (found == 0) == out.is_file()
+
+
+def test_a_disk_that_fills_up_costs_no_point_of_a_map(root, tmp_path):
+    """A file that may not grow stands for the full disk: the same command goes on from what is in the journal."""
+    out = tmp_path / "map.npz"
+    command = [sys.executable, "-m", "atpid_sim", "map", str(root / "scenes/standard.yaml")]
+    command += ["--amplitudes", "0.01:0.012:12", "--mass-fractions", "0.1", "--out", str(out)]
+    full = subprocess.run(["sh", "-c", 'ulimit -f 2; exec "$@"', "sh", *command], capture_output=True, text=True)
+    assert full.returncode == 2 and "Traceback" not in full.stderr
+    line = full.stderr.strip().splitlines()[-1]
+    assert line.startswith("error: ") and "make room and give the same command: it goes on" in line
+    journal = Path(f"{out}.journal")
+    kept = journal.read_bytes().count(b"\n") - 1
+    assert 0 < kept < 12 and not out.exists()
+    again = subprocess.run(command, capture_output=True, text=True)
+    assert again.returncode == 0, again.stderr
+    assert HeightMap.load(out).heights.shape == (1, 12) and not journal.exists()
+
+
+def test_files_and_folders_that_are_the_other(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="is a file; give a folder to --out"):
+        folder(tmp_path / "file")
+    with pytest.raises(OutputError, match="is a folder; give a file to --series"):
+        file(tmp_path, "--series")
+    with pytest.raises(OutputError, match="is a file; choose another --out"):
+        file(tmp_path / "file" / "below")
+    with pytest.raises(OutputError, match="cannot be written: No such file or directory"), writing(tmp_path / "x"):
+        (tmp_path / "none" / "x").write_text("")
+    assert folder(tmp_path / "a" / "b").is_dir() and list((tmp_path / "a" / "b").iterdir()) == []
