@@ -70,7 +70,7 @@ class PlantNode(Node):
         self._worst_lag = self._behind = 0.0
         self._make_topics()
         self._recorder = RecorderWatch(self, self._on_recorder, self._report_recorder, expected=expect_recorder)
-        self._leaving = Leaving(self, self._publishers, lambda: expect_recorder and self._recorder.recording)
+        self._leaving = Leaving(self, self._outgoing, lambda: expect_recorder and self._recorder.recording)
         self.done = self._leaving.done
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._handshake = Handshake(
@@ -94,7 +94,7 @@ class PlantNode(Node):
         self._events = EventPublisher(self)
         self.create_subscription(CeilingState, "ceiling/state", self._on_ceiling, STATES)
 
-    def _publishers(self) -> list[Any]:
+    def _outgoing(self) -> list[Any]:
         return [*self._sensors.values(), self._truth, self._events.publisher]
 
     # the handshake
