@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from atpid_interfaces.msg import PlantTruth
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -22,7 +23,11 @@ class PlantCeiling:
     def __init__(self, node: Node, place: Callable[[float], None]) -> None:
         """Subscribe to plant/truth until the height is known."""
         self._node, self._place = node, place
-        self._truth: Subscription | None = node.create_subscription(PlantTruth, "plant/truth", self._on_truth, 1)
+        # without event handlers, which the lockstep bench takes out of its executor: it could not be destroyed then
+        bare = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._truth: Subscription | None = node.create_subscription(
+            PlantTruth, "plant/truth", self._on_truth, 1, event_callbacks=bare
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(ANNOUNCE_AFTER, self._announce, clock=steady)
 
