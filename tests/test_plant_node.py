@@ -8,15 +8,20 @@ import numpy as np
 import pytest
 import rclpy
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from graph_runs import scene_file
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from atpid_common.nodes import recorder_watch
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STATUS, nanoseconds_of, time_of
 from atpid_sim.nodes.plant_node import PlantNode
 from atpid_sim.outcome import NumericalFailure, Outcome
 
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FIELDS = ("excitation_amplitude", "excitation_frequency", "input_energy", "beam_loss", "contact_loss",
           "ceiling_work", "stored_energy")  # fmt: skip
 
@@ -51,7 +56,7 @@ class Peer(Node):
         self.blocks, self.events, self.heard = [], [], 0
         self.states = self.create_publisher(CeilingState, "ceiling/state", STATES)
         self.status = self.create_publisher(RecorderStatus, "recorder/status", STATUS)
-        self.create_subscription(SampleBlock, "sensors/laser", self.on_block, BLOCKS)
+        self.blocks_in = self.create_subscription(SampleBlock, "sensors/laser", self.on_block, BLOCKS)
         self.create_subscription(Event, "events", self.on_event, EVENTS)
 
     def on_block(self, block):
@@ -106,33 +111,38 @@ def test_each_block_waits_for_its_answer_and_the_ceiling_goes_where_the_state_sa
     plants = []
     plant, peer, spin = graph(lambda scene: plants.append(Oscillator(scene)) or plants[-1])
     spin(plant.done.done)
-    spin(lambda: bool(peer.events))
+    spin(lambda: len(peer.events) == 2)
     assert plant.done.result() == 0
     assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
     assert peer.blocks[1].header.frame_id == "plant:laser"
     assert plants[-1].told == [(0.017, 0.0)] + [(0.3, 0.25)] * 9
-    assert [(event.kind, event.severity) for event in peer.events] == [("finished", Event.INFO)]
+    assert [(event.kind, event.severity) for event in peer.events] == [
+        (Event.STARTED, Event.INFO),
+        (Event.FINISHED, Event.INFO),
+    ]
+    assert (peer.events[0].value, peer.events[0].text) == (0.5, "scene.yaml: 0.5 s in lockstep")
+    assert nanoseconds_of(peer.events[0].header.stamp) == 0
 
 
 def test_a_plant_that_fails_alarms_and_ends_with_status_3(graph):
     plant, peer, spin = graph(lambda scene: Oscillator(scene, fails_at=0.2))
     spin(plant.done.done)
-    spin(lambda: len(peer.events) == 2)
+    spin(lambda: len(peer.events) == 3)
     assert plant.done.result() == 3
-    assert [(event.kind, event.severity) for event in peer.events] == [
-        ("failed", Event.ALARM),
-        ("finished", Event.ALARM),
+    assert [(event.kind, event.severity) for event in peer.events[1:]] == [
+        (Event.FAILED, Event.ALARM),
+        (Event.FINISHED, Event.ALARM),
     ]
     assert plant.failure == f"the plant stopped at 0.2 s: {Outcome.ESCAPED.sentence}"
-    assert peer.events[0].text == plant.failure
+    assert peer.events[1].text == plant.failure
 
 
 def test_a_machine_too_slow_for_real_time_is_said_once_and_nothing_is_left_out(graph):
     plant, peer, spin = graph(lambda scene: Oscillator(scene, seconds_a_block=0.07), lockstep=False)
     spin(plant.done.done)
-    spin(lambda: len(peer.blocks) == 10 and len(peer.events) == 2)
-    assert [event.kind for event in peer.events] == ["behind", "finished"]
-    assert peer.events[0].value > 0.05
+    spin(lambda: len(peer.blocks) == 10 and len(peer.events) == 3)
+    assert [event.kind for event in peer.events] == [Event.STARTED, Event.BEHIND, Event.FINISHED]
+    assert peer.events[1].value > 0.05
     assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
 
 
@@ -155,9 +165,56 @@ def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_f
     topics = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
     status = RecorderStatus(recording=True, topics=topics, received=[1] * len(topics))
     peer.status.publish(status)
-    spin(lambda: bool(peer.events))
+    spin(lambda: bool(peer.events) and peer.events[-1].kind == Event.FINISHED)
     assert not plant.done.done()
     status.recording = False
     peer.status.publish(status)
     spin(plant.done.done)
     assert plant.done.result() == 0
+
+
+TOPICS = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
+
+
+def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(graph, monkeypatch):
+    monkeypatch.setattr(recorder_watch, "GONE_AFTER", 0.3)
+    plant, peer, spin = graph(Oscillator, lockstep=False, expect_recorder=True, duration=2.0)
+    spin(lambda: peer.heard > 3)
+    peer.status.publish(RecorderStatus(recording=True, bag="/bags/run", topics=TOPICS, received=[1] * len(TOPICS)))
+    spin(lambda: any(event.kind == Event.STALE for event in peer.events))
+    stale = next(event for event in peer.events if event.kind == Event.STALE)
+    assert stale.severity == Event.WARNING and stale.value > 0.3 and "/bags/run" in stale.text
+    peer.status.publish(RecorderStatus(recording=True, bag="/bags/run"))
+    spin(lambda: any(event.kind == Event.RESUMED for event in peer.events))
+    spin(plant.done.done)  # although the recorder has not reported its bag closed
+    assert plant.done.result() == 0
+
+
+def test_a_recorder_whose_bag_is_closed_does_not_start_a_run(graph):
+    plant, peer, spin = graph(Oscillator, expect_recorder=True)
+    spin(lambda: peer.heard > 3)
+    peer.status.publish(RecorderStatus(recording=False, bag="/bags/run", topics=TOPICS, received=[9] * len(TOPICS)))
+    spin(lambda: "/bags/run is closed" in plant.waiting_for())
+    assert not peer.blocks
+
+
+def test_what_is_waited_for_is_logged_with_the_nodes_that_are_missing(graph):
+    _, peer, spin = graph(Oscillator)
+    peer.destroy_subscription(peer.blocks_in)
+    logs = []
+    peer.create_subscription(Log, "/rosout", logs.append, ROSOUT)
+    spin(lambda: any("no samples yet" in log.msg for log in logs))
+    (text,) = {log.msg for log in logs if "no samples yet" in log.msg}
+    missing = "not running: identifier_node, selector_node, motor_node"
+    assert text == f"no samples yet: waiting for an answer on ceiling/state; {missing}"
+
+
+def test_a_plant_reports_itself_on_the_absolute_diagnostics(graph):
+    _, peer, spin = graph(Oscillator, expect_recorder=True)
+    found = []
+    peer.create_subscription(DiagnosticArray, "/diagnostics", found.append, 10)
+    spin(lambda: found)
+    (status,) = found[-1].status
+    assert (status.name, status.hardware_id) == ("plant_node: simulated plant", "simulated plant")
+    assert status.message.startswith("waiting for ") and status.level == DiagnosticStatus.OK
+    assert {value.key: value.value for value in status.values}["scene"] == "scene.yaml"

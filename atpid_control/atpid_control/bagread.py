@@ -11,6 +11,7 @@ from typing import Any
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from atpid_control.recording import metadata
+from atpid_control.recording.convert import Converter
 from atpid_control.recording.decode import Decoder
 from atpid_control.recording.errors import BagError
 from atpid_control.recording.run_info import RESULT, RUN, SCENE
@@ -51,6 +52,10 @@ class Bag:
     def decode(self, raw: Raw) -> Any:
         """Return the message: fields by name, number sequences as arrays. Raises BagError."""
         return self._decoder.decode(self._schemas[raw.topic], raw.data)
+
+    def converter(self, kind: str) -> Converter:
+        """Return what converts decoded messages of the type `kind` to the definition installed. Raises BagError."""
+        return Converter(kind, self._decoder)
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Yield (log time [ns], message) of one topic; nothing where the bag does not have it."""

@@ -11,6 +11,7 @@ from atpid_common.cli import run_commands
 COMMANDS = {
     "bench": ("atpid_control.bench.command", "run a scene through the whole node graph: bag, summary and report"),
     "seeds": ("atpid_control.bench.seeds", "run scenes through the loop with many noises, without the node graph"),
+    "replay": ("atpid_control.replay.command", "play a bag through identifier and selector again, and compare"),
     "report": ("atpid_control.report.command", "make the report of a bag: an HTML page and pictures"),
     "select": ("atpid_control.select_command", "select the ceiling height for a scene's excitation"),
     "calibrate-beam": (

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 import rclpy
+import yaml
 from ament_index_python.packages import get_package_prefix
 from atpid_interfaces.msg import (
     CeilingCommand,
@@ -24,14 +25,21 @@ from atpid_interfaces.msg import (
     RecorderStatus,
     SampleBlock,
 )
+from mcap.records import Attachment
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
-from atpid_common.nodes.messages import BLOCKS, STATUS, time_of
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATUS, time_of
+from atpid_common.nodes.parameters import ParameterError
 from atpid_control.bagread import open_bag
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.recording import BagError, repair, verify
+from atpid_control.recording.verify import find_file, records
 from atpid_control.recording.writer import Sink
 
 TOPICS: dict[str, type[Any]] = {
@@ -42,6 +50,7 @@ TOPICS: dict[str, type[Any]] = {
     "ceiling/state": CeilingState,
     "events": Event,
 }
+BY_CLOCK = {"/rosout", "/diagnostics"}
 BLOCK_NS, SCANS = 50_000_000, 50
 
 
@@ -50,7 +59,10 @@ class Source(Node):
 
     def __init__(self) -> None:
         super().__init__("source")
-        self.out = {topic: self.create_publisher(kind, topic, BLOCKS) for topic, kind in TOPICS.items()}
+        self.out = {
+            topic: self.create_publisher(kind, topic, EVENTS_KEPT if kind is Event else BLOCKS)
+            for topic, kind in TOPICS.items()
+        }
         self.status: RecorderStatus | None = None
         self.kinds: list[str] = []
         self.create_subscription(RecorderStatus, "recorder/status", self._on_status, STATUS)
@@ -133,7 +145,9 @@ def test_a_run_is_recorded_from_handshake_to_finished(
     source.finish(30)
     spin_until(ros, source.closed)
     found = verify(tmp_path / "run")
-    assert found.by_topic == {**dict.fromkeys((f"/{topic}" for topic in TOPICS), 30), "/events": 1}
+    of_the_run = {topic: count for topic, count in found.by_topic.items() if topic not in BY_CLOCK}
+    assert of_the_run == {**dict.fromkeys((f"/{topic}" for topic in TOPICS), 30), "/events": 1}
+    assert (set(found.by_topic) & BY_CLOCK == set()) == lockstep
     bag = open_bag(tmp_path / "run")
     assert not any(message.handshake for _, message in bag.messages("/sensors/laser"))
     if lockstep:
@@ -192,7 +206,7 @@ def test_an_existing_bag_is_refused_before_anything_is_made(ros: SingleThreadedE
     (tmp_path / "run").mkdir()
     with pytest.raises(BagError, match="exists already"):
         make(ros, tmp_path / "run")
-    with pytest.raises(BagError, match="compression"):
+    with pytest.raises(ParameterError, match="compression of recorder_node: given 'gzip'; allowed: 'zstd'"):
         make(ros, tmp_path / "other", compression="gzip")
     assert not (tmp_path / "other").exists()
 
@@ -255,5 +269,79 @@ def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tm
     finally:
         first.process.kill()
         first.process.wait()
-    assert set(verify(tmp_path / "first").by_topic) <= {"/diagnostics"}  # its own
+    assert set(verify(tmp_path / "first").by_topic) <= {"/diagnostics", "/rosout"}  # its own
     assert os.listdir(tmp_path) == ["first"]
+
+
+def test_an_event_from_before_the_recorder_is_in_the_bag_once(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    early = Node("motor_node")
+    ros.add_node(early)
+    events = EventPublisher(early)
+    events.publish(Event.ALARM, Event.FAULT, "motor off: no answer")
+    for _ in range(2 * EVENTS_KEPT.depth):  # a source that waits for long must not displace it
+        events.publish_handshake()
+    recorder, source = make(ros, tmp_path / "run")
+    spin_until(ros, source.ready)
+    spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/events"] > 0)
+    source.block(0)
+    source.finish(1)
+    spin_until(ros, source.closed)
+    kept = [(event.kind, event.text) for _, event in open_bag(tmp_path / "run").messages("/events")]
+    assert kept == [("fault", "motor off: no answer"), ("finished", "")]
+    early.destroy_node()
+
+
+def test_the_end_is_that_of_a_source_not_of_anybody(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    recorder, source = make(ros, tmp_path / "run")
+    spin_until(ros, source.ready)
+    source.say("events", 0, "plant_node", kind=Event.STARTED)
+    source.block(0)
+    source.say("events", BLOCK_NS, "somebody", kind=Event.FINISHED)
+    spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/events"] == 2)
+    source.block(1)
+    spin_until(ros, lambda: recorder.session is not None and recorder.session.written["/ceiling/command"] == 2)
+    source.say("events", 2 * BLOCK_NS - 1_000_000, "plant_node", kind=Event.FINISHED)
+    spin_until(ros, source.closed)
+    assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 2
+
+
+def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(
+    ros: SingleThreadedExecutor, tmp_path: Path
+) -> None:
+    motor = LifecycleNode("motor_node")
+    motor.declare_parameter("speed", 0.3)
+    motor.declare_parameter("limits", [0.017, 1.0])
+    ros.add_node(motor)
+    recorder, source = make(ros, tmp_path / "run")
+    session = lambda: recorder.session  # noqa: E731
+    spin_until(ros, source.ready)
+    spin_until(ros, lambda: motor.count_subscribers("motor_node/transition_event") > 0)
+    motor.trigger_configure()
+    motor.get_logger().warning("the belt slips")
+    spin_until(ros, lambda: session() is not None and session().written["/motor_node/transition_event"] > 0)
+    spin_until(ros, lambda: "motor_node.yaml" in kept_files(tmp_path / "run"))
+    source.block(0)
+    source.finish(1)
+    spin_until(ros, source.closed)
+    bag = open_bag(tmp_path / "run")
+    logs = [message.msg for _, message in bag.messages("/rosout") if message.name == "motor_node"]
+    assert "the belt slips" in logs
+    goals = [message.goal_state.label for _, message in bag.messages("/motor_node/transition_event")]
+    assert goals[-1] == "inactive"
+    assert yaml.safe_load(bag.files["motor_node.yaml"]) == {
+        "/**/motor_node": {"ros__parameters": {"speed": 0.3, "limits": [0.017, 1.0]}}
+    }
+    verify(tmp_path / "run")
+    with AnyReader([tmp_path / "run"], default_typestore=get_typestore(Stores.EMPTY)) as reader:
+        names = {
+            connection.msgtype
+            for connection, _, data in reader.messages()
+            if reader.deserialize(data, connection.msgtype)
+        }
+    assert {"rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"} <= names
+    motor.destroy_node()
+
+
+def kept_files(folder: Path) -> list[str]:
+    """Names of the files kept in a bag that is still being written."""
+    return [record.name for record in records(find_file(folder), torn_ok=True) if isinstance(record, Attachment)]

@@ -37,7 +37,7 @@ class Bench:
         for topic in ("sensors/laser", "sensors/accelerometer"):
             self.ears.create_subscription(SampleBlock, topic, self._on_block, 1000)
         self.ears.create_subscription(Event, "events", self.events.append, 100)
-        self.ears.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
+        self.ears.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self.state = self.ears.create_publisher(CeilingState, "ceiling/state", 100)
         self.recorder = self.ears.create_publisher(RecorderStatus, "recorder/status", STATUS)
         self.executor.add_node(self.ears)

@@ -112,6 +112,23 @@ def test_a_feed_without_a_file_is_refused(bench: Bench) -> None:
         bench.start(FeedNode, calibrations=CALIBRATIONS)
 
 
+def test_a_file_that_is_no_feed_is_neither_replaced_nor_removed(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(DriverError, match="exists and is no feed"):
+        bench.start(FeedNode, feed=str(tmp_path / "thesis.tex"))
+    assert (tmp_path / "thesis.tex").read_text() == "mine"
+    Feed(tmp_path / "feed", channels=2, rate=1000.0)  # left behind by a killed node
+    bench.start(FeedNode, feed=str(tmp_path / "feed"))
+
+
+def test_a_feed_reports_what_it_waits_for(bench: Bench, tmp_path: Path) -> None:
+    bench.start(FeedNode, feed=str(tmp_path / "feed"))
+    bench.until(lambda: bench.diagnostics)
+    status = bench.diagnostics[-1]
+    assert (status.name, status.hardware_id) == ("feed_node: feed", "emulated device")
+    assert status.message == f"waiting for sensors/laser of the device that reads {tmp_path / 'feed'}"
+
+
 def test_a_feed_keeps_its_newest_frames_and_checks_their_width(tmp_path: Path) -> None:
     with Feed(tmp_path / "feed", channels=2, rate=100.0, capacity=8) as feed:
         feed.write(np.arange(40.0).reshape(20, 2))

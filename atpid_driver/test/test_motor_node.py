@@ -9,7 +9,7 @@ from math import isnan, nan
 from typing import Any
 
 import pytest
-from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, PlantTruth
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from motor_graph import SIMULATED, Stand
@@ -83,6 +83,22 @@ def test_real_time_publishes_on_its_own_and_travels(stand: Stand) -> None:
     stand.until(lambda: stand.states[-1].mode == CeilingState.MOVING)
     stand.until(lambda: stand.states[-1].height == 0.9)
     assert (stand.states[-1].mode, stand.states[-1].sequence) == (CeilingState.HOLDING, 7)
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_a_simulated_ceiling_stands_where_the_plants_does(stand: Stand, lockstep: bool) -> None:
+    stand.motor(lockstep=lockstep, initial_height=nan)
+    truth = stand.peer.create_publisher(PlantTruth, "plant/truth", 10)
+    stand.until(lambda: truth.get_subscription_count() == 1)
+    if not lockstep:
+        stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOMING)
+        assert isnan(stand.states[-1].height) and not stand.states[-1].homed
+    message = PlantTruth(handshake=True, ceiling=[0.05, 0.2901])
+    stand.until(lambda: truth.get_subscription_count() == 0, lambda: truth.publish(message))
+    states = len(stand.states)
+    stand.until(lambda: stand.states[states:], lambda: stand.command(nan, 0.0, 0, handshake=True))
+    state = stand.states[-1]
+    assert (state.mode, state.homed, state.height) == (CeilingState.HOLDING, True, 0.2901)
 
 
 def test_a_command_that_waited_too_long_is_ignored(stand: Stand) -> None:

@@ -39,7 +39,6 @@ def test_serial_backend_plays_the_role_without_opening_anything() -> None:
         ({"backend": "hydraulic"}, "allowed simulated, serial"),
         ({"backend": "serial"}, "port is empty"),
         ({"backend": "serial", "port": "/dev/x", "lockstep": True}, "a real motor has its own clock"),
-        ({"initial_height": float("nan")}, "must be told where it stands"),
         ({"rate": 0.0}, "rate 0: must be a number above 0"),
         ({"command_timeout": float("nan")}, "command_timeout"),
         ({"lowest": 2.0}, "0 < lowest < highest"),

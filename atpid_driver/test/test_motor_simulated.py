@@ -112,3 +112,17 @@ def test_before_its_start_a_travel_is_at_its_origin() -> None:
 def test_impossible_limits(limits: tuple[float, float, float]) -> None:
     with pytest.raises(LimitsError):
         Limits(*limits)
+
+
+def test_a_ceiling_that_is_not_placed_is_homing_and_moves_nowhere() -> None:
+    ceiling = ready(nan)
+    state = ceiling.read(SECOND)
+    assert (state.mode, state.homed, state.ready) == (Mode.HOMING, False, False)
+    assert isnan(state.height) and isnan(state.target)
+    with pytest.raises(NotReadyError, match="not known yet where the ceiling stands"):
+        ceiling.move(0.5, 1, SECOND)
+    ceiling.place(0.29, SECOND)
+    state = ceiling.read(2 * SECOND)
+    assert (state.mode, state.height, state.target, state.sequence) == (Mode.HOLDING, 0.29, 0.29, 0)
+    ceiling.move(0.59, 1, 2 * SECOND)
+    assert ceiling.read(3 * SECOND).height == 0.59

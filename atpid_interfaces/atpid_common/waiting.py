@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 #: How long the user is left without an explanation [s].
 ANNOUNCE_AFTER = 2.0
+COMPILING = "loading the numerical kernels (compiled in the first run after an installation, about a minute)"
 
 
 def to_stderr(text: str) -> None:

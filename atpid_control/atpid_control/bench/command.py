@@ -6,13 +6,10 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
-import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 from rich.console import Console
 
@@ -26,6 +23,7 @@ from atpid_control.bench.maps import map_for
 from atpid_control.bench.progress import shown
 from atpid_control.bench.realtime import commands_of, run_realtime
 from atpid_control.bench.rehearsal import rehearse
+from atpid_control.bench.stopping import stoppable
 from atpid_control.selection import make_selector
 from atpid_sim.display import working
 from atpid_sim.scene import ControlledCeiling, Scene, load_scene
@@ -106,7 +104,7 @@ def _run_nodes(
     os.environ["ROS_LOG_DIR"] = str(out / "log")
     paced = args.real_time or args.emulated_stand
     wanted = named_domain() if paced and args.domain is None else args.domain
-    with own_domain(wanted) as domain, _stoppable(), shown(scene.duration, args.scene.name) as progress:
+    with own_domain(wanted) as domain, stoppable(), shown(scene.duration, args.scene.name) as progress:
         try:
             if paced:
                 print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
@@ -143,18 +141,3 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
         made = write_report(view, out)
     print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
     return 0
-
-
-@contextmanager
-def _stoppable() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end the run alike, nodes stopped and bag closed, in a shell's background jobs too."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

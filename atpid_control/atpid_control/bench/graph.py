@@ -71,7 +71,9 @@ def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag:
     parameters = {part.name: part.configured() for part in PARTS}
     parameters["plant_node"] |= {"scene": str(scene_file), "lockstep": lockstep, "expect_recorder": True}
     parameters["selector_node"] |= {"scene": str(scene_file), "map": str(height_map or ""), "lockstep": lockstep}
-    parameters["motor_node"] |= {"backend": "simulated", "lockstep": lockstep, **ceiling_parameters(scene)}
+    motor = {"backend": "simulated", "lockstep": lockstep}
+    # the ceiling stands where the plant's does, also for a motor node that is started again in mid-run
+    parameters["motor_node"] |= motor | ceiling_parameters(scene) | {"initial_height": math.nan}
     parameters["recorder_node"] |= {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
     return parameters
 

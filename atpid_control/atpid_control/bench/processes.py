@@ -15,10 +15,11 @@ from atpid_control.bench.errors import BenchError, NodeDiedError
 #: How long a node may take to leave after SIGINT, and after SIGTERM, before it is killed [s].
 _PATIENCE = 10.0
 _LAST_WORDS = 3
+_ERROR = "error: "  # begins the line with which a node refuses its input
 
 
 class NodeProcess:
-    """One node's process; what it says goes to its log file."""
+    """One node's process; what it prints goes to its log file."""
 
     def __init__(self, name: str, command: Sequence[str], log: Path) -> None:
         """Start it, in a session of its own: Ctrl-C at the terminal reaches the bench, which stops them in order."""
@@ -52,9 +53,10 @@ class NodeProcess:
         return self._process.wait()
 
     def last_words(self) -> str:
-        """Return the last lines of its log, as one."""
+        """Return why it ended: the error in its log or, where there is none, its last lines as one."""
         lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
-        return " / ".join(lines[-_LAST_WORDS:]) or "it said nothing"
+        errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
+        return errors[-1] if errors else " / ".join(lines[-_LAST_WORDS:]) or "its log is empty"
 
     def stop(self) -> None:
         """Ask it to leave; insist when it does not."""

@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from atpid_common.waiting import to_stderr
 from atpid_control.bench.errors import BenchError, PlantFailedError
 from atpid_control.bench.graph import PARTS
 from atpid_control.bench.processes import Processes
 
-#: Five interpreters load their libraries, and after an update compile their kernels, before the first hello [s].
+#: Five interpreters load their libraries, and after an update compile their kernels, before the first handshake [s].
 _START_PATIENCE = 180.0
 #: Data may stop for so long before the run is given up [s].
 _LOOP_PATIENCE = 20.0
@@ -24,20 +25,28 @@ def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
     return [(part.name, [str(part.executable), "--ros-args", "--params-file", str(parameter_file)]) for part in PARTS]
 
 
-def run_realtime(commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None]) -> None:
-    """Run the graph until the plant has finished; `progress` is told the data time [s].
+def run_realtime(
+    commands: Sequence[tuple[str, list[str]]],
+    logs: Path,
+    progress: Callable[[float], None],
+    *,
+    source: str = "plant_node",
+    namespace: str = "",
+) -> None:
+    """Run the graph until the node `source` has ended; `progress` is called with the data time [s].
 
-    Raises NodeDiedError where a node ends early, PlantFailedError where the plant does, BenchError where data stop.
-    KeyboardInterrupt passes through after all nodes have been stopped and the bag is closed.
+    What the nodes wait for, or compile, before the first estimate goes to standard error. Raises NodeDiedError, at
+    once and with its reason, where a node ends early; PlantFailedError where the plant fails, BenchError where data
+    stop. KeyboardInterrupt passes through after all nodes have been stopped and the bag is closed.
     """
     # nodes/ alone imports rclpy; by name, so that this module can be read, tested and linted without it
     watching = importlib.import_module("atpid_control.nodes.bench_watch").watching
-    with Processes(commands, logs) as nodes, watching() as (watch, listen):
-        plant = nodes["plant_node"]
+    with Processes(commands, logs) as nodes, watching(to_stderr, namespace) as (watch, listen):
+        last = nodes[source]
         elapsed, since = 0.0, time.monotonic()
-        while plant.status is None:
+        while last.status is None:
             listen()
-            nodes.check(except_for="plant_node")
+            nodes.check(except_for=source)
             if watch.elapsed != elapsed:
                 elapsed, since = watch.elapsed, time.monotonic()
                 progress(elapsed)
@@ -45,7 +54,7 @@ def run_realtime(commands: Sequence[tuple[str, list[str]]], logs: Path, progress
                 raise BenchError(
                     f"no estimate for {time.monotonic() - since:.0f} s, at {elapsed:.1f} s of the run: see {logs}"
                 )
-        if plant.status == _FAILED:
-            raise PlantFailedError(watch.failure or plant.last_words())
-        if plant.status != 0:
+        if last.status == _FAILED:
+            raise PlantFailedError(watch.failure or last.last_words())
+        if last.status != 0:
             nodes.check(except_for="")

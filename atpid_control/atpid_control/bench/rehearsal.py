@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Identifier, Settings
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
@@ -23,7 +24,8 @@ _RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
 
 def rehearse(scene: Scene, identifier: Mapping[str, Any]) -> None:
     """Compute one block of the scene's plant, and identify a made-up tone with the identifier's parameters."""
-    with Console(stderr=True).status("loading (compiling, the first time) the plant and the identifier"):
+    console = Console(stderr=True)
+    with console.status(COMPILING) if console.is_terminal else announced(COMPILING):
         Stream(scene, Plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
         _identify(scene.frequency_hz, identifier)
 

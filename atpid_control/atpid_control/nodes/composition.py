@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
 from atpid_control.bench.errors import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
@@ -94,21 +95,26 @@ class Composition:
 def run_lockstep(
     parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]], progress: Progress
 ) -> None:
-    """Run the graph until the plant is done; `progress` is told the simulated time [s].
+    """Run the graph until the plant is done; `progress` is called with the simulated time [s].
 
     Raises PlantFailedError where the plant fails, NodeDiedError where another node gives up, BenchError where handshake
     or loop stops, with what is missing.
     """
-    with Composition(parts, parameters) as graph:
+    with ExitStack() as stack:
+        with announced(COMPILING):
+            graph = stack.enter_context(Composition(parts, parameters))
         plant: Any = graph.nodes["plant_node"]
         others = {name: node for name, node in graph.nodes.items() if node is not plant and hasattr(node, "done")}
-        computed, since = -1, time.monotonic()
+        computed, since, reported = -1, time.monotonic(), False
         while not plant.done.done():
             graph.executor.spin_once(timeout_sec=0.1)
             _check(others)
             if plant.stream.computed_ticks != computed:
                 computed, since = plant.stream.computed_ticks, time.monotonic()
                 progress(computed / plant.stream.rate)
+            elif computed <= 0 and not reported and time.monotonic() - since > ANNOUNCE_AFTER:
+                reported = True
+                to_stderr(f"no samples yet: waiting for {plant.waiting_for()}")
             elif time.monotonic() - since > (LOOP_PATIENCE if computed > 0 else HANDSHAKE_PATIENCE):
                 raise BenchError(_stopped(plant, computed))
         if plant.failure:

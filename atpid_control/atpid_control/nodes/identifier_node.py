@@ -21,6 +21,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, warm_up
 from atpid_control.nodes.identifier_parameters import declare, inverse_of, rumble_of, settings_of, text_of
 from atpid_control.watch import RumbleState, RumbleWatch
@@ -39,7 +40,8 @@ class IdentifierNode(Node):
         self._names = (text_of(self, "support_channel"), text_of(self, "beam_channel"))
         inverse = inverse_of(self)
         self.identifier = Identifier(settings_of(self), inverse)
-        warm_up()
+        with announced(COMPILING, self.get_logger().info):
+            warm_up()
         self._rumble = RumbleWatch(rumble_of(self))
         self.done: Future = Future()
         self._height = math.nan

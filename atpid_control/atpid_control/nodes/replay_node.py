@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 import time
 from collections.abc import Sequence
@@ -11,45 +10,49 @@ from pathlib import Path
 from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, Event, Excitation, RecorderStatus
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from atpid_common.errors import BAD_INPUT, DONE
+from atpid_common.nodes.diagnostics import DiagnosticsPublisher
+from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import Handshake, empty_block
-from atpid_common.nodes.messages import BLOCKS, STATES, STATUS, nanoseconds_of, time_of
+from atpid_common.nodes.leaving import Leaving
+from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
-from atpid_control.recording.definitions import split_name
+from atpid_control.nodes.wire import class_of
 from atpid_control.recording.errors import BagError
 from atpid_control.recording.playback import Item, load_playback
 from atpid_control.recording.topics import BLOCK
 
-DONE, BAD_INPUT = 0, 2
-LEAVE_PERIOD = 0.05  # between two looks whether the bag is closed [s]
 TURN = 0.005  # how finely a paced replay is cut, and /clock with it [s]
-PATIENCE = 5.0  # how long an answer may take before somebody is told [s]
+PATIENCE = 5.0  # how long an answer may take before a warning [s]
 #: Stamps of one instant may differ by rounding [ns].
 SAME_INSTANT = 10_000
 
 ANSWERS = {"ceiling/command": CeilingCommand, "excitation": Excitation}
-PARAMETERS: tuple[tuple[str, Any, str], ...] = (
-    ("bag", "", "folder of the bag to play"),
-    (
+PARAMETERS = (
+    Row("bag", "", "folder of the bag to play"),
+    Row("rate", 1.0, "speed against the recording; 0: as fast as the loop answers, block by block", "", 0.0, 1000.0),
+    Row(
         "topics",
         ["sensors/*"],
         "topics to play, * for anything; add ceiling/state where the selector needs to know the height",
     ),
-    (
+    Row(
         "answer",
         "ceiling/command",
-        "whose answer ends a block: ceiling/command, or excitation where there is no selector",
+        "whose answer ends a block; excitation where there is no selector",
+        choices=tuple(ANSWERS),
     ),
-    ("expect_recorder", False, "true: do not start before the recorder receives, nor leave before its bag is closed"),
+    Row("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
 )
 
 
@@ -59,74 +62,70 @@ class ReplayNode(Node):
     def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
         """Read the bag; raise BagError where it cannot be played. `done` receives the exit status."""
         super().__init__("replay_node", parameter_overrides=parameter_overrides, **node_options)
-        for name, default, text in PARAMETERS:
-            self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
-        self._declare_rate()
-        self._rate = float(self._value("rate"))
-        self._expect_recorder = bool(self._value("expect_recorder"))
-        if self._value("answer") not in ANSWERS:
-            raise BagError(f"parameter answer: given {self._value('answer')!r}; allowed: {', '.join(ANSWERS)}")
-        if not self._value("bag"):
+        values = declare(self, PARAMETERS)
+        self._rate, self._answer = float(values["rate"]), str(values["answer"])
+        if not values["bag"]:
             raise BagError("parameter bag: not given; allowed: the folder of a bag (--ros-args -p bag:=FOLDER)")
-        self.playback = load_playback(Path(self._value("bag")), list(self._value("topics")))
-        self.done: Future = Future()
+        self._bag = Path(values["bag"])
+        self.playback = load_playback(self._bag, list(values["topics"]))
+        for note in self.playback.notes:
+            self.get_logger().warning(note)
         self.played = 0
-        self._recorder: RecorderStatus | None = None
         self._awaited: int | None = None  # stamp of the answer that lets the next block out [ns]
         self._asked = self._started = 0.0  # steady [s]
-        self._ended: int | None = None
-        self._make_topics()
+        self._make_topics(bool(values["expect_recorder"]))
 
-    def _declare_rate(self) -> None:
-        allowed = FloatingPointRange(from_value=0.0, to_value=1000.0)
-        text = "speed against the recording; 0: as fast as the loop answers, block by block"
-        described = ParameterDescriptor(description=text, read_only=True, floating_point_range=[allowed])
-        self.declare_parameter("rate", 1.0, described)
-
-    def _value(self, name: str) -> Any:
-        return self.get_parameter(name).value
-
-    def _make_topics(self) -> None:
+    def _make_topics(self, expect_recorder: bool) -> None:
         self._out = {
-            topic: self.create_publisher(_class_of(kind), topic, BLOCKS) for topic, kind in self.playback.topics.items()
+            topic: self.create_publisher(class_of(kind), topic, BLOCKS) for topic, kind in self.playback.topics.items()
         }
-        self._clock = self.create_publisher(ClockMessage, "/clock", 10)
+        self._clock_out = self.create_publisher(ClockMessage, "/clock", 10)
         self._events = EventPublisher(self)
-        answer = self._value("answer")
-        self.create_subscription(ANSWERS[answer], answer, self._on_answer, STATES)
-        self.create_subscription(RecorderStatus, "recorder/status", self._on_recorder, STATUS)
-        # paced by the wall whatever /clock says: this node is the one that says it
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_subscription(ANSWERS[self._answer], self._answer, self._on_answer, STATES)
+        self._recorder = RecorderWatch(self, self._on_recorder, self._report_recorder, expected=expect_recorder)
+        self._leaving = Leaving(
+            self,
+            lambda: (*self._out.values(), self._events.publisher),
+            lambda: expect_recorder and self._recorder.recording,
+        )
+        self.done = self._leaving.done
         self._handshake = Handshake(
             self,
             self._publish_handshake,
             self._start,
-            topics=[*self.playback.channels, answer],
-            answer=answer,
-            recorder=self._expect_recorder,
+            topics=[*self.playback.channels, "events", self._answer],
+            answer=self._answer,
+            recorder=expect_recorder,
         )
-        self._turn_timer = self.create_timer(TURN, self._turn, clock=steady)
+        # paced by the steady clock whatever /clock is: this node publishes it
+        self._turn_timer = self.create_timer(TURN, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._turn_timer.cancel()
+        self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
     # the handshake
 
     def _publish_handshake(self) -> None:
         if self._not_alone():
             self._handshake.cancel()
-            self._finish(BAD_INPUT)
+            self._leaving.at_once(BAD_INPUT)
             return
         self._publish_clock(self.playback.start_ns)
         for topic, (channels, units) in self.playback.channels.items():
             self._out[topic].publish(empty_block(channels, units))
+        self._events.publish_handshake()
 
     def _start(self) -> None:
         self._started = self._asked = time.monotonic()
+        seconds = self.playback.seconds
+        paced = f"at {self._rate:g} x real time" if self._rate else "as fast as it is answered"
+        text = f"replaying {self._bag.name}: {seconds:g} s {paced}"
+        self._publish_event(Event.INFO, Event.STARTED, text, seconds, self.playback.start_ns)
         self._turn_timer.reset()
         if not self._rate:
             self._next_block()
 
     def _not_alone(self) -> bool:
-        """Whether somebody else feeds the loop too; says so."""
+        """Whether another node feeds the loop too; logs it."""
         try:
             check_alone(self)
         except StartedTwiceError as error:
@@ -141,8 +140,11 @@ class ReplayNode(Node):
     # the loop
 
     def _on_recorder(self, status: RecorderStatus) -> None:
-        self._recorder = status
         self._handshake.on_status(status)
+
+    def _report_recorder(self, severity: int, kind: str, text: str, value: float) -> None:
+        # no event: a replay is recorded by its stamps, and two of one bag give the same
+        self.get_logger().warning(text)
 
     def _on_answer(self, message: Any) -> None:
         if message.handshake:
@@ -179,8 +181,8 @@ class ReplayNode(Node):
         if self._awaited is not None and now - self._asked > PATIENCE:
             self._asked = now
             at = (self._awaited - self.playback.start_ns) * 1e-9
-            answer = self._value("answer")
-            self.get_logger().warning(f"no {answer} answers the block that ends at {at:.3f} s: do its nodes still run?")
+            text = f"no {self._answer} answers the block that ends at {at:.3f} s: do its nodes still run?"
+            self.get_logger().warning(text)
 
     def _play(self, item: Item) -> None:
         self.played += 1
@@ -190,47 +192,43 @@ class ReplayNode(Node):
         self._out[item.topic].publish(item.data)
 
     def _publish_clock(self, nanoseconds: int) -> None:
-        self._clock.publish(ClockMessage(clock=time_of(nanoseconds)))
+        self._clock_out.publish(ClockMessage(clock=time_of(nanoseconds)))
 
     # the end
 
     def _end(self) -> None:
-        """Say that the bag is over, let the recorder close its own, and leave."""
-        if self._ended is not None:
+        """Publish that the bag is over, let the recorder close its own, and leave."""
+        if self._leaving.status is not None:
             return
         wall = max(time.monotonic() - self._started, 1e-9)
         seconds = self.playback.seconds
         text = f"{seconds:g} s replayed in {wall:.2f} s ({seconds / wall:.1f} x real time)"
-        self._events.publish(Event.INFO, Event.FINISHED, text, seconds, time_of(self.playback.last_stamp_ns))
-        self._ended = DONE
         self._turn_timer.cancel()
-        self._leave_timer = self.create_timer(
-            LEAVE_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._publish_event(Event.INFO, Event.FINISHED, text, seconds, self.playback.last_stamp_ns)
+        self._leaving.when_recorded(DONE)
 
-    def _leave_when_heard(self) -> None:
-        if self._expect_recorder and self._recorder is not None and self._recorder.recording:
-            return
-        self._leave_timer.cancel()
-        self._finish(DONE)
+    def _publish_event(self, severity: int, kind: str, text: str, value: float, stamp_ns: int) -> None:
+        self._events.publish(severity, kind, text, value, time_of(stamp_ns))
 
-    def _finish(self, status: int) -> None:
-        self._ended = status
-        for publisher in (*self._out.values(), self._events.publisher):
-            publisher.wait_for_all_acked(Duration(seconds=1.0))
-        if not self.done.done():
-            self.done.set_result(status)
+    def _statuses(self) -> list[DiagnosticStatus]:
+        """Return the state of the replay, for /diagnostics."""
+        waiting = self._handshake.waiting_for() if self._handshake.active else ""
+        ended = self._leaving.status is not None
+        values = {
+            "bag": self._bag,
+            "played [messages]": f"{self.played} of {len(self.playback.items)}",
+            "rate [-]": self._rate,
+            "converted types": len(self.playback.notes),
+        }
+        message = f"waiting for {waiting}" if waiting else "ended" if ended else "playing"
+        return [diagnostic_status(self, "replay", DiagnosticStatus.OK, message, values)]
 
     def close(self) -> None:
-        """Stop the timers; whoever listens notices the silence."""
+        """Stop the timers; the nodes of the loop notice the silence."""
         self._handshake.cancel()
         self._turn_timer.cancel()
-
-
-def _class_of(name: str) -> type[Any]:
-    package, message = split_name(name)
-    found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), message)
-    return found
+        self._recorder.cancel()
+        self._diagnostics.cancel()
 
 
 def main(args: Sequence[str] | None = None) -> int:

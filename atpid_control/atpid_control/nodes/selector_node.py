@@ -26,6 +26,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.waiting import COMPILING, announced
 from atpid_control.control_setup import controller_of, selector_of
 from atpid_control.controller import Answer, Command, Controller
 from atpid_control.hold import Estimate, HoldError, Quality
@@ -115,7 +116,7 @@ class SelectorNode(Node):
     def _make_controller(self, scene: Scene) -> Controller:
         if isinstance(scene.ceiling, ControlledCeiling):
             # once for nothing: a method that simulates loads its kernels now, not while the structure vibrates
-            with suppress(SelectionError):
+            with suppress(SelectionError), announced(COMPILING, self.get_logger().info):
                 self._selector.select(scene.grain.radius, frequency=scene.frequency_hz)
             return SearchingController(controller_of(self._value, scene, self._selector), scene.ceiling.range)
         return controller_of(self._value, scene, self._selector)

@@ -10,6 +10,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from atpid_control.recording.errors import BagError
 
+#: Encapsulations of plain CDR: big- and little-endian.
+_CDR = (b"\x00\x00", b"\x00\x01")
+#: Bytes that may follow the last field: up to 3 that fill a word, and before an empty array of doubles 4 more.
+_PADDING = 7
+
 
 class Decoder:
     """Message types by schema id."""
@@ -39,6 +44,21 @@ class Decoder:
         """Return the message: fields by name, number sequences as arrays; raise BagError where the bytes do not fit."""
         name = self._names[schema_id]
         try:
-            return self._store.deserialize_cdr(data, name)
+            return self._deserialised(data, name)
         except Exception as error:  # the generated code raises whatever the torn bytes lead it into
             raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
+
+    def fields(self, name: str) -> dict[str, Any]:
+        """Return the fields of a message type, as rosbags describes them, by their names in the message's order."""
+        return dict(self._store.fielddefs[name][1])
+
+    def _deserialised(self, data: bytes, name: str) -> Any:
+        encapsulation = bytes(data[:2])
+        if len(data) < 4 or encapsulation not in _CDR:
+            raise ValueError("it is not plain CDR")
+        definition = self._store.get_msgdef(name)
+        read = definition.deserialize_cdr_le if encapsulation[1] else definition.deserialize_cdr_be
+        message, end = read(data[4:], 0, definition.cls, self._store)
+        if len(data) - 4 - end > _PADDING:
+            raise ValueError("it is longer than its definition")
+        return message

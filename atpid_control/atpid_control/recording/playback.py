@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag gives to play: topics, checked against the messages installed, and which blocks the loop answers."""
+"""What a bag gives to play: topics, as messages of the definitions installed, and which blocks the loop answers."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from atpid_control.bagread import Bag, open_bag
+from atpid_control.bagread import Bag, Raw, open_bag
 from atpid_control.recording.cdr import block_shape, header
+from atpid_control.recording.convert import Converter
 from atpid_control.recording.definitions import message_type
 from atpid_control.recording.errors import BagError
 from atpid_control.recording.topics import BLOCK
@@ -34,6 +35,7 @@ class Playback:
     bag: Bag
     items: tuple[Item, ...]
     channels: dict[str, tuple[list[str], list[str]]]  # channels and units of each block topic
+    notes: tuple[str, ...] = ()  # what was converted, a line for each message type
 
     @property
     def topics(self) -> dict[str, str]:
@@ -59,42 +61,54 @@ class Playback:
 def load_playback(path: Path, patterns: list[str]) -> Playback:
     """Read a bag and choose topics by `patterns` ("sensors/*", in any namespace).
 
-    Raises BagError: no bag, nothing to play, no block the identifier would answer, or messages recorded with another
-    definition than the one installed.
+    Messages recorded with an older definition are converted to the one installed. Raises BagError: no bag, nothing to
+    play, no block the identifier would answer, or messages that cannot be converted.
     """
     bag = open_bag(path)
     chosen = [topic for topic in bag.types if any(_matches(topic, pattern) for pattern in patterns)]
     if not chosen:
         has = ", ".join(sorted(bag.types)) or "no messages"
         raise BagError(f"{path}: no topic fits {', '.join(patterns) or 'an empty list'}; the bag has {has}")
-    for topic in chosen:
-        _check_definition(bag, topic)
+    converters = {kind: _converter(bag, kind) for kind in dict.fromkeys(bag.types[topic] for topic in chosen)}
     channels = _channels(bag, [topic for topic in chosen if bag.types[topic] == BLOCK])
     answered = {topic for topic, (names, _) in channels.items() if _ANSWERED in names}
-    items = [
-        Item(raw.topic, raw.log_ns, raw.data, _last_sample(raw.data) if raw.topic in answered else None)
-        for raw in bag.raw
-        if raw.topic in chosen
-    ]
+    items = [_item(bag, raw, converters[bag.types[raw.topic]], answered) for raw in bag.raw if raw.topic in chosen]
     if not any(item.answer_ns is not None for item in items):
         raise BagError(
             f"{path}: no sensors topic with the channel {_ANSWERED}, so there is nothing to identify in this bag"
         )
-    return Playback(bag, tuple(items), channels)
+    notes = (_note(bag, kind, converter) for kind, converter in converters.items() if converter)
+    return Playback(bag, tuple(items), channels, tuple(notes))
+
+
+def _item(bag: Bag, raw: Raw, converter: Converter | None, answered: set[str]) -> Item:
+    data = converter.convert(bag.decode(raw)) if converter else raw.data
+    return Item(raw.topic, raw.log_ns, data, _last_sample(data) if raw.topic in answered else None)
 
 
 def _matches(topic: str, pattern: str) -> bool:
     return fnmatchcase(topic, f"*/{pattern.lstrip('/')}")
 
 
-def _check_definition(bag: Bag, topic: str) -> None:
-    installed = message_type(bag.types[topic])
-    if bag.hashes[topic] and bag.hashes[topic] != installed.hash:
+def _converter(bag: Bag, kind: str) -> Converter | None:
+    """Return what converts messages of the type `kind`; None where they are played as they are."""
+    recorded = {bag.hashes[topic] for topic, name in bag.types.items() if name == kind}
+    if recorded == {message_type(kind).hash}:
+        return None
+    try:
+        converter = bag.converter(kind)
+    except BagError as error:
         commit = bag.run.get("commit", "unknown")
-        raise BagError(
-            f"{bag.path}: {topic} was recorded with another definition of {installed.name} than the one installed; "
-            f"replay it with the version that recorded it ({commit})"
-        )
+        raise BagError(f"{bag.path}: {error}; replay it with the version that recorded it ({commit})") from None
+    return None if converter.identical else converter
+
+
+def _note(bag: Bag, kind: str, converter: Converter) -> str:
+    differences = [f"{field} is not in the bag and keeps its default" for field in converter.missing]
+    differences += [f"{field} is left out" for field in converter.dropped]
+    commit = bag.run.get("commit", "unknown")
+    listed = "; ".join(differences) or "the fields stand in another order"
+    return f"{kind} was recorded with another definition (version {commit}) and is converted: {listed}"
 
 
 def _channels(bag: Bag, topics: list[str]) -> dict[str, tuple[list[str], list[str]]]:

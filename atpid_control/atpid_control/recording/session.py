@@ -18,6 +18,8 @@ from atpid_control.recording.writer import CHUNK, BagWriter
 
 Offered = Callable[[str], tuple[Qos, ...]]
 
+#: Kinds of Event at the begin and the end of a run.
+_STARTED, _FINISHED = "started", "finished"
 #: Stamps of one instant may differ by rounding [ns].
 _SAME_INSTANT = 10_000
 #: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
@@ -39,6 +41,7 @@ class Session:
         self._lockstep, self._offered = lockstep, offered
         self._order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
         self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
+        self._sources: set[str] = set()  # nodes that have published the event `started`
         self._first_ns = 0
         self._finished_ns: int | None = None
         self._began = self._ended = self._progress = 0.0  # monotonic [s]
@@ -67,7 +70,7 @@ class Session:
         head = cdr.header(data)
         if kind.has_handshake and cdr.is_handshake(data):
             return 0
-        missing = self._follow(kind, head.stamp_ns, data)
+        missing = self._follow(kind, head, data)
         if not self._lockstep:
             self._write(topic, data, now_ns, head.stamp_ns)
         else:
@@ -76,23 +79,30 @@ class Session:
                 self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
         return missing
 
-    def _follow(self, topic: Topic, stamp_ns: int, data: bytes) -> int:
-        """Note how far the run is; return how many scans are missing."""
-        missing, reached, now = 0, stamp_ns, time.monotonic()
-        if not self._began:
-            self._began, self._first_ns = now, stamp_ns
+    def _follow(self, topic: Topic, head: cdr.Header, data: bytes) -> int:
+        """Follow how far the run is; return how many scans are missing."""
+        missing, reached, now = 0, head.stamp_ns, time.monotonic()
         if topic.type == BLOCK:
             shape = cdr.block_shape(data)
             missing = self.continuity[topic.name].add(shape)
-            reached = _end_of(shape, stamp_ns)
+            reached = _end_of(shape, head.stamp_ns)
         elif topic.type == TRUTH:
-            reached = _end_of(cdr.truth_shape(data), stamp_ns)
-        elif topic.type == EVENT and cdr.event_kind(data) == "finished":
-            self._finished_ns, self._ended, self._progress = stamp_ns, now, now
+            reached = _end_of(cdr.truth_shape(data), head.stamp_ns)
+        elif topic.type == EVENT:
+            self._follow_event(cdr.event_kind(data), head, now)
         if topic.in_loop:
+            if not self._began:
+                self._began, self._first_ns = now, head.stamp_ns
             self._progress = now if topic.name in self.missing_topics() else self._progress
             self._reached[topic.name] = max(reached, self._reached.get(topic.name, reached))
         return missing
+
+    def _follow_event(self, kind: str, head: cdr.Header, now: float) -> None:
+        """Take the begin and the end of the run; the end only from a source, where one has announced its begin."""
+        if kind == _STARTED:
+            self._sources.add(head.frame_id)
+        elif kind == _FINISHED and (not self._sources or head.frame_id in self._sources):
+            self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
 
     def missing_topics(self) -> list[str]:
         """Return the topics that have not come to the end of a finished run; none while it goes on."""
@@ -128,6 +138,11 @@ class Session:
         if self.recording:
             self._guarded(self.writer.sync)
 
+    def keep(self, name: str, data: bytes) -> None:
+        """Keep a file in the bag, word for word. Raises BagError."""
+        if self.recording:
+            self._guarded(lambda: self.writer.attach(name, data))
+
     def close(self) -> None:
         """Write what still waits, the result and the index; twice does nothing. Raises BagError."""
         if not self.recording:
@@ -139,7 +154,7 @@ class Session:
 
     def _write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         if topic not in self.writer.channels:
-            self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic))
+            self._guarded(lambda: self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic)))
         self._guarded(lambda: self.writer.write(topic, data, log_ns, publish_ns))
         self.written[topic] += 1
 
@@ -153,5 +168,7 @@ class Session:
 
 
 def _end_of(shape: cdr.BlockShape, stamp_ns: int) -> int:
-    """Return the instant after the last scan of a block [ns]."""
+    """Return the instant after the last scan of a block [ns]; its stamp where it has no rate."""
+    if not shape.rate > 0.0:
+        return stamp_ns
     return stamp_ns + round(shape.scans / shape.rate * 1e9)

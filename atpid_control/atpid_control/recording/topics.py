@@ -10,8 +10,12 @@ from atpid_control.recording.errors import BagError
 
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
 EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
+LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
 
-#: Everything the graph says, in the order in which messages of one stamp are written.
+#: Types of what is paced and stamped by the machine's clock and not by the run: left out in lockstep.
+BY_CLOCK = (DIAGNOSTICS, LOG, TRANSITION)
+
+#: Everything the graph publishes, in the order in which messages of one stamp are written.
 DEFAULT = (
     f"sensors/laser {BLOCK}",
     f"sensors/accelerometer {BLOCK}",
@@ -19,8 +23,12 @@ DEFAULT = (
     "excitation atpid_interfaces/msg/Excitation",
     "ceiling/command atpid_interfaces/msg/CeilingCommand",
     "ceiling/state atpid_interfaces/msg/CeilingState",
-    f"events {EVENT}",
-    f"diagnostics {DIAGNOSTICS}",
+    f"events {EVENT} transient_local",
+    f"/diagnostics {DIAGNOSTICS}",
+    f"/rosout {LOG} transient_local",
+    f"motor_node/transition_event {TRANSITION}",
+    f"labjack_node/transition_event {TRANSITION}",
+    f"ni_node/transition_event {TRANSITION}",
 )
 _OPTIONS = ("best_effort", "transient_local")
 
@@ -46,14 +54,14 @@ class Topic:
 
     @property
     def in_loop(self) -> bool:
-        """Whether it carries every stamp of a run, unlike events and diagnostics."""
+        """Whether it carries every stamp of a run, unlike events, diagnostics and the log."""
         return self.type.startswith("atpid_interfaces/") and self.type != EVENT
 
 
 def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:
     """Return the topics of "name type [best_effort] [transient_local]" entries; raise BagError for one that is not.
 
-    In lockstep diagnostics are left out: they are paced and stamped by the wall clock, not by the run.
+    In lockstep diagnostics, log and lifecycle transitions are left out: two runs would not give the same bag.
     """
     topics: dict[str, Topic] = {}
     for entry in entries:
@@ -65,6 +73,6 @@ def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:
                 f"parameter topics: {problem}; allowed: 'name pkg/msg/Type', then {' or '.join(_OPTIONS)} where needed"
             )
         message_type(kind)
-        if not (lockstep and kind == DIAGNOSTICS):
+        if not (lockstep and kind in BY_CLOCK):
             topics[name] = Topic(name, kind, "best_effort" in options, "transient_local" in options)
     return list(topics.values())

@@ -94,10 +94,20 @@ class BagWriter:
     def _begin(self) -> None:
         self._writer.start(profile="ros2", library=LIBRARY)
         self._writer.add_metadata(RUN, self._run.record())
-        created = int(self._run.created.timestamp() * 1e9)
         for name, data in self._run.files.items():
-            media = "application/yaml" if name.endswith((".yaml", ".yml")) else "application/octet-stream"
-            self._writer.add_attachment(created, created, name, media, data)
+            self._attach(name, data)
+
+    def _attach(self, name: str, data: bytes) -> None:
+        created = int(self._run.created.timestamp() * 1e9)
+        media = "application/yaml" if name.endswith((".yaml", ".yml")) else "application/octet-stream"
+        self._writer.add_attachment(created, created, name, media, data)
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Keep a file in the bag. Raises BagError where the disk does not take it."""
+        try:
+            self._attach(name, data)
+        except OSError as error:
+            raise self._fail(error) from None
 
     @property
     def size(self) -> int:
@@ -110,12 +120,15 @@ class BagWriter:
         return tuple(self._channels)
 
     def add_topic(self, name: str, type_name: str, qos: tuple[Qos, ...] = (Qos(),)) -> None:
-        """Add the topic `name` of message type `type_name`, offered with `qos`. Raises TypeUnknownError."""
+        """Add the topic `name` of message type `type_name`, offered with `qos`. Raises TypeUnknownError, BagError."""
         described = message_type(type_name)
-        if type_name not in self._types:
-            schema = self._writer.register_schema(type_name, "ros2msg", described.definition.encode())
-            self._types[type_name] = schema
-        self._channels[name] = self._register(name, described, qos)
+        try:
+            if type_name not in self._types:
+                schema = self._writer.register_schema(type_name, "ros2msg", described.definition.encode())
+                self._types[type_name] = schema
+            self._channels[name] = self._register(name, described, qos)
+        except OSError as error:  # a chunk that is full is written now
+            raise self._fail(error) from None
         self._sequences[name] = 0
         self.summary.topics[name] = TopicSummary(name, type_name, described.hash, qos)
 

@@ -37,8 +37,6 @@ class MotorSettings:
         if isfinite(self.initial_height):
             self.limits.check(self.initial_height)
         self._positive("rate", "command_timeout", "identify_timeout", "baud")
-        if self.backend == "simulated" and not isfinite(self.initial_height):
-            raise SettingsError("initial_height is not given: a simulated ceiling must be told where it stands [m]")
         if self.backend == "serial":
             self._check_serial()
 

@@ -34,14 +34,26 @@ class Travel:
 
 
 class SimulatedActuator:
-    """The simulated backend of `CeilingActuator`: always there, homed as soon as it is armed."""
+    """The simulated backend of `CeilingActuator`: always there, homed as soon as it is armed and placed."""
 
     def __init__(self, limits: Limits, initial_height: float) -> None:
-        """Stand at `initial_height` [m]; raises `HeightRefusedError` if that is outside the limits."""
+        """Stand at `initial_height` [m], NaN: unknown until `place`.
+
+        Raises `HeightRefusedError` if it is outside the limits.
+        """
         self._limits = limits
-        self._travel = self._rest(limits.check(initial_height), 0)
+        self._travel = self._rest(nan if isnan(initial_height) else limits.check(initial_height), 0)
         self._mode = Mode.UNCONFIGURED
         self._sequence = 0
+
+    @property
+    def placed(self) -> bool:
+        """Whether it is known where the ceiling stands."""
+        return not isnan(self._travel.origin)
+
+    def place(self, height: float, now: int) -> None:
+        """Stand at `height` [m], wherever that is: limits are those of commands."""
+        self._travel = self._rest(height, now)
 
     @property
     def limits(self) -> Limits:
@@ -71,6 +83,8 @@ class SimulatedActuator:
                 f"ceiling height {height:g} m refused: the motor is {self._mode.name.lower()}; activate it"
             )
         here = self._travel.height(now)
+        if not self.placed:
+            raise NotReadyError(f"ceiling height {height:g} m refused: it is not known yet where the ceiling stands")
         goal = here if isnan(height) else self._limits.check(height)
         self._sequence = sequence
         if goal != self._travel.target:
@@ -80,6 +94,8 @@ class SimulatedActuator:
         """Return where the ceiling is at `now` [ns] and what it does next."""
         height, target = self._travel.height(now), self._travel.target
         armed = self._mode is Mode.HOLDING
+        if armed and not self.placed:
+            return Reading(mode=Mode.HOMING, speed=self._limits.speed)
         moving = armed and height != target
         return Reading(
             mode=Mode.MOVING if moving else self._mode,

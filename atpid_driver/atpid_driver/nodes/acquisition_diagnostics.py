@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An acquisition device's line in `diagnostics`."""
+"""An acquisition device's line in /diagnostics."""
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 
+from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_driver.acquisition import Identity, Status
 from atpid_driver.calibration import Counts
 
 
 def status_message(
-    name: str,
+    node: Node,
     identity: Identity | None,
     state: str,
     status: Status,
@@ -18,7 +20,7 @@ def status_message(
     lost_lately: int,
     last_error: str,
 ) -> DiagnosticStatus:
-    """Return level, one line, and the figures; hardware_id is the device's serial number."""
+    """Return level, one line, and the figures; hardware_id is the device's serial number, "none": not connected."""
     level, message = _judge(status, state, lost_lately, last_error or status.last_error)
     values = {
         "state": state,
@@ -36,13 +38,8 @@ def status_message(
         values[f"{channel} broken loop [samples]"] = str(count.broken_loop)
         values[f"{channel} out of range [samples]"] = str(count.out_of_range)
         values[f"{channel} missing [samples]"] = str(count.missing)
-    return DiagnosticStatus(
-        level=level,
-        name=f"{name}: acquisition",
-        message=message,
-        hardware_id=str(identity.serial) if identity else "",
-        values=[KeyValue(key=key, value=value) for key, value in values.items()],
-    )
+    hardware_id = str(identity.serial) if identity else "none"
+    return diagnostic_status(node, "acquisition", level, message, values, hardware_id)
 
 
 def _judge(status: Status, state: str, lost_lately: int, last_error: str) -> tuple[bytes, str]:

@@ -12,48 +12,51 @@ from collections.abc import Callable
 from typing import Any
 
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 
+from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block, empty_event
-from atpid_common.nodes.messages import BLOCKS, STATES, STATUS
+from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
+from atpid_common.nodes.messages import BLOCKS, STATES, time_of
+from atpid_common.nodes.parameters import Row
+from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_driver.acquisition import AcquisitionError, Backoff, Identity, Reader, Status, create
 from atpid_driver.calibration import Counts, block_si
 from atpid_driver.nodes.acquisition_diagnostics import status_message
-from atpid_driver.nodes.acquisition_parameters import Row, declare
+from atpid_driver.nodes.acquisition_parameters import settings_of
 from atpid_driver.nodes.blocks import Layout, sample_block
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class AcquisitionNode(LifecycleNode):
-    """Publishes what one device measures, in SI units, on one topic. DriverError for a parameter that cannot be."""
+    """Publishes what one device measures, in SI units, on one topic. An InputError for a parameter that cannot be."""
 
     def __init__(self, name: str, topic: str, rows: tuple[Row, ...], *, in_loop: bool, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened. `in_loop`: the loop answers this topic's handshake."""
         super().__init__(name, **kwargs)
-        self.settings = declare(self, rows)
+        self.settings = settings_of(self, rows)
         self._device = create(self.settings.backend, self.settings.device)
         self._topic, self._in_loop = topic, in_loop
         self._blocks = self.create_publisher(SampleBlock, topic, BLOCKS)
         self._events = EventPublisher(self)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         if in_loop:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        self.create_subscription(RecorderStatus, "recorder/status", self._on_recorder, STATUS)
-        self._recorder: RecorderStatus | None = None
+        expected = self.settings.expect_recorder
+        self._recorder = RecorderWatch(self, self._on_recorder, self._events.publish, expected=expected)
         self._identity: Identity | None = None
         self._reader: Reader | None = None
         self._handshake: Handshake | None = None
         self._layout: Layout | None = None
         self._reports: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
         self._counts: dict[str, Counts] = {name: Counts() for name in self._device.channels}
-        self._last_dropped, self._last_error, self._closing = 0, "", False
+        self._last_dropped, self._lost_lately, self._last_error, self._closing = 0, 0, "", False
         self._arrived = self.create_guard_condition(self._drain)
         self.create_timer(1.0, self._each_second, clock=STEADY)
+        self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._attempts, self._backoff, self._may_retry = 0, Backoff(), True
         self._starter: Timer | None = None
         if self.settings.autostart:
@@ -118,8 +121,8 @@ class AcquisitionNode(LifecycleNode):
             answer="ceiling/state" if self._in_loop else "",
             recorder=self.settings.expect_recorder,
         )
-        if self._recorder is not None:
-            self._handshake.on_status(self._recorder)
+        if self._recorder.status is not None:
+            self._handshake.on_status(self._recorder.status)
 
     def _halt(self) -> None:
         handshake, self._handshake = self._handshake, None
@@ -128,6 +131,8 @@ class AcquisitionNode(LifecycleNode):
         if self._reader is not None:
             self._reader.stop()
             self._drain()
+            scans, lost = self._reader.status.next_index, self._reader.status.dropped
+            self.get_logger().info(f"{self._identity}: stream stopped after {scans} scans, {lost} of them lost")
             self._reader = None
 
     def _let_go(self) -> None:
@@ -161,14 +166,13 @@ class AcquisitionNode(LifecycleNode):
             self._handshake.on_answer(state)
 
     def _on_recorder(self, status: RecorderStatus) -> None:
-        self._recorder = status
         if self._handshake is not None:
             self._handshake.on_status(status)
 
     def _publish_handshake(self) -> None:
         units = tuple(calibration.unit for calibration in self.settings.calibrations)
         self._blocks.publish(empty_block(self._device.channels, units))
-        self._events.publisher.publish(empty_event())
+        self._events.publish_handshake()
 
     def _stream(self) -> None:
         assert self._identity is not None
@@ -191,10 +195,16 @@ class AcquisitionNode(LifecycleNode):
             for name, count in zip(self._counts, counts, strict=True):
                 self._counts[name] += count
             stamp = reader.clock.stamp_ns(block.first_index)
+            if self._layout is None:
+                self._publish_started(reader.clock.rate, stamp)
             layout = self._layout_at(reader.clock.rate)
             self._blocks.publish(sample_block(layout, stamp, block.first_index, values, block.dropped, block.backlog))
         while not self._reports.empty():
             self._pass_on(*self._reports.get())
+
+    def _publish_started(self, rate: float, stamp_ns: int) -> None:
+        text = f"{self._identity} streams {len(self._device.channels)} channels at {rate:g} Hz"
+        self._events.publish(Event.INFO, Event.STARTED, text, stamp=time_of(stamp_ns))
 
     def _layout_at(self, rate: float) -> Layout:
         if self._layout is None:
@@ -213,17 +223,16 @@ class AcquisitionNode(LifecycleNode):
         self._events.publish(Event.ALARM if fault else Event.INFO, Event.FAULT if fault else Event.RECOVERED, text)
 
     def _each_second(self) -> None:
-        status = self.status
-        lost, self._last_dropped = max(0, status.dropped - self._last_dropped), status.dropped
-        if lost:
-            text = f"{self._identity}: {lost} scans lost, {status.dropped} in all"
-            self._events.publish(Event.WARNING, Event.DROPPED, text, float(lost))
-        line = status_message(
-            self.get_name(), self._identity, self._state_in_words(), status, self._counts, lost, self._last_error
-        )
-        array = DiagnosticArray(status=[line])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        dropped = self.status.dropped
+        self._lost_lately, self._last_dropped = max(0, dropped - self._last_dropped), dropped
+        if self._lost_lately:
+            text = f"{self._identity}: {self._lost_lately} scans lost, {dropped} in all"
+            self._events.publish(Event.WARNING, Event.DROPPED, text, float(self._lost_lately))
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        state = self._state_in_words()
+        arguments = (self._identity, state, self.status, self._counts, self._lost_lately, self._last_error)
+        return [status_message(self, *arguments)]
 
     def _state_in_words(self) -> str:
         if self._identity is None:

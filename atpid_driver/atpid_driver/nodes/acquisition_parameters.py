@@ -5,53 +5,51 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.nodes.parameters import Row, declare
 from atpid_common.share import share_folder
 from atpid_driver.acquisition import SetupRefusedError
 from atpid_driver.calibration import Calibration, check_channels, load
 
-Row = tuple[str, Any, str]
+TYPES = Parameter.Type
 
-COMMON: tuple[Row, ...] = (
-    ("serial", 0, "serial number the device must have; 0: take any"),
-    ("rate", Parameter.Type.DOUBLE, "scan rate asked for [Hz]; the blocks carry the rate the device really runs at"),
-    ("blocks_per_second", 20.0, "messages per second"),
-    ("channels", Parameter.Type.STRING_ARRAY, "names of the channels in the messages"),
-    ("terminals", Parameter.Type.STRING_ARRAY, "where each channel is wired, for example AIN0 or ai0"),
-    ("kinds", ["voltage"], "voltage or iepe, for each channel; one entry stands for all"),
-    ("calibrations", Parameter.Type.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
-    ("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
-    ("autostart", True, "configure and activate without a lifecycle manager, trying again until the device answers"),
-    ("handshake", True, "stream only after the loop has answered an empty block"),
-    ("expect_recorder", False, "do not stream before the recorder has received every topic"),
-    ("library", "", "path of the vendor's library; empty: where the loader finds it"),
+COMMON = (
+    Row("serial", 0, "serial number the device must have; 0: take any", "", 0, 2**32 - 1),
+    Row("rate", TYPES.DOUBLE, "scan rate asked for; the blocks carry that of the device", "Hz", 0.1, 100_000.0),
+    Row("blocks_per_second", 20.0, "messages per second", "1/s", 1.0, 50.0),
+    Row("channels", TYPES.STRING_ARRAY, "names of the channels in the messages"),
+    Row("terminals", TYPES.STRING_ARRAY, "where each channel is wired, for example AIN0 or ai0"),
+    Row("kinds", ["voltage"], "voltage or iepe, for each channel; one entry stands for all"),
+    Row("calibrations", TYPES.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
+    Row("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
+    Row("autostart", True, "configure and activate without a lifecycle manager, until the device answers"),
+    Row("handshake", True, "stream only after the loop has answered an empty block"),
+    Row("expect_recorder", False, "do not stream before the recorder has received every topic"),
+    Row("library", "", "path of the vendor's library; empty: where the loader finds it"),
 )
-LABJACK: tuple[Row, ...] = (
-    ("backend", "labjack", "labjack or simulated"),
-    ("connection", "ANY", "ANY, USB, TCP, ETHERNET or WIFI"),
-    ("voltage_range", 10.0, "input range [V]: 10, 1, 0.1 or 0.01"),
-    ("resolution_index", 0, "0 to 8; a larger one is quieter and slower"),
-    ("settling_us", 0.0, "settling time between channels [us]; 0: the device chooses"),
+LABJACK = (
+    Row("backend", "labjack", "what is read", choices=("labjack", "simulated")),
+    Row("connection", "ANY", "how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI")),
+    Row("voltage_range", 10.0, "input range: 10, 1, 0.1 or 0.01", "V", 0.01, 10.0),
+    Row("resolution_index", 0, "a larger one is quieter and slower; 0: the device chooses", "", 0, 8),
+    Row("settling_us", 0.0, "settling time between channels; 0: the device chooses", "us", 0.0, 4400.0),
 )
-NI: tuple[Row, ...] = (
-    ("backend", "nidaqmx", "nidaqmx or simulated"),
-    ("device", "cDAQ1Mod1", "the module's name in NI MAX"),
-    ("voltage_range", 30.0, "input range [V]"),
-    ("excitation_current", 0.004, "current of IEPE inputs [A]"),
-    ("grpc", "", "host:port of NI's gRPC device server on another PC; empty: the driver on this one"),
+NI = (
+    Row("backend", "nidaqmx", "what is read", choices=("nidaqmx", "simulated")),
+    Row("device", "cDAQ1Mod1", "the module's name in NI MAX"),
+    Row("voltage_range", 30.0, "input range", "V", 0.001, 100.0),
+    Row("excitation_current", 0.004, "current of IEPE inputs", "A", 0.0, 0.02),
+    Row("grpc", "", "host:port of NI's gRPC device server on another PC; empty: the driver on this one"),
 )
-SIMULATED: tuple[Row, ...] = (
-    ("amplitude", 1.0, "of the simulated backend's sines [V]"),
-    ("offset", 3.0, "of the simulated backend's sines [V]"),
-    ("frequency", 5.0, "of the simulated backend's sines [Hz]"),
+SIMULATED = (
+    Row("amplitude", 1.0, "of the simulated backend's sines", "V", 0.0, 100.0),
+    Row("offset", 3.0, "of the simulated backend's sines", "V", -100.0, 100.0),
+    Row("frequency", 5.0, "of the simulated backend's sines", "Hz", 1e-3, 50_000.0),
 )
-RANGES = {"blocks_per_second": (1.0, 50.0), "rate": (0.1, 100_000.0)}
-DEVICE_KEYS = ("serial", "rate", "library", *(row[0] for row in (*LABJACK, *NI, *SIMULATED)))
+DEVICE_KEYS = ("serial", "rate", "library", *(row.name for row in (*LABJACK, *NI, *SIMULATED)))
 
 
 @dataclass(frozen=True)
@@ -66,9 +64,9 @@ class NodeSettings:
     expect_recorder: bool
 
 
-def declare(node: Node, rows: tuple[Row, ...]) -> NodeSettings:
-    """Declare everything on `node` and return it checked; a DriverError says in one line what is wrong."""
-    values = {name: _declare(node, name, default, text) for name, default, text in (*COMMON, *rows, *SIMULATED)}
+def settings_of(node: Node, rows: tuple[Row, ...]) -> NodeSettings:
+    """Declare everything on `node` and return it checked. Raises ParameterError or DriverError."""
+    values = declare(node, (*COMMON, *rows, *SIMULATED))
     names, terminals = list(values["channels"]), list(values["terminals"])
     kinds = list(values["kinds"]) * (len(names) if len(values["kinds"]) == 1 else 1)
     if not len(names) == len(terminals) == len(kinds):
@@ -91,19 +89,3 @@ def declare(node: Node, rows: tuple[Row, ...]) -> NodeSettings:
 def shipped_calibrations() -> Path:
     """Return the folder of the installed calibration files; InputError where no sourced workspace has them."""
     return share_folder("atpid_driver") / "config" / "calibration"
-
-
-def _declare(node: Node, name: str, default: Any, text: str) -> Any:
-    descriptor = ParameterDescriptor(name=name, description=text, read_only=True)
-    if name in RANGES:
-        low, high = RANGES[name]
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
-    try:
-        value = node.declare_parameter(name, default, descriptor).value
-    except Exception as error:  # rclpy has one exception per kind of bad value; each text names the parameter
-        raise SetupRefusedError(f"parameter {name} of {node.get_name()}: {error}") from error
-    if value is None:
-        raise SetupRefusedError(
-            f"parameter {name} of {node.get_name()} is not given: {text}; set it in the parameter file"
-        )
-    return value

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated stand's wires: what a simulated plant's sensors see becomes the voltages of a stand-in device.
 
-It listens to a plant node whose sensor topic is remapped to `emulated/...` and writes a `Feed`. Until the plant starts
+It subscribes to the plant's sensor topic, remapped to `emulated/...`, and writes a `Feed`. Until the plant starts
 and after it has finished it writes a body at rest, paced by the clock, as a sensor would see one. The plant's
 `ceiling/state` is remapped too: this node passes the motor's states on and answers the plant's handshake, but not
 before the real device streams, so that the stand sees the run from its first instant.
@@ -16,27 +16,32 @@ from typing import Any
 
 import numpy as np
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock
+from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
+from atpid_common.nodes.diagnostics import DiagnosticsPublisher
+from atpid_common.nodes.diagnostics import status as diagnostic_status
+from atpid_common.nodes.handshake import ANNOUNCE_AFTER, ANNOUNCE_AGAIN, empty
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
 from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import Row, declare
 from atpid_driver.calibration import load, volts_of
 from atpid_driver.errors import DriverError
 from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
 from atpid_driver.standins import Feed
+from atpid_driver.standins.feed import MAGIC
 
 EMULATED = "emulated"
 IDLE_S = 0.01
-PARAMETERS: tuple[tuple[str, Any, str], ...] = (
-    ("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
-    ("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
-    ("rate", 1000.0, "scans per second of that topic [Hz]"),
-    ("calibrations", Parameter.Type.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
-    ("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
+CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
+PARAMETERS = (
+    Row("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
+    Row("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
+    Row("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
+    Row("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
+    Row("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
 )
 
 
@@ -44,18 +49,17 @@ class FeedNode(Node):
     """Converts metres to volts with the same calibration files the acquisition node converts back with."""
 
     def __init__(self, **kwargs: Any) -> None:
-        """Make the feed; DriverError for a parameter that cannot be."""
+        """Make the feed. Raises ParameterError or DriverError for a parameter that cannot be."""
         super().__init__("feed_node", **kwargs)
-        values = {
-            name: self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True)).value
-            for name, default, text in PARAMETERS
-        }
+        values = declare(self, PARAMETERS)
         if not values["feed"] or not values["calibrations"]:
             raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
+        self._path = Path(values["feed"])
+        _check_replaceable(self._path)
         folder = Path(values["calibration_folder"]) if values["calibration_folder"] else shipped_calibrations()
         self._calibrations = tuple(load(folder / name) for name in values["calibrations"])
         self._rate = float(values["rate"])
-        self.feed = Feed(Path(values["feed"]), len(self._calibrations), self._rate)
+        self.feed = Feed(self._path, len(self._calibrations), self._rate)
         self._next: int | None = None
         self._live = False  # whether the device that reads the feed streams
         self._states = self.create_publisher(CeilingState, f"{EMULATED}/ceiling/state", STATES)
@@ -65,7 +69,10 @@ class FeedNode(Node):
         self.create_subscription(Event, "events", self._on_event, EVENTS)
         self._still = np.zeros(len(self._calibrations))  # where the body rests [m]
         self._began, self._idle = time.monotonic(), 0
+        self._missing = 0  # scans of the plant that did not arrive
         self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._announce_at = self._began + ANNOUNCE_AFTER
+        self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
     def _on_device(self, block: SampleBlock) -> None:
         self._live = self._live or not block.handshake
@@ -77,9 +84,10 @@ class FeedNode(Node):
     def _on_block(self, block: SampleBlock) -> None:
         if block.handshake:
             if self._live:
-                answer = CeilingState()
-                answer.handshake = True
-                self._states.publish(answer)
+                self._states.publish(empty(CeilingState))
+            elif time.monotonic() > self._announce_at:
+                self._announce_at = time.monotonic() + ANNOUNCE_AGAIN
+                self.get_logger().warning(f"no samples yet: waiting for {self._waiting_for()}")
             return
         names = [calibration.channel for calibration in self._calibrations]
         if list(block.channels) != names or block.rate != self._rate:
@@ -88,6 +96,7 @@ class FeedNode(Node):
             return
         self._timer.cancel()
         if self._next is not None and block.first_index != self._next:
+            self._missing += block.first_index - self._next
             self.get_logger().error(f"{block.first_index - self._next} scans of the plant are missing")
         values = np.frombuffer(block.data).reshape(-1, len(names))
         self._next = block.first_index + len(values)
@@ -113,10 +122,33 @@ class FeedNode(Node):
             columns.append(np.nan_to_num(volts, nan=high + 0.01 * (high - low)))  # saturated: beyond the limit
         self.feed.write(np.column_stack(columns))
 
+    def _waiting_for(self) -> str:
+        """Return what is missing before the plant may start, in words; empty: nothing."""
+        return "" if self._live else f"sensors/laser of the device that reads {self._path}"
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        """Return the state of the feed, for /diagnostics."""
+        waiting = self._waiting_for()
+        moving = self._next is not None and self._timer.is_canceled()
+        message = f"waiting for {waiting}" if waiting else "fed by the plant" if moving else "a body at rest"
+        values = {"file": self._path, "written [frames]": self.feed.written, "missing [scans]": self._missing}
+        level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
+        return [diagnostic_status(self, "feed", level, message, values, "emulated device")]
+
     def destroy_node(self) -> None:
         """Remove the feed, then the node's own end."""
         self.feed.close()
         super().destroy_node()
+
+
+def _check_replaceable(path: Path) -> None:
+    """Raise DriverError where `path` is a file that was not made as a feed: it would be replaced, and then removed."""
+    if path.is_file():
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) == MAGIC:
+                return  # left behind by a node that was killed
+    if path.exists() or path.is_symlink():
+        raise DriverError(f"parameter feed: given {path}, which exists and is no feed; give the name of a new file")
 
 
 def main(args: list[str] | None = None) -> int:

@@ -21,11 +21,21 @@ from std_srvs.srv import Trigger
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.single_instance import namesakes
-from atpid_driver.motor import CommandStaleError, HeightRefusedError, Mode, MotorError, Reading, actuator_of, in_words
+from atpid_driver.motor import (
+    CommandStaleError,
+    HeightRefusedError,
+    Mode,
+    MotorError,
+    Reading,
+    SimulatedActuator,
+    actuator_of,
+    in_words,
+)
 from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT
 from atpid_driver.nodes.motor_diagnostics import status_of
 from atpid_driver.nodes.motor_life import MotorLife
 from atpid_driver.nodes.motor_parameters import declare
+from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
 RETRY = 1.0
 NEWCOMER = 3.0  # discovery takes this long at most: a node of this name seen within it was there before [s]
@@ -54,6 +64,9 @@ class MotorNode(MotorLife):
         self._last_faults = NO_FAULT
         self._open_topics()
         self._start_timers()
+        actuator = self._actuator
+        if isinstance(actuator, SimulatedActuator) and not actuator.placed:
+            self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
 
     def _open_topics(self) -> None:
         depth = LOCKSTEP_DEPTH if self.settings.lockstep else REAL_TIME_DEPTH

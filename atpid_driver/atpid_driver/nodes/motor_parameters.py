@@ -19,7 +19,8 @@ _DESCRIPTIONS: Final[dict[str, tuple[str, float | None, float | None]]] = {
     "highest": ("highest ceiling height [m]", 0.0, 10.0),
     "speed": ("constant travelling speed [m/s]", 0.0, 100.0),
     "initial_height": (
-        "where a simulated ceiling stands, where a real one goes after homing [m]; NaN: stay",
+        "where a real ceiling goes after homing, NaN: it stays; where a simulated one stands, NaN: where that of the "
+        "simulated plant stands [m]",
         None,
         None,
     ),

@@ -8,17 +8,20 @@ from math import nan
 from atpid_interfaces.msg import Event
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
-from atpid_common.nodes.messages import EVENTS
+from atpid_common.nodes.handshake import empty_event
+from atpid_common.nodes.messages import EVENTS_KEPT, STATUS
 
 
 class EventPublisher:
-    """The node's publisher on `events`."""
+    """The node's publisher on `events`, which keeps them: a recorder discovered later gets those before it."""
 
     def __init__(self, node: Node) -> None:
         """Create the publisher."""
         self._node = node
-        self.publisher = node.create_publisher(Event, "events", EVENTS)
+        self.publisher = node.create_publisher(Event, "events", EVENTS_KEPT)
+        self._of_handshake: Publisher | None = None
 
     def publish(self, severity: int, kind: str, text: str, value: float = nan, stamp: Time | None = None) -> None:
         """Publish and log one event.
@@ -39,3 +42,10 @@ class EventPublisher:
         event.header.stamp = stamp if stamp is not None else self._node.get_clock().now().to_msg()
         event.header.frame_id = self._node.get_name()
         self.publisher.publish(event)
+
+    def publish_handshake(self) -> None:
+        """Publish the handshake's event, from a publisher of its own: many of them must not displace what is kept."""
+        if self._of_handshake is None:
+            # created after the other one, and announced after it: whoever receives from this one has found both
+            self._of_handshake = self._node.create_publisher(Event, "events", STATUS)
+        self._of_handshake.publish(empty_event())

@@ -18,6 +18,12 @@ from rclpy.node import Node
 PERIOD = 0.05  # between two messages of the handshake [s]
 ANNOUNCE_AFTER, ANNOUNCE_AGAIN = 2.0, 10.0  # until what is missing is logged, and logged again [s]
 LOOP_TOPICS = ("events", "excitation", "ceiling/command", "ceiling/state")
+#: The nodes that answer one after the other until the topic's message comes.
+ANSWERED_BY = {
+    "excitation": ("identifier_node",),
+    "ceiling/command": ("identifier_node", "selector_node"),
+    "ceiling/state": ("identifier_node", "selector_node", "motor_node"),
+}
 
 
 def empty(kind: type[Any]) -> Any:
@@ -86,9 +92,11 @@ class Handshake:
         if problem := self._blocked():
             return problem
         if not self.answered:
-            return f"an answer on {self._answer} (identifier, selector and motor answer one after the other)"
+            return f"an answer on {self._answer}{self._answering()}"
         if self._expect_recorder and self._status is None:
-            return "the recorder's status"
+            return "recorder_node (recorder/status)"
+        if self._expect_recorder and self._status is not None and not self._status.recording:
+            return f"a recorder with an open bag; that of {self._status.bag} is closed, start another one"
         missing = self._unrecorded() if self._expect_recorder else []
         return f"the recorder to receive {', '.join(missing)}" if missing else ""
 
@@ -109,6 +117,12 @@ class Handshake:
         elif time.monotonic() > self._announce_at:
             self._announce_at = time.monotonic() + ANNOUNCE_AGAIN
             self._node.get_logger().warning(f"no samples yet: waiting for {missing}")
+
+    def _answering(self) -> str:
+        """Return in words which of the answering nodes discovery does not show, or who they are."""
+        nodes, running = ANSWERED_BY.get(self._answer, ()), self._node.get_node_names()
+        absent = [name for name in nodes if name not in running]
+        return f"; not running: {', '.join(absent)}" if absent else f" of {', then '.join(nodes)}" if nodes else ""
 
     def _unrecorded(self) -> list[str]:
         """Return the topics the recorder subscribes to and has received nothing on."""

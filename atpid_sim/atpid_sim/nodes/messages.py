@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from atpid_interfaces.msg import PlantTruth, SampleBlock
 
+from atpid_common.nodes.handshake import empty
 from atpid_common.nodes.messages import doubles, time_of
 from atpid_sim.stream import Reading, StreamBlock, stamp_ns
 
@@ -22,6 +23,14 @@ def sample_block(reading: Reading, start_ns: int, frame_id: str) -> SampleBlock:
     message.skew = doubles(np.zeros(len(reading.instrument.channels)))
     message.data = doubles(reading.data)
     return message
+
+
+def handshake_truth(height: float) -> PlantTruth:
+    """Return the handshake's message: no samples, and the ceiling's `height` [m] before the first."""
+    message = empty(PlantTruth)
+    message.ceiling = doubles(np.array([height]))
+    truth: PlantTruth = message
+    return truth
 
 
 def truth_message(block: StreamBlock, start_ns: int, frame_id: str) -> PlantTruth:

@@ -7,36 +7,39 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from atpid_interfaces.msg import CeilingState, Event, PlantTruth, RecorderStatus, SampleBlock
-from rcl_interfaces.msg import ParameterDescriptor
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.task import Future
 
+from atpid_common.errors import BAD_INPUT, DONE, NUMERICAL_FAILURE
+from atpid_common.nodes.diagnostics import DiagnosticsPublisher
+from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty, empty_block, empty_event
-from atpid_common.nodes.messages import BLOCKS, STATES, STATUS, nanoseconds_of, time_of
+from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
+from atpid_common.nodes.leaving import Leaving
+from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone, is_alone
-from atpid_sim.nodes.messages import sample_block, truth_message
+from atpid_common.waiting import COMPILING, announced
+from atpid_sim.nodes.messages import handshake_truth, sample_block, truth_message
 from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
 from atpid_sim.stream import PlantLike, Stream, stamp_ns
 
-LEAVE_PERIOD = 0.05  # between two looks whether the bag is closed [s]
-DONE, BAD_INPUT, NUMERICAL_FAILURE = 0, 2, 3
-
-PARAMETERS: tuple[tuple[str, Any, str], ...] = (
-    ("scene", "", "scene file (docs/scenes.md)"),
-    ("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
-    ("expect_recorder", False, "true: start when the recorder hears every topic, leave when it has closed"),
-)  # fmt: skip
+PARAMETERS = (
+    Row("scene", "", "scene file (docs/scenes.md)"),
+    Row("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
+    Row("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
+)
 
 
 class PlantNode(Node):
@@ -51,35 +54,36 @@ class PlantNode(Node):
     ) -> None:
         """Read the scene; raise SceneError or StreamError where it cannot be run. `done` receives the exit status."""
         super().__init__("plant_node", parameter_overrides=parameter_overrides, **node_options)
-        for name, default, text in PARAMETERS:
-            self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
+        values = declare(self, PARAMETERS)
         scene = scene_given(self)
-        self._lockstep = bool(self.get_parameter("lockstep").value)
-        self._expect_recorder = bool(self.get_parameter("expect_recorder").value)
-        # once for nothing: loading, or even compiling, the kernels must not fall into the first block's time
-        Stream(scene, make_plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
+        self._scene_name = Path(values["scene"]).name
+        self._lockstep, expect_recorder = bool(values["lockstep"]), bool(values["expect_recorder"])
+        with announced(COMPILING, self.get_logger().info):
+            # a block that is not used: loading the kernels must not fall into the first block's time
+            Stream(scene, make_plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
         self.stream = Stream(scene, make_plant(scene))
-        self.done: Future = Future()
         self.failure = ""  # what went wrong with the plant, one sentence
         self._ceiling: CeilingState | None = None
-        self._recorder: RecorderStatus | None = None
         self._awaited: int | None = None  # stamp whose answer lets the next block start [ns], lockstep only
         self._start_ns = 0
         self._steady_start = 0.0
         self._worst_lag = self._behind = 0.0
-        self._ended: int | None = None
         self._make_topics()
+        self._recorder = RecorderWatch(self, self._on_recorder, self._report_recorder, expected=expect_recorder)
+        self._leaving = Leaving(self, self._outgoing, lambda: expect_recorder and self._recorder.recording)
+        self.done = self._leaving.done
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._handshake = Handshake(
             self,
             self._publish_handshake,
             self._start,
             topics=[*(f"sensors/{device}" for device in self._sensors), "plant/truth", *LOOP_TOPICS],
-            recorder=self._expect_recorder,
+            recorder=expect_recorder,
             blocked=lambda: "" if is_alone(self) else "another node of this name to leave",
         )
         self._pace_timer = self.create_timer(self.stream.block_seconds / 5.0, self._pace, clock=steady)
         self._pace_timer.cancel()
+        self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
     def _make_topics(self) -> None:
         self._sensors = {
@@ -89,7 +93,9 @@ class PlantNode(Node):
         self._truth = self.create_publisher(PlantTruth, "plant/truth", BLOCKS)
         self._events = EventPublisher(self)
         self.create_subscription(CeilingState, "ceiling/state", self._on_ceiling, STATES)
-        self.create_subscription(RecorderStatus, "recorder/status", self._on_recorder, STATUS)
+
+    def _outgoing(self) -> list[Any]:
+        return [*self._sensors.values(), self._truth, self._events.publisher]
 
     # the handshake
 
@@ -99,19 +105,22 @@ class PlantNode(Node):
         except StartedTwiceError as error:
             self.get_logger().error(str(error))
             self._handshake.cancel()
-            self._finish(BAD_INPUT)
+            self._leaving.at_once(BAD_INPUT)
             return
         for item in self.stream.instruments:
             self._sensors[item.device].publish(empty_block(item.channels, item.units))
-        self._truth.publish(empty(PlantTruth))
-        self._events.publisher.publish(empty_event())
+        self._truth.publish(handshake_truth(self.stream.height))
+        self._events.publish_handshake()
 
     def _start(self) -> None:
         self._steady_start = time.monotonic()
+        self._start_ns = 0 if self._lockstep else time.time_ns()
+        seconds = self.stream.ticks / self.stream.rate
+        text = f"{self._scene_name}: {seconds:g} s in {'lockstep' if self._lockstep else 'real time'}"
+        self._publish_event(Event.INFO, Event.STARTED, text, seconds)
         if self._lockstep:
             self._next_block()
         else:
-            self._start_ns = time.time_ns()
             self._pace_timer.reset()
 
     def waiting_for(self) -> str:
@@ -121,8 +130,13 @@ class PlantNode(Node):
     # the loop
 
     def _on_recorder(self, status: RecorderStatus) -> None:
-        self._recorder = status
         self._handshake.on_status(status)
+
+    def _report_recorder(self, severity: int, kind: str, text: str, value: float) -> None:
+        if self._lockstep:  # whose events depend on the run alone, not on the machine
+            self.get_logger().warning(text)
+        else:
+            self._publish_event(severity, kind, text, value)
 
     def _on_ceiling(self, state: CeilingState) -> None:
         if state.handshake:
@@ -134,18 +148,14 @@ class PlantNode(Node):
             self._next_block()
 
     def _pace(self) -> None:
-        """Publish the block that is due; one a call, so that the ceiling's answers are heard in between."""
+        """Publish the block that is due; one a call, so that the ceiling's answers are received in between."""
         lag = self._lag()
-        if lag < 0.0 or self._ended is not None:
+        if lag < 0.0 or self._leaving.status is not None:
             return
         self._worst_lag = max(self._worst_lag, lag)
         if lag > self.stream.block_seconds >= self._behind:
-            self._tell(
-                Event.WARNING,
-                Event.BEHIND,
-                lag,
-                f"the plant is {lag:.3f} s behind real time: the machine is too slow or too busy",
-            )
+            text = f"the plant is {lag:.3f} s behind real time: the machine is too slow or too busy"
+            self._publish_event(Event.WARNING, Event.BEHIND, text, lag)
         self._behind = lag
         self._next_block()
 
@@ -202,37 +212,41 @@ class PlantNode(Node):
         return f"{simulated:g} s in real time; at worst {1e3 * self._worst_lag:.0f} ms behind the clock"
 
     def _end(self, severity: int, status: int, text: str) -> None:
-        """Say how the run ended, let the recorder close its bag, and leave with `status`."""
+        """Publish how the run ended, let the recorder close its bag, and leave with `status`."""
+        simulated = self.stream.computed_ticks / self.stream.rate
         if status == NUMERICAL_FAILURE:
-            text = self.failure = f"the plant stopped at {self.stream.computed_ticks / self.stream.rate:g} s: {text}"
-            self._tell(severity, Event.FAILED, math.nan, text)
+            text = self.failure = f"the plant stopped at {simulated:g} s: {text}"
+            self._publish_event(severity, Event.FAILED, text)
         self._pace_timer.cancel()
-        self._tell(severity, Event.FINISHED, self.stream.computed_ticks / self.stream.rate, text)
-        self._ended = status
-        self._leave_timer = self.create_timer(
-            LEAVE_PERIOD, self._leave_when_heard, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._publish_event(severity, Event.FINISHED, text, simulated)
+        self._leaving.when_recorded(status)
 
-    def _leave_when_heard(self) -> None:
-        if self._expect_recorder and self._recorder is not None and self._recorder.recording:
-            return
-        self._leave_timer.cancel()
-        self._finish(self._ended or DONE)
-
-    def _finish(self, status: int) -> None:
-        self._ended = status
-        for publisher in (*self._sensors.values(), self._truth, self._events.publisher):
-            publisher.wait_for_all_acked(Duration(seconds=1.0))
-        if not self.done.done():
-            self.done.set_result(status)
-
-    def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
+    def _publish_event(self, severity: int, kind: str, text: str, value: float = math.nan) -> None:
         self._events.publish(severity, kind, text, value, time_of(self._last_stamp()))
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        """Return the state of the run, for /diagnostics."""
+        ended = self._leaving.status is not None
+        waiting = self.waiting_for() if self._handshake.active else ""
+        state = f"waiting for {waiting}" if waiting else "ended" if ended else "streaming"
+        behind = self._behind > self.stream.block_seconds
+        level = DiagnosticStatus.ERROR if self.failure else DiagnosticStatus.WARN if behind else DiagnosticStatus.OK
+        values = {
+            "scene": self._scene_name,
+            "simulated [s]": self.stream.computed_ticks / self.stream.rate,
+            "behind real time, at worst [s]": self._worst_lag,
+            "ceiling height [m]": self.stream.height,
+            "recorder": "gone" if self._recorder.gone else "recording" if self._recorder.recording else "none",
+        }
+        message = self.failure or ("behind real time" if behind else state)
+        return [diagnostic_status(self, "simulated plant", level, message, values, "simulated plant")]
 
     def close(self) -> None:
         """Stop the timers; a plant has nothing else to put in order."""
         self._handshake.cancel()
         self._pace_timer.cancel()
+        self._recorder.cancel()
+        self._diagnostics.cancel()
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between a bag's words and rclpy: message classes by name, quality of service in words."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from atpid_control.recording import Qos
+from atpid_control.recording.definitions import split_name
+from atpid_control.recording.topics import Topic
+
+#: Messages kept per topic while the recorder is busy: 50 s of blocks at 20 a second.
+DEPTH = 1000
+
+
+def class_of(name: str) -> type[Any]:
+    """Return the class of the message type "pkg/msg/Name"; raise TypeUnknownError for a name of another form."""
+    package, message = split_name(name)
+    found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), message)
+    return found
+
+
+def subscription_qos(topic: Topic) -> QoSProfile:
+    """Return what a recorder asks the publishers of `topic` for."""
+    return QoSProfile(
+        depth=DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT if topic.best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.transient_local else DurabilityPolicy.VOLATILE,
+    )
+
+
+def in_words(profile: QoSProfile) -> Qos:
+    """Return a profile in words; DDS does not announce history and depth, so the recorder's own stand in."""
+    known = profile.history in (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL)
+    return Qos(
+        depth=profile.depth or DEPTH,
+        reliability=profile.reliability.short_key,
+        durability=profile.durability.short_key,
+        history=profile.history.short_key if known else "keep_last",
+        deadline_ns=profile.deadline.nanoseconds,
+        lifespan_ns=profile.lifespan.nanoseconds,
+        liveliness=profile.liveliness.short_key,
+        lease_ns=profile.liveliness_lease_duration.nanoseconds,
+    )

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Follows `recorder/status`: a source reports a recorder that has gone, and does not wait for it at the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from atpid_interfaces.msg import Event, RecorderStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from atpid_common.nodes.messages import STATUS
+
+GONE_AFTER = 5.0  # the recorder publishes its status once a second; one that is silent for so long is gone [s]
+PERIOD = 0.5  # between two checks [s]
+
+#: severity, kind, text and value of an event.
+Report = Callable[[int, str, str, float], None]
+
+
+class RecorderWatch:
+    """The recorder as a source sees it: not there, recording, closed, or gone."""
+
+    def __init__(self, node: Node, on_status: Callable[[RecorderStatus], None], report: Report, *, expected: bool):
+        """Subscribe. `report` is called when the recorder has gone and when it is back, where it is `expected`."""
+        self._on_status, self._report = on_status, report
+        self.status: RecorderStatus | None = None
+        self._received = 0.0  # steady [s]
+        self._gone = False
+        node.create_subscription(RecorderStatus, "recorder/status", self._receive, STATUS)
+        self._timer = node.create_timer(PERIOD, self._check, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        if not expected:
+            self._timer.cancel()
+
+    @property
+    def silent(self) -> float:
+        """How long ago the last status came [s]; 0 before the first."""
+        return time.monotonic() - self._received if self.status is not None else 0.0
+
+    @property
+    def gone(self) -> bool:
+        """Whether there was a recorder that is silent now."""
+        return self.silent > GONE_AFTER
+
+    @property
+    def recording(self) -> bool:
+        """Whether the recorder is there and has a bag open."""
+        return self.status is not None and self.status.recording and not self.gone
+
+    def cancel(self) -> None:
+        """Stop the timer."""
+        self._timer.cancel()
+
+    def _receive(self, status: RecorderStatus) -> None:
+        silent, self._received = self.silent, time.monotonic()
+        self.status = status
+        if self._gone:
+            self._gone = False
+            self._report(Event.INFO, Event.RESUMED, f"the recorder is back after {silent:.1f} s", silent)
+        self._on_status(status)
+
+    def _check(self) -> None:
+        if self._gone or not self.gone:
+            return
+        self._gone = True
+        assert self.status is not None
+        text = (
+            f"no status of the recorder for {self.silent:.1f} s: does it still run? What comes now may not be in "
+            f"{self.status.bag}"
+        )
+        self._report(Event.WARNING, Event.STALE, text, self.silent)

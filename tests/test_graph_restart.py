@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes of the running graph that end and are started again: the simulated motor, and the recorder."""
+
+import math
+import signal
+import time
+
+import pytest
+import rclpy
+from atpid_interfaces.msg import CeilingState, Event, PlantTruth
+from graph_runs import parameters, scene_file
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
+from atpid_control.bench.domain import own_domain
+from atpid_control.bench.graph import write_parameters
+from atpid_control.bench.processes import NodeProcess, Processes
+from atpid_control.bench.realtime import commands_of
+from atpid_control.recording.verify import repair
+
+STEADY = {"duration": 90.0, "steady_window": [80.0, 90.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [90.0, 0.015]]}
+SHORT = {"duration": 12.0, "steady_window": [8.0, 12.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [12.0, 0.015]]}
+
+
+class Watch(Node):
+    """Collects the plant's true ceiling, the motor's states and the events."""
+
+    def __init__(self):
+        super().__init__("watch")
+        self.true, self.states, self.events = [], [], []
+        self.create_subscription(PlantTruth, "plant/truth", self.on_truth, BLOCKS)
+        self.create_subscription(CeilingState, "ceiling/state", self.on_state, STATES)
+        self.create_subscription(Event, "events", self.events.append, EVENTS)
+
+    def on_truth(self, truth):
+        if not truth.handshake:
+            self.true.append(truth.ceiling[-1])
+
+    def on_state(self, state):
+        if not state.handshake:
+            self.states.append(state)
+
+    def settled(self):
+        """Whether the ceiling has been opened and is at rest."""
+        state = self.states[-1] if self.states else CeilingState()
+        return state.mode == CeilingState.HOLDING and self.true and self.true[-1] == state.height > 0.2
+
+
+@pytest.fixture
+def graph(scenes, tmp_path):
+    """Start the real-time bench's nodes on a scene; return them, a watch, and a function that spins until."""
+
+    class Running:
+        def __init__(self, **changes):
+            _, given = parameters(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path, lockstep=False)
+            write_parameters(given, tmp_path / "parameters.yaml")
+            self.commands = dict(commands_of(tmp_path / "parameters.yaml"))
+            self.nodes = Processes(self.commands.items(), tmp_path)
+
+        def until(self, happened, patience=100.0):
+            deadline = time.monotonic() + patience
+            while not happened():
+                assert time.monotonic() < deadline, "it did not happen"
+                executor.spin_once(timeout_sec=0.05)
+
+        def again(self, name):
+            self.nodes.nodes.append(NodeProcess(name, self.commands[name], tmp_path / f"{name}_again.log"))
+
+    with own_domain():
+        rclpy.init()
+        executor, watch = SingleThreadedExecutor(), Watch()
+        executor.add_node(watch)
+        made = []
+
+        def start(**changes):
+            made.append(Running(**changes))
+            made[-1].nodes.__enter__()
+            return made[-1], watch
+
+        yield start
+        for running in made:
+            running.nodes.stop()
+        watch.destroy_node()
+        executor.shutdown()
+        rclpy.try_shutdown()
+
+
+@pytest.mark.timeout(300)
+def test_a_simulated_motor_that_is_started_again_does_not_move_the_ceiling(graph):
+    running, watch = graph(**STEADY)
+    running.until(watch.settled)
+    height, before = watch.true[-1], len(watch.true)
+    running.nodes["motor_node"].stop()
+    seen = len(watch.states)
+    running.again("motor_node")
+    running.until(lambda: any(state.mode == CeilingState.HOLDING for state in watch.states[seen:]))
+    blocks = len(watch.true)
+    running.until(lambda: len(watch.true) >= blocks + 20)
+    assert min(watch.true[before:]) > height - 1e-6
+    reported = [state.height for state in watch.states[seen:] if not math.isnan(state.height)]
+    assert min(reported) == pytest.approx(height, abs=1e-6)
+
+
+@pytest.mark.timeout(300)
+def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph, tmp_path):
+    running, watch = graph(**SHORT)
+    running.until(watch.settled)
+    recorder = running.nodes["recorder_node"]
+    recorder._process.send_signal(signal.SIGKILL)
+    running.until(lambda: Event.STALE in {event.kind for event in watch.events})
+    stale = next(event for event in watch.events if event.kind == Event.STALE)
+    assert stale.header.frame_id == "plant_node" and "recorder" in stale.text
+    running.until(lambda: running.nodes["plant_node"].status is not None)
+    assert running.nodes["plant_node"].status == 0
+    assert watch.events[-1].kind == Event.FINISHED
+    assert repair(tmp_path / "bag").by_topic["/sensors/laser"] > 20

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control replay`: the bag's own parameters, older definitions converted, and what differs listed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from older_bags import older, with_parameters, without_handshake
+
+from atpid_control.bagread import open_bag
+from atpid_control.bench.graph import parameters_in
+from atpid_control.cli import main
+from atpid_control.recording import BagError, verify
+from atpid_control.recording.playback import load_playback
+from atpid_control.replay import compare, write_replay_files
+from atpid_control.replay.command import namespace_of
+
+BAG = Path(__file__).resolve().parent.parent / "bags" / "thesis_4_3_short"
+BLOCKS = "/sensors/laser"
+
+
+@pytest.fixture(scope="module")
+def old(tmp_path_factory):
+    """The recorded bag with the definitions of before the field `handshake`."""
+    return older(BAG, tmp_path_factory.mktemp("older") / "bag")
+
+
+def parameters_of(files, node):
+    return parameters_in(yaml.safe_load(files.parameters.read_text()), node)
+
+
+@pytest.mark.timeout(300)
+def test_a_bag_of_older_definitions_gives_its_own_commands(old, tmp_path, capfd):
+    assert main(["replay", str(old), "--out", str(tmp_path / "out")]) == 0
+    printed, reported = capfd.readouterr()
+    assert "/excitation: 160 of 160 agree\n" in printed
+    assert "/ceiling/command: 160 of 160 agree\n" in printed
+    line = "SampleBlock was recorded with another definition"
+    assert sum(line in text for text in reported.splitlines()) == 1
+    assert "handshake is not in the bag and keeps its default" in reported
+    summary = json.loads((tmp_path / "out" / "replay.json").read_text())
+    assert [topic["agreeing"] for topic in summary["topics"]] == [160, 160]
+    again = open_bag(tmp_path / "out" / "bag")
+    assert len({message.height for _, message in again.messages("/ceiling/command")}) > 2
+    assert next(event.kind for _, event in again.messages("/events")) == "started"
+    verify(tmp_path / "out" / "bag")
+
+
+@pytest.mark.timeout(300)
+def test_other_parameters_than_the_bags_give_other_commands(old, tmp_path, capfd):
+    """The margin with which a height is chosen decides: a replay with another one is seen to differ."""
+    changed = older(BAG, tmp_path / "bag", lambda text: text, with_parameters(BAG, dead_band=0.5))
+    assert main(["replay", str(changed), "--out", str(tmp_path / "out")]) == 0
+    printed = capfd.readouterr().out
+    assert "/excitation: 160 of 160 agree\n" in printed
+    line = next(line for line in printed.splitlines() if line.startswith("/ceiling/command: "))
+    assert int(line.split()[1]) < 160 and "first difference: " in line and " is now " in line
+
+
+def test_the_parameters_of_the_bag_are_those_of_the_replay(tmp_path):
+    changed = older(BAG, tmp_path / "bag", lambda text: text, with_parameters(BAG, margin=1.25, sigmas=5.0))
+    files = write_replay_files(changed, tmp_path / "kept", record=tmp_path / "again", rate=2.0)
+    selector = parameters_of(files, "selector_node")
+    assert (selector["margin"], selector["sigmas"]) == (1.25, 5.0)
+    assert selector["scene"] == str(tmp_path / "kept" / "scene.yaml") and selector["lockstep"] is True
+    assert (
+        selector["map"] == str(files.height_map)
+        and Path(selector["map"]).read_bytes() == open_bag(BAG).files[Path(selector["map"]).name]
+    )
+    replay = parameters_of(files, "replay_node")
+    assert (replay["bag"], replay["rate"], replay["expect_recorder"]) == (str(changed), 2.0, True)
+    assert parameters_of(files, "recorder_node")["bag"] == str(tmp_path / "again")
+
+
+def test_what_cannot_be_as_it_was_is_listed_parameter_by_parameter(tmp_path):
+    files = with_parameters(BAG, dead_band=None, wisdom=3)
+    changed = older(BAG, tmp_path / "bag", lambda text: text, files)
+    notes = write_replay_files(changed, tmp_path / "kept").notes
+    assert "selector_node: dead_band is not in the bag, 0.01 is used" in notes
+    assert "selector_node: wisdom was 3 and is not known any more" in notes
+
+
+def test_a_bag_without_parameters_lists_those_that_are_used(tmp_path):
+    kept = {name: data for name, data in open_bag(BAG).files.items() if name != "parameters.yaml"}
+    notes = write_replay_files(older(BAG, tmp_path / "bag", lambda text: text, kept), tmp_path / "kept").notes
+    line = next(line for line in notes if line.startswith("selector_node: the bag keeps none of its parameters"))
+    assert "dead_band 0.01" in line and "margin " in line
+
+
+def test_what_a_node_reported_to_the_recorder_counts_more_than_its_file(tmp_path):
+    own = {"/**/selector_node": {"ros__parameters": {"margin": 2.5}}}
+    kept = with_parameters(BAG, margin=1.0) | {"selector_node.yaml": yaml.safe_dump(own).encode()}
+    files = write_replay_files(older(BAG, tmp_path / "bag", lambda text: text, kept), tmp_path / "kept")
+    assert parameters_of(files, "selector_node")["margin"] == 2.5
+
+
+def test_every_parameter_of_the_nodes_is_one_the_replay_can_name(tmp_path):
+    """Otherwise a parameter that exists would be reported as unknown."""
+    import rclpy
+    from rclpy.parameter import Parameter
+
+    from atpid_control.nodes.composition import node_class
+    from atpid_control.replay.files import IDENTIFIER, SELECTOR
+
+    files = write_replay_files(BAG, tmp_path / "kept")
+    rclpy.init()
+    try:
+        for part in (IDENTIFIER, SELECTOR):
+            overrides = [Parameter(key, value=value) for key, value in parameters_of(files, part.name).items()]
+            node = node_class(part.package, part.name)(parameter_overrides=overrides)
+            declared = set(node.get_parameters_by_prefix("")) - {"use_sim_time", "start_type_description_service"}
+            node.close()
+            node.destroy_node()
+            assert declared <= {*part.configured(), "scene", "map", "lockstep", "method"}
+    finally:
+        rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    ("ending", "words"), [("scene.yaml", "no scene is kept.*--scene"), (".npz", "not kept.*--map")]
+)
+def test_a_file_the_bag_does_not_keep_is_asked_for(tmp_path, ending, words):
+    kept = {name: data for name, data in open_bag(BAG).files.items() if not name.endswith(ending)}
+    bag = older(BAG, tmp_path / "bag", lambda text: text, kept)
+    with pytest.raises(BagError, match=words) as caught:
+        write_replay_files(bag, tmp_path / "kept")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_message_that_cannot_be_converted_is_refused_in_one_line(tmp_path, capsys):
+    def renamed(definition):
+        return definition.replace("uint64 first_index", "string first_index")
+
+    bag = older(BAG, tmp_path / "bag", renamed)
+    with pytest.raises(
+        BagError, match=r"field first_index of .*SampleBlock was recorded as string, installed is uint64"
+    ):
+        load_playback(bag, ["sensors/*"])
+    assert main(["replay", str(bag), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_everything_that_reads_bags_reads_older_ones(old, tmp_path, capsys):
+    from atpid_control.recording.__main__ import main as recording
+
+    assert verify(old).by_topic[BLOCKS] == 160
+    assert recording(["extract", str(old), "--out", str(tmp_path / "kept")]) == 0
+    assert recording(["extract", str(old), "--out", str(tmp_path / "kept"), "--support", "1:2"]) == 0
+    assert main(["report", str(old), "--out", str(tmp_path / "report")]) == 0
+    assert (tmp_path / "report" / "report.html").is_file()
+    command = ["calibrate-beam", str(old), "--moving-mass", "0.362", "--grain-mass", "0.0362"]
+    status = main(command)
+    assert status == main([command[0], str(BAG), *command[2:]])
+    before, after = (next(bag.messages(BLOCKS))[1] for bag in map(open_bag, (old, BAG)))
+    assert not hasattr(before, "handshake") and after.handshake is False
+    assert np.array_equal(before.data, after.data)
+
+
+def test_converted_messages_are_those_that_are_recorded_today(old):
+    """Byte for byte, so that the loop cannot tell an older bag."""
+    patterns = ["sensors/*", "ceiling/state"]
+    converted, recorded = load_playback(old, patterns), load_playback(BAG, patterns)
+    assert len(converted.notes) == 2 and recorded.notes == ()
+    assert [item.answer_ns for item in converted.items] == [item.answer_ns for item in recorded.items]
+    assert [item.data for item in converted.items] == [item.data for item in recorded.items]
+
+
+def test_fields_in_another_order_are_converted_too(tmp_path):
+    def reordered(definition):
+        text = without_handshake(definition)
+        return text.replace("uint64 dropped", "uint64 later").replace("uint64 backlog", "uint64 dropped")
+
+    playback = load_playback(older(BAG, tmp_path / "bag", reordered), ["sensors/*"])
+    (note,) = playback.notes
+    assert "handshake is not in the bag" in note and "backlog is not in the bag" in note and "later is left out" in note
+
+
+def test_the_comparison_finds_what_differs(tmp_path):
+    before = open_bag(BAG)
+    assert [(found.agreeing, found.first_difference) for found in compare(before, before)] == [(160, ""), (160, "")]
+    after = open_bag(BAG)
+    after.raw = [raw for raw in after.raw if raw.topic != "/ceiling/command"]
+    commands = next(found for found in compare(before, after) if found.topic == "/ceiling/command")
+    assert (commands.recorded, commands.agreeing) == (160, 0)
+    assert commands.first_difference == "0.000 s after the first, no answer"
+
+
+def test_a_namespace_is_that_of_the_bag(old):
+    bag = open_bag(old)
+    assert namespace_of(bag) == ""
+    bag.types = {f"/stand{topic}": kind for topic, kind in bag.types.items()}
+    assert namespace_of(bag) == "/stand"
+
+
+@pytest.mark.parametrize("rate", ["-1", "fast", "nan"])
+def test_an_impossible_rate_is_refused(rate, tmp_path, capsys):
+    assert main(["replay", str(BAG), "--out", str(tmp_path), "--rate", rate]) == 2
+    assert f"given {rate}; allowed: 0 to 1000" in capsys.readouterr().err
