@@ -32,13 +32,14 @@ WARNINGS = (
     # protobuf, which nidaqmx's gRPC client is made with, warns about its own extension on Python 3.12 and 3.13
     "ignore:Type google._upb:DeprecationWarning",
 )
-TIMEOUT = 120.0  # of one test with its fixtures [s]
+TIMEOUT = 600.0  # [s] ends a test that hangs; no test is that slow on a busy machine
+SLOW = "slow: seconds of processor time, processes, or real time; `make test-fast` leaves it out"
 
 # Threads and processes that outlive a test by right, by the start of their name: "session-" is for fixtures wider than
 # one test, the others belong to libraries.
 LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
 LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
-PATIENCE = 5.0  # [s] for a thread or process that has been told to end
+PATIENCE = 60.0  # [s] for a thread or process that has been told to end, on a busy machine
 
 
 def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
@@ -52,6 +53,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Apply the settings that are the same for all packages."""
     for line in WARNINGS:
         config.addinivalue_line("filterwarnings", line)
+    config.addinivalue_line("markers", SLOW)
     if config.getoption("timeout", None) is None:
         config.option.timeout = TIMEOUT
 
