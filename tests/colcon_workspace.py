@@ -24,7 +24,8 @@ _SHARED = ("action", "config", "firmware", "launch", "msg", "srv")
 
 def sources() -> list[Path]:
     """Return the files a clone would have, relative to the root: those git keeps or would add."""
-    command = ["git", "-C", str(ROOT), "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    command = ["git", "-c", "safe.directory=*", "-C", str(ROOT), "ls-files", "-z"]
+    command += ["--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, capture_output=True, check=True).stdout.decode()
     paths = sorted(Path(name) for name in listed.split("\0") if name)
     return [path for path in paths if (ROOT / path).is_symlink() or (ROOT / path).exists()]

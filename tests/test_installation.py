@@ -23,7 +23,7 @@ from graph_runs import scene_file, wait_until
 
 from atpid_driver.emulator import missing_tools
 
-pytestmark = [pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
 COLCON = [sys.executable, "-m", "colcon"]
 IMPORT_ALL = """
 import importlib, pkgutil, sys
