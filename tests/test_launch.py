@@ -21,6 +21,7 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from graph_runs import in_lockstep, scene_file
 
+from atpid_control.bagread import open_bag
 from atpid_control.launching import launch_files
 from atpid_control.launching.launch_files import START
 from atpid_control.recording import verify
@@ -124,7 +125,7 @@ def short_scene(tmp_path, scenes):
 def test_what_a_launch_file_names_exists(name):
     """Nodes, parameter files and arguments: read from the file's text, so that it needs no `launch`."""
     calls = [item for item in ast.walk(ast.parse((FOLDER / f"{name}.launch.py").read_text())) if type(item) is ast.Call]
-    named = {"node": set(), "config": set(), "text": set(), "LaunchConfiguration": set()}
+    named = {"node": set(), "config": set(), "text": set(), "texts": set(), "LaunchConfiguration": set()}
     for call in calls:
         if getattr(call.func, "id", "") in named:
             words = tuple(item.value for item in call.args if isinstance(item, ast.Constant))
@@ -132,7 +133,7 @@ def test_what_a_launch_file_names_exists(name):
     scripts = {(script.dist.name.replace("-", "_"), script.name) for script in entry_points(group="console_scripts")}
     assert named["node"] and named["node"] <= scripts
     assert all((ROOT / package / "config" / file).is_file() for package, file in named["config"])
-    used = {words[0] for words in named["text"] | named["LaunchConfiguration"]}
+    used = {word for words in named["text"] | named["texts"] | named["LaunchConfiguration"] for word in words}
     assert used == {argument.name for argument in ARGUMENTS[name]}
 
 
@@ -219,6 +220,9 @@ def test_the_bench_ends_with_its_run(short_scene, tmp_path):
         assert launch.errors == [] and "has died" not in launch.text
         assert launch.text.count("has finished cleanly") == len(BENCH_NODES)
     assert verify(folder / "a 'bag'").messages
+    kept = open_bag(folder / "a 'bag'").files
+    assert set(kept) == {"scene.yaml", "standard.npz", "motor.yaml"}
+    assert kept["standard.npz"] == HEIGHT_MAP.read_bytes()
 
 
 @needs_launch

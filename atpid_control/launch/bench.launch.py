@@ -9,21 +9,18 @@ from __future__ import annotations
 from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
 
-from atpid_control.launching.description import config, describe, text
+from atpid_control.launching.description import config, describe, text, texts
 from atpid_control.launching.launch_files import BENCH
 from atpid_control.launching.supervision import node
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return plant, identifier, selector, motor and recorder."""
+    recorder = {"bag": text("bag"), "scene": text("scene"), "files": texts("map", "motor_config")}
     return describe(
         __file__,
         BENCH,
-        node(
-            "atpid_control",
-            "recorder_node",
-            [config("atpid_control", "recorder.yaml"), {"bag": text("bag"), "scene": text("scene")}],
-        ),
+        node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder]),
         node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
         node(
             "atpid_control",

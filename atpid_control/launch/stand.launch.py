@@ -10,21 +10,22 @@ from launch import LaunchDescription
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
-from atpid_control.launching.description import config, describe, text
+from atpid_control.launching.description import config, describe, text, texts
 from atpid_control.launching.launch_files import STAND
 from atpid_control.launching.supervision import node
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the hardware nodes, identifier, selector and recorder."""
+    recorder = {
+        "bag": text("bag"),
+        "scene": text("scene"),
+        "files": texts("map", "labjack_config", "ni_config", "motor_config"),
+    }
     return describe(
         __file__,
         STAND,
-        node(
-            "atpid_control",
-            "recorder_node",
-            [config("atpid_control", "recorder.yaml"), {"bag": text("bag"), "scene": text("scene")}],
-        ),
+        node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder]),
         node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
         node(
             "atpid_control",

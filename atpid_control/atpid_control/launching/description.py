@@ -38,6 +38,11 @@ def text(argument: str) -> ParameterValue:
     return ParameterValue(LaunchConfiguration(argument), value_type=str)
 
 
+def texts(*arguments: str) -> ParameterValue:
+    """Return launch arguments as a parameter that is a list of texts."""
+    return ParameterValue([[LaunchConfiguration(argument)] for argument in arguments], value_type=list[str])
+
+
 def _declared(argument: Argument) -> DeclareLaunchArgument:
     default: Any = argument.default
     if isinstance(default, ParameterFile):
