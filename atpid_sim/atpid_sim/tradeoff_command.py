@@ -103,7 +103,7 @@ def _markdown(name: str, reference: Reference, points: list[Point], found: list[
         lines += ["|---|---|---|---|---|---|---|"]
         lines += [_answer(answer) for answer in found]
     else:
-        lines.append("No ratio to LSODA: where no tolerance reproduces the amplitude, no method keeps to an error.")
+        lines.append("No ratio to LSODA: where no tolerance reproduces the amplitude, no method meets an error level.")
     return "\n".join([*lines, ""])
 
 
@@ -134,7 +134,7 @@ def _row(point: Point, reference: Reference) -> str:
 def _answer(answer: dict[str, Any]) -> str:
     error = f"{answer['error']:.2g}"
     if "of" in answer:
-        error += f", the tightest {_NAMES[answer['of']]} and ours both keep to"
+        error += f", the tightest {_NAMES[answer['of']]} and ours both meet"
     cells = [error, answer["run"] or "none of ours", _number(answer["time_s"], 1e3)]
     for method in LSODA:
         best = answer[f"{method}_best"]
