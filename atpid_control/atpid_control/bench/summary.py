@@ -157,7 +157,7 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> T
         "effi-\nciency",
     ):
         table.add_column(Text(name), justify="right", no_wrap=True)
-    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "effi-\nciency") if printed else ():
+    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\neff.") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
     for stage, other in zip_longest(stages, printed or ()):
         table.add_row(*_row(stage), *(_printed(other) if other else ()))
