@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure everything on one scene; return 0. Raises SceneError, OutputError, NumericalFailure."""
     scene = load_scene(args.scene)
+    scene.require_prescribed_ceiling()
     console = Console(stderr=True)
     folder = output.folder(Path(args.out))
     with console.status("reference") as status:

@@ -50,12 +50,16 @@ def edited(tmp_path: Path, old: str, new: str, scene: str = "standard") -> str:
     return str(tmp_path / "edited.yaml")
 
 
-def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     scene = str(SCENES / "thesis_4_3.yaml")
     assert main(["simulate", scene, "--json"]) == 2
     output = capsys.readouterr()
     assert output.out == "" and output.err.count("\n") == 1
     assert "a controller moves (lookup)" in output.err and "bench" in output.err and "--height H" in output.err
+    assert main(["tradeoff", scene, "--out", str(tmp_path / "none")]) == 2
+    assert "a controller moves (lookup)" in capsys.readouterr().err and not (tmp_path / "none").exists()
     assert main(["simulate", scene, "--json", "--height", "0.57"]) == 0
     output = capsys.readouterr()
     assert json.loads(output.out)["efficiency"] == pytest.approx(0.81, abs=0.005) and output.err == ""
