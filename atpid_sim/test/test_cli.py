@@ -78,6 +78,17 @@ def test_an_unusual_value_is_run_and_named_with_its_usual_range(
     assert "warning: excitation, amplitude: 10 m is unusual" in capsys.readouterr().out
 
 
+def test_a_failure_names_what_is_unusual_in_its_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = edited(tmp_path, "amplitude: 0.01", "amplitude: 10")
+    assert main(["simulate", scene, "--fidelity", "soft", "--height", "10"]) == 3
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert (
+        "deeper into a wall than its radius" in error
+        and "; unusual in the scene: excitation, amplitude: 10 m; " in error
+    )
+
+
 def test_a_chaotic_run_shows_its_spread(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", str(SCENES / "irregular.yaml")]) == 0
     text = capsys.readouterr().out

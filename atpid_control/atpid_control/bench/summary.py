@@ -130,8 +130,6 @@ def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console)
         line("INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", "bold")
     for kind, text in notable(view.run.bag):
         line(f"{kind}: {text}")
-    for text in scene.warnings():
-        line(f"warning: {text}")
     used = "; ".join(scene.decisive_defaults(measured=True))
     if used:
         line(f"defaults: {used}", "dim")
