@@ -49,6 +49,8 @@ RUN = {
     },
     "tests/test_replay.py": {r"ros2 run atpid_control replay_node": "test_ctrl_c_ends_a_replay_quietly"},
     "atpid_sim/test/test_cli.py": {
+        r"python -m atpid_sim simulate .*--series": "test_the_motion_is_written_and_can_drive_another_run",
+        r"python -m atpid_sim simulate .*--height": "test_a_controlled_ceiling_is_refused_unless_a_height_is_given",
         r"python -m atpid_sim simulate ": "test_simulate_without_json_is_a_table_for_people",
         r"python -m atpid_sim map ": "test_map_writes_a_map_and_a_header",
     },

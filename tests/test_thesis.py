@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thesis's figures and tables, and the only measurements there are: what the model gives without any fitting."""
+"""The thesis's figures and tables, and its measurements on the stand: what the model gives without any fitting.
+
+docs/scenes.md prints the measurements beside the model's numbers, those it misses too.
+"""
 
 from pathlib import Path
 
@@ -7,6 +10,7 @@ import numpy as np
 import pytest
 
 from atpid_sim.batch import on_all_cores
+from atpid_sim.maps import Rig, best_height
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulate import simulate, trajectory
 
@@ -23,6 +27,16 @@ DECREMENTS = [
     (0.1, 0.20, 1.8, 0.05),
     (0.2, 0.20, 2.5, 0.05),
 ]
+
+#: Likewise, ceiling at 0.2 m, released from other deflections: mass fraction, deflection [m], measured, model. The
+#: model misses both; that it still gives what is printed is all that is tested.
+MISSED = [(0.3, 0.1, 12.0, 1.8), (0.2, 0.15, 3.0, 2.5)]
+
+#: Table 3.7, measured at the best height: mass fraction, support amplitude [m], efficiency [%], and the model's.
+TABLE_3_7 = [(0.3, 0.03, 91.4, 90.4), (0.3, 0.02, 91.3, 89.6), (0.2, 0.03, 90.8, 89.1), (0.2, 0.02, 88.7, 85.8)]
+
+#: Section 2.3.2, measured: excitation over resonance, about what efficiency [%], and the model's.
+AROUND_RESONANCE = [(0.95, 30.0, 30.0), (1.0, 50.0, 55.0), (1.05, 40.0, 35.0)]
 
 #: Fig. 3.11 and section 3.5.1: height [m], reduction of the amplitude [%], as a converged reference computes them.
 REDUCTIONS = [(0.04, 9.0), (0.08, 35.0), (0.12, 59.0), (0.16, 71.0), (0.20, 79.0)]
@@ -62,6 +76,35 @@ def test_decrements_measured_on_the_real_stand(phi: float, height: float, measur
 def test_a_heavy_grain_stops_the_free_beam_at_once() -> None:
     scene = load_scene(SCENES / "free_decay.yaml").with_(mass_fraction=0.3, duration=8.0)
     assert largest_decrement(scene) > 3.0
+
+
+@pytest.mark.parametrize(("phi", "deflection", "measured", "model"), MISSED)
+def test_two_decays_in_which_one_impact_decides_are_missed(
+    phi: float, deflection: float, measured: float, model: float
+) -> None:
+    scene = load_scene(SCENES / "free_decay.yaml").with_(
+        mass_fraction=phi, excitation={"free": {"deflection": deflection}}
+    )
+    result = simulate(scene, check=False)
+    assert result.decrement == pytest.approx(model, abs=0.05)
+    assert result.decrement < 0.9 * measured
+
+
+@pytest.mark.parametrize(("phi", "amplitude", "measured", "model"), TABLE_3_7)
+def test_efficiencies_measured_at_the_best_height(phi: float, amplitude: float, measured: float, model: float) -> None:
+    best = best_height(Rig(standard(mass_fraction=phi), 1e-5), amplitude)
+    assert 100.0 * best.efficiency == pytest.approx(measured, abs=3.0)
+    assert 100.0 * best.efficiency == pytest.approx(model, abs=0.2)
+
+
+@pytest.mark.parametrize(("ratio", "measured", "model"), AROUND_RESONANCE)
+def test_efficiencies_measured_around_the_resonance(ratio: float, measured: float, model: float) -> None:
+    scene = standard(beam={"mass": 0.3258, "stiffness": 117.6, "damping": 0.56}, mass_fraction=0.2)
+    scene = scene.with_(frequency=ratio * scene.natural_frequency_hz, duration=30.0, steady_window=[25.0, 30.0])
+    result = simulate(scene)
+    assert result.reproducible
+    assert 100.0 * result.efficiency == pytest.approx(model, abs=0.6)
+    assert 100.0 * result.efficiency == pytest.approx(measured, abs=6.0)
 
 
 @pytest.mark.parametrize(("height", "reduction"), REDUCTIONS)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """When to select a new height, and when to leave the ceiling alone (docs/graph.md, "When the ceiling moves").
 
-A ceiling too low only damps less; a ceiling too high lets the grain miss its beat, and the amplitude jumps ("rumble").
+A ceiling too low only damps less; with one too high impacts lose synchronism, and the amplitude jumps ("rumble").
 An estimate lags behind a ramp, being a mean over its window: on a rising ramp it is too low, which is the safe side, so
 the ceiling may follow; on a falling one it is too high, so it must follow at once. A single jump is not a ramp.
 """
@@ -116,7 +116,7 @@ class Hold:
         return self._judge_rising(estimate)
 
     def acted(self, amplitude: float) -> None:
-        """Take note that the ceiling goes where `amplitude` [m] wants it."""
+        """Record the amplitude [m] that was acted on."""
         self._acted, self._failed = amplitude, math.nan
         self._forget()
 

@@ -49,7 +49,9 @@ def run(args: argparse.Namespace) -> int:
         chosen = selector.select(amplitude, args.amplitude_std, margin=args.margin)
     except SelectionError as error:
         # in the loop a simulation that fails is one more reason to stay; for a user it is a failure of its own kind
-        raise error.__cause__ if isinstance(error.__cause__, NumericalFailure) else error from None
+        if isinstance(error.__cause__, NumericalFailure):
+            raise NumericalFailure(f"{error.__cause__}{scene.hint()}") from None
+        raise
     warnings = [*scene.warnings(), *range_warnings(scene, chosen)]
     if args.json:
         told = to_json(chosen) | {"resonance": scene.natural_frequency_hz, "warnings": warnings}

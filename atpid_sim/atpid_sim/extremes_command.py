@@ -89,7 +89,7 @@ def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, Any]:
 
 def _markdown(cases: list[Case], summary: dict[str, Any]) -> str:
     lines = [
-        "| rung | law | runs | done | overlap too deep | other | most steps | median residual |",
+        "| level | law | runs | done | overlap too deep | other | most steps | median residual |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for rung, law in sorted({(case.rung, case.law) for case in cases}):

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_sim.display import working
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.run import FIDELITIES
 from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
 from atpid_sim.simulate import Result, Trajectory, simulate, trajectory
@@ -53,7 +54,10 @@ def run(args: argparse.Namespace) -> int:
         scene = scene.with_(height=args.height)
     _check_files(args)
     with working("simulating (the first time the kernels are compiled, a minute or two)"):
-        result = _simulate(scene, args.fidelity, args.rtol)
+        try:
+            result = _simulate(scene, args.fidelity, args.rtol)
+        except NumericalFailure as error:
+            raise NumericalFailure(f"{error}{scene.hint()}") from None
         _write_files(args, scene)
     if args.json:
         print(json.dumps(result.to_json(), allow_nan=False))

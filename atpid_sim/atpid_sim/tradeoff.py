@@ -163,7 +163,7 @@ def answers(points: list[Point]) -> list[dict[str, Any]]:
 
 
 def tightest(points: list[Point]) -> list[dict[str, Any]]:
-    """Return the same at the smallest error that both one of ours and `of`, one of scipy's two LSODA, keep to."""
+    """Return the same at the smallest error that both one of ours and `of`, one of scipy's two LSODA, meet."""
     ours = _best([p for p in points if p.method in OURS])
     best = {method: _best([p for p in points if p.method == method]) for method in LSODA}
     if ours is None:

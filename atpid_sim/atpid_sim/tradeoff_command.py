@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure everything on one scene; return 0. Raises SceneError, OutputError, NumericalFailure."""
     scene = load_scene(args.scene)
+    scene.require_prescribed_ceiling()
     console = Console(stderr=True)
     folder = output.folder(Path(args.out))
     with console.status("reference") as status:
@@ -103,7 +104,7 @@ def _markdown(name: str, reference: Reference, points: list[Point], found: list[
         lines += ["|---|---|---|---|---|---|---|"]
         lines += [_answer(answer) for answer in found]
     else:
-        lines.append("No ratio to LSODA: where no tolerance reproduces the amplitude, no method keeps to an error.")
+        lines.append("No ratio to LSODA: where no tolerance reproduces the amplitude, no method meets an error level.")
     return "\n".join([*lines, ""])
 
 
@@ -134,7 +135,7 @@ def _row(point: Point, reference: Reference) -> str:
 def _answer(answer: dict[str, Any]) -> str:
     error = f"{answer['error']:.2g}"
     if "of" in answer:
-        error += f", the tightest {_NAMES[answer['of']]} and ours both keep to"
+        error += f", the tightest {_NAMES[answer['of']]} and ours both meet"
     cells = [error, answer["run"] or "none of ours", _number(answer["time_s"], 1e3)]
     for method in LSODA:
         best = answer[f"{method}_best"]

@@ -50,12 +50,16 @@ def edited(tmp_path: Path, old: str, new: str, scene: str = "standard") -> str:
     return str(tmp_path / "edited.yaml")
 
 
-def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     scene = str(SCENES / "thesis_4_3.yaml")
     assert main(["simulate", scene, "--json"]) == 2
     output = capsys.readouterr()
     assert output.out == "" and output.err.count("\n") == 1
     assert "a controller moves (lookup)" in output.err and "bench" in output.err and "--height H" in output.err
+    assert main(["tradeoff", scene, "--out", str(tmp_path / "none")]) == 2
+    assert "a controller moves (lookup)" in capsys.readouterr().err and not (tmp_path / "none").exists()
     assert main(["simulate", scene, "--json", "--height", "0.57"]) == 0
     output = capsys.readouterr()
     assert json.loads(output.out)["efficiency"] == pytest.approx(0.81, abs=0.005) and output.err == ""
@@ -72,6 +76,17 @@ def test_an_unusual_value_is_run_and_named_with_its_usual_range(
     assert "222.4 m" in warned[1] and output.err == ""
     assert main(["simulate", scene, "--fidelity", "simplified"]) == 0
     assert "warning: excitation, amplitude: 10 m is unusual" in capsys.readouterr().out
+
+
+def test_a_failure_names_what_is_unusual_in_its_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = edited(tmp_path, "amplitude: 0.01", "amplitude: 10")
+    assert main(["simulate", scene, "--fidelity", "soft", "--height", "10"]) == 3
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert (
+        "deeper into a wall than its radius" in error
+        and "; unusual in the scene: excitation, amplitude: 10 m; " in error
+    )
 
 
 def test_a_chaotic_run_shows_its_spread(capsys: pytest.CaptureFixture[str]) -> None:

@@ -77,7 +77,7 @@ def test_the_table_says_in_words_what_is_missing() -> None:
     rough = [*POINTS[:3], point("lsoda", 1e-4, 0.1, 2e-5)]
     assert "not reached: 2.0e-05 at its finest run" in _answer(answers(rough)[2])
     assert "not run" in _answer(answers(rough)[2])
-    assert "the tightest scipy LSODA and ours both keep to" in _answer(tightest(rough)[0])
+    assert "the tightest scipy LSODA and ours both meet" in _answer(tightest(rough)[0])
     assert "No ratio to LSODA" in _markdown("x.yaml", CHAOTIC, POINTS, [])
 
 

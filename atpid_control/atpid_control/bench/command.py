@@ -51,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the bench; return 0. Raises the errors the command line turns into status 2 and 3."""
     scene = load_scene(args.scene)
+    for line in scene.warnings():
+        print(f"warning: {line}", file=sys.stderr)
     scene_file, out = args.scene.resolve(), args.out.resolve()
     height_map = map_for(scene)
     if isinstance(scene.ceiling, ControlledCeiling):

@@ -130,8 +130,6 @@ def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console)
         line("INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", "bold")
     for kind, text in notable(view.run.bag):
         line(f"{kind}: {text}")
-    for text in scene.warnings():
-        line(f"warning: {text}")
     used = "; ".join(scene.decisive_defaults(measured=True))
     if used:
         line(f"defaults: {used}", "dim")
@@ -157,7 +155,7 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> T
         "effi-\nciency",
     ):
         table.add_column(Text(name), justify="right", no_wrap=True)
-    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "effi-\nciency") if printed else ():
+    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\neff.") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
     for stage, other in zip_longest(stages, printed or ()):
         table.add_row(*_row(stage), *(_printed(other) if other else ()))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.report.picture import apart, estimate_errors, grain_lines, moved, rounded_up
+from atpid_control.report.picture import apart, beam_title, estimate_errors, grain_lines, moved, rounded_up
 from atpid_control.report.run import Array
 from atpid_control.report.view import View
 
@@ -134,7 +134,7 @@ def _label(figure: Figure, axis: str, height: float, text: str, colour: str, shi
 
 def _beam(figure: Figure, view: View, axis: str, top: float) -> None:
     time, alone = view.run.motion.time, view.always_closed or view.closed is None
-    _title(figure, top, "Beam displacement from rest", "m")
+    _title(figure, top, beam_title(view, alone), "m")
     if view.closed is not None and not alone:
         _line(figure, axis, time, view.closed, "closed", "@given", 1.0, "%{y:.4f} m")
     _line(figure, axis, time, view.beam, view.own_name, "@own", 1.1, "%{y:.4f} m")

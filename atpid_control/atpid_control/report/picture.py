@@ -89,8 +89,8 @@ def _beside(axes: Any, height: float, text: str, colour: str, shift: float = 0.0
 
 def _beam(axes: Any, view: View, palette: Palette) -> None:
     time = view.run.motion.time
-    _title(axes, "Beam displacement from rest", "m", palette)
     alone = view.always_closed or view.closed is None
+    _title(axes, beam_title(view, alone), "m", palette)
     if not alone:
         axes.plot(time, view.closed, color=palette.given, lw=0.6)
     axes.plot(time, view.beam, color=palette.given_text if view.always_closed else palette.own, lw=0.7)
@@ -110,6 +110,11 @@ def _beam(axes: Any, view: View, palette: Palette) -> None:
             middle, 1.31 * reach, stage.efficiency_text(), ha="center", va="top", color=palette.own,
             fontsize=_SIZE + 5.5, fontweight="bold",
         )  # fmt: skip
+
+
+def beam_title(view: View, alone: bool) -> str:
+    """Return the title of the beam's panel; `alone`: without a closed damper beside it."""
+    return "Beam displacement from rest" if alone or not view.stages else "Beam displacement from rest; efficiency"
 
 
 def _excitation(axes: Any, view: View, palette: Palette) -> None:

@@ -86,7 +86,7 @@ class Rig:
         return abs(self._phasor(amplitude))
 
     def ballistic_clearance(self, amplitude: float) -> float:
-        """Return the way of a grain thrown at the bare beam's top speed during half a period [m], without gravity.
+        """Return the distance travelled in half a period at the grainless beam's peak velocity [m].
 
         That is the first guess of the PCA (thesis Eq. 4.30) less 2 r and the fall; best clearances lie at 0.4 to 0.9
         of it, whatever the amplitude and the grain's mass.

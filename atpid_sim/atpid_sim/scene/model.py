@@ -107,6 +107,11 @@ class Scene(Block):
         """Return one line for each optional value the scene does not give: key, value used, meaning."""
         return [f"{key} = {_text(value)}: {meaning}" for key, value, meaning in _defaults(self, "")]
 
+    def hint(self) -> str:
+        """Return the unusual values as the end of an error's line; empty where there are none."""
+        found = [line.partition(" is unusual")[0] for line in self.warnings()]
+        return f"; unusual in the scene: {'; '.join(found)}" if found else ""
+
     def decisive_defaults(self, measured: bool = False) -> list[str]:
         """Return `key = value` of each value the scene does not give and a run uses; `measured`: sensors as well."""
         apart = () if measured else ("sensors.", "recording.", "seed")
