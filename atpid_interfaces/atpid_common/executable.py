@@ -6,13 +6,15 @@ from __future__ import annotations
 import importlib
 
 from atpid_common.errors import DONE
-from atpid_common.interrupt import Interrupt, ignore_further
+from atpid_common.interrupt import Interrupt
 
 
 def run_executable(module: str) -> int:
     """Import `module` and run its `main`; return the exit status. An interrupt while loading ends with status 0."""
     with Interrupt() as interrupt:
         try:
+            if interrupt.received:
+                return DONE
             return int(importlib.import_module(module).main())
         except BaseException:
             # a library that is being loaded may turn KeyboardInterrupt into an error of its own
@@ -20,5 +22,4 @@ def run_executable(module: str) -> int:
                 return DONE
             raise
         finally:
-            interrupt.defer()
-            ignore_further()
+            interrupt.ignore_further()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from types import FrameType
 from typing import Any
@@ -16,6 +17,9 @@ class Interrupt:
 
     At first a signal raises KeyboardInterrupt, so that loading and compiling can be stopped; after `defer` it only
     sets `received`, so that neither the loop nor an orderly end is torn.
+
+    A process may be started with both blocked, as the launch files start nodes, so that none arrives before there is a
+    handler. Entering unblocks them; one that was pending then only sets `received`.
     """
 
     def __init__(self) -> None:
@@ -23,6 +27,7 @@ class Interrupt:
         self._received = threading.Event()
         self._deferred = False
         self._before: list[Any] = []
+        self._hook_before = sys.unraisablehook
 
     @property
     def received(self) -> bool:
@@ -33,24 +38,30 @@ class Interrupt:
         """From now on a signal only sets `received`."""
         self._deferred = True
 
+    def ignore_further(self) -> None:
+        """Ignore both from now on and after leaving: one that arrives while Python ends would change the status."""
+        self._before = [signal.SIG_IGN for _ in _SIGNALS]
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
     def _handle(self, number: int, frame: FrameType | None) -> None:
         already = self.received
         self._received.set()
         if not self._deferred and not already:
+            # what is torn while it is made, such as a compiler's object, may fail when it is deleted
+            sys.unraisablehook = lambda _: None
             raise KeyboardInterrupt
 
     def __enter__(self) -> Interrupt:
         """Install the handlers."""
         self._before = [signal.signal(number, self._handle) for number in _SIGNALS]
+        self._deferred, deferred = True, self._deferred
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        self._deferred = deferred
         return self
 
     def __exit__(self, *_: object) -> None:
         """Put the former handlers back."""
+        sys.unraisablehook = self._hook_before
         for number, before in zip(_SIGNALS, self._before, strict=True):
             signal.signal(number, before)
-
-
-def ignore_further() -> None:
-    """Ignore SIGINT and SIGTERM from now on: one that arrives while the interpreter ends would change the status."""
-    for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)

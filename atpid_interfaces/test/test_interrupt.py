@@ -13,12 +13,20 @@ from atpid_common.interrupt import Interrupt
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 SLOW_MODULE = """
-import os, sys
-print("loading", flush=True)
-sys.stdin.readline()
+import sys
+
+class Torn:
+    def __init__(self):
+        print("loading", flush=True)
+        sys.stdin.readline()
+        while True:
+            pass
+
+    def __del__(self):
+        raise AttributeError("half made")
+
 try:
-    while True:
-        pass
+    Torn()
 except KeyboardInterrupt:
     {reaction}
 """
@@ -64,6 +72,36 @@ def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path, number, reac
     process.send_signal(number)
     _, said = process.communicate(timeout=60.0)
     assert (process.returncode, said) == (0, "")
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_that_came_before_python_had_started_ends_quietly(tmp_path, number):
+    """The launch files start nodes with both signals blocked."""
+    (tmp_path / "slow_module.py").write_text("print('loaded')")
+    start = f"import os, signal; os.kill(os.getpid(), {int(number)}); "
+    done = subprocess.run(
+        ["env", "--block-signal=INT", "--block-signal=TERM", sys.executable, "-c", start + MAIN],
+        capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_blocked_signals_arrive_once_there_is_a_handler(tmp_path, number):
+    (tmp_path / "slow_module.py").write_text(f"import os; os.kill(os.getpid(), {int(number)}); print('too far')")
+    done = subprocess.run(
+        ["env", "--block-signal=INT", "--block-signal=TERM", sys.executable, "-c", MAIN],
+        capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_while_python_ends_changes_nothing(tmp_path, number):
+    module = f"import atexit, os\natexit.register(os.kill, os.getpid(), {int(number)})\ndef main(): return 3\n"
+    (tmp_path / "slow_module.py").write_text(module)
+    done = subprocess.run([sys.executable, "-c", MAIN], capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (3, "")
 
 
 def test_a_module_that_does_not_load_keeps_its_traceback(tmp_path):
