@@ -52,7 +52,7 @@ def test_a_bag_of_older_definitions_gives_its_own_commands(old, tmp_path, capfd)
 
 @pytest.mark.timeout(300)
 def test_other_parameters_than_the_bags_give_other_commands(old, tmp_path, capfd):
-    """The margin with which a height is chosen decides: a replay with another one is seen to differ."""
+    """With a dead band as wide as the change of the excitation the ceiling stays where it is."""
     changed = older(BAG, tmp_path / "bag", lambda text: text, with_parameters(BAG, dead_band=0.5))
     assert main(["replay", str(changed), "--out", str(tmp_path / "out")]) == 0
     printed = capfd.readouterr().out
