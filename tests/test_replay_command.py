@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import yaml
 from older_bags import older, with_parameters, without_handshake
+from rclpy.serialization import deserialize_message
 
 from atpid_control.bagread import open_bag
 from atpid_control.bench.graph import parameters_in
 from atpid_control.cli import main
+from atpid_control.nodes.wire import class_of
 from atpid_control.recording import BagError, verify
 from atpid_control.recording.playback import load_playback
 from atpid_control.replay import compare, write_replay_files
@@ -50,7 +52,7 @@ def test_a_bag_of_older_definitions_gives_its_own_commands(old, tmp_path, capfd)
 
 @pytest.mark.timeout(300)
 def test_other_parameters_than_the_bags_give_other_commands(old, tmp_path, capfd):
-    """The margin with which a height is chosen decides: a replay with another one is seen to differ."""
+    """With a dead band as wide as the change of the excitation the ceiling stays where it is."""
     changed = older(BAG, tmp_path / "bag", lambda text: text, with_parameters(BAG, dead_band=0.5))
     assert main(["replay", str(changed), "--out", str(tmp_path / "out")]) == 0
     printed = capfd.readouterr().out
@@ -160,12 +162,14 @@ def test_everything_that_reads_bags_reads_older_ones(old, tmp_path, capsys):
 
 
 def test_converted_messages_are_those_that_are_recorded_today(old):
-    """Byte for byte, so that the loop cannot tell an older bag."""
+    """Field by field, so that the loop cannot tell an older bag; bytes that only fill are not compared."""
     patterns = ["sensors/*", "ceiling/state"]
     converted, recorded = load_playback(old, patterns), load_playback(BAG, patterns)
     assert len(converted.notes) == 2 and recorded.notes == ()
     assert [item.answer_ns for item in converted.items] == [item.answer_ns for item in recorded.items]
-    assert [item.data for item in converted.items] == [item.data for item in recorded.items]
+    for one, other in zip(converted.items, recorded.items, strict=True):
+        kind = class_of(recorded.topics[other.topic])
+        assert deserialize_message(one.data, kind) == deserialize_message(other.data, kind)
 
 
 def test_fields_in_another_order_are_converted_too(tmp_path):

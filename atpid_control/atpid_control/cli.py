@@ -10,6 +10,7 @@ from atpid_common.cli import run_commands
 #: Command: (module, what it does).
 COMMANDS = {
     "bench": ("atpid_control.bench.command", "run a scene through the whole node graph: bag, summary and report"),
+    "stand": ("atpid_control.stand_command", "run the test stand: hardware nodes, identifier, selector and recorder"),
     "seeds": ("atpid_control.bench.seeds", "run scenes through the loop with many noises, without the node graph"),
     "replay": ("atpid_control.replay.command", "play a bag through identifier and selector again, and compare"),
     "report": ("atpid_control.report.command", "make the report of a bag: an HTML page and pictures"),

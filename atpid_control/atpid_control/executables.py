@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points of the nodes' executables: each loads its node with signals handled."""
+"""Entry points of the executables: each loads its module with signals handled."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ def identifier_node() -> int:
 def recorder_node() -> int:
     """Run recorder_node; return its exit status."""
     return run_executable("atpid_control.nodes.recorder_node")
+
+
+def replay_files() -> int:
+    """Write what a replay is started with; return the exit status."""
+    return run_executable("atpid_control.replay.files_command")
 
 
 def replay_node() -> int:

@@ -146,8 +146,9 @@ def test_a_node_that_dies_is_named_with_its_last_words_and_the_others_are_stoppe
 
 
 def test_nodes_are_asked_to_leave_before_they_are_killed(tmp_path):
-    # a shell's background job inherits an ignored SIGINT: a node, too, asks for it itself
+    # as a node does: it handles the signals itself, which are blocked until then
     asks = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    asks += "signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])\n"
     text = asks + "try:\n    print('up', flush=True); signal.pause()\nexcept KeyboardInterrupt:\n    print('closed')"
     with Processes([("recorder_node", script(text))], tmp_path) as nodes:
         while "up" not in nodes["recorder_node"].log.read_text():

@@ -38,9 +38,14 @@ class Part:
             raise BenchError(f"{path} is missing: build the workspace with `make setup`")
         return path
 
+    @property
+    def config_file(self) -> Path:
+        """The package's parameter file; raises BenchError where the workspace is not built."""
+        return Path(_found(get_package_share_directory, self.package)) / "config" / self.config
+
     def configured(self) -> dict[str, Any]:
         """Return the parameters of the package's parameter file; raises BenchError where there is none."""
-        path = Path(_found(get_package_share_directory, self.package)) / "config" / self.config
+        path = self.config_file
         try:
             document = yaml.safe_load(path.read_text(encoding="utf-8"))
         except OSError as error:

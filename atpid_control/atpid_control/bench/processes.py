@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
@@ -16,19 +18,26 @@ from atpid_control.bench.errors import BenchError, NodeDiedError
 _PATIENCE = 10.0
 _LAST_WORDS = 3
 _ERROR = "error: "  # begins the line with which a node refuses its input
+#: What starts a process: it is sent SIGTERM if the bench is killed, so that no node is left alone.
+_START = ("setpriv", "--pdeathsig", "TERM")
+#: And a node: both signals wait until it handles them, so that neither is lost nor a traceback while Python starts.
+_START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", *_START)
 
 
 class NodeProcess:
-    """One node's process; what it prints goes to its log file."""
+    """One node's process; what it prints goes to its log file, or to the terminal where there is none."""
 
-    def __init__(self, name: str, command: Sequence[str], log: Path) -> None:
+    def __init__(self, name: str, command: Sequence[str], log: Path | None) -> None:
         """Start it, in a session of its own: Ctrl-C at the terminal reaches the bench, which stops them in order."""
         self.name, self.log = name, log
         environment = os.environ | {"PYTHONUNBUFFERED": "1", "RCUTILS_COLORIZED_OUTPUT": "0"}
-        with log.open("wb") as sink:
+        if not Path(command[0]).exists() and shutil.which(command[0]) is None:
+            raise BenchError(f"{name}: {command[0]} cannot be started: no such file; `make setup`")
+        with ExitStack() as stack:
+            sink = stack.enter_context(log.open("wb")) if log else None
             try:
                 self._process = subprocess.Popen(
-                    command,
+                    [*(_START_NODE if name.endswith("_node") else _START), *command],
                     stdin=subprocess.DEVNULL,
                     stdout=sink,
                     stderr=subprocess.STDOUT,
@@ -54,6 +63,8 @@ class NodeProcess:
 
     def last_words(self) -> str:
         """Return why it ended: the error in its log or, where there is none, its last lines as one."""
+        if self.log is None:
+            return "see its output above"
         lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
         errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
         return errors[-1] if errors else " / ".join(lines[-_LAST_WORDS:]) or "its log is empty"
@@ -73,8 +84,11 @@ class NodeProcess:
 class Processes:
     """All nodes of a run, as a context: leaving it leaves no process behind."""
 
-    def __init__(self, commands: Iterable[tuple[str, Sequence[str]]], logs: Path) -> None:
-        """Take (name, command) in the order of stopping: sources first, the recorder last."""
+    def __init__(self, commands: Iterable[tuple[str, Sequence[str]]], logs: Path | None) -> None:
+        """Take (name, command) in the order of stopping: sources first, the recorder last.
+
+        logs: folder of the log files; None: what the nodes print goes to the terminal.
+        """
         self._commands, self._logs = list(commands), logs
         self.nodes: list[NodeProcess] = []
 
@@ -82,7 +96,8 @@ class Processes:
         """Start all of them."""
         try:
             for name, command in self._commands:
-                self.nodes.append(NodeProcess(name, command, self._logs / f"{name}.log"))
+                log = self._logs / f"{name}.log" if self._logs else None
+                self.nodes.append(NodeProcess(name, command, log))
         except BaseException:
             self.stop()
             raise
@@ -107,9 +122,8 @@ class Processes:
         """Raise NodeDiedError, naming it and its last words, if any node but `except_for` has ended."""
         for node in self.nodes:
             if node.status is not None and node.name != except_for:
-                raise NodeDiedError(
-                    f"{node.name} ended with status {node.status}: {node.last_words()} (whole log: {node.log})"
-                )
+                where = f" (whole log: {node.log})" if node.log else ""
+                raise NodeDiedError(f"{node.name} ended with status {node.status}: {node.last_words()}{where}")
 
     def __getitem__(self, name: str) -> NodeProcess:
         """Return the node called `name`."""

@@ -93,7 +93,7 @@ class ReplayNode(Node):
             self,
             self._publish_handshake,
             self._start,
-            topics=[*self.playback.channels, "events", self._answer],
+            topics=[*self.playback.channels, "events", "excitation", self._answer],
             answer=self._answer,
             recorder=expect_recorder,
         )

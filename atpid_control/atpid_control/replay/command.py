@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +17,7 @@ from atpid_control.bench.realtime import run_realtime
 from atpid_control.bench.stopping import stoppable
 from atpid_control.recording.playback import load_playback
 from atpid_control.replay.agreement import compare
+from atpid_control.replay.arguments import add_files, rate
 from atpid_control.replay.files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
 
 
@@ -27,9 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, help="folder for the bag of the replay; earlier ones are kept"
     )
-    parser.add_argument("--rate", type=_rate, default=0.0, help="speed against the recording; 0: as fast as possible")
-    parser.add_argument("--scene", type=Path, help="scene to use in place of the one kept in the bag")
-    parser.add_argument("--map", type=Path, help="height map to use in place of the one kept in the bag")
+    parser.add_argument("--rate", type=rate, default=0.0, help="speed against the recording; 0: as fast as possible")
+    add_files(parser)
     parser.add_argument("--domain", type=int, help="ROS domain to use; default: a free one")
 
 
@@ -77,14 +76,3 @@ def _conclude(recorded: Bag, out: Path) -> int:
         print(agreement)
     print(f"bag {out / 'bag'}")
     return 0
-
-
-def _rate(text: str) -> float:
-    """Return a speed; raise argparse's error where it is none."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value <= 1000.0:
-        raise argparse.ArgumentTypeError(f"given {text}; allowed: 0 to 1000")
-    return value

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_common.nodes.echo TOPIC`: prints messages, as `ros2 topic echo` does where there is one."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+import yaml
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from atpid_common.cli import guarded
+from atpid_common.errors import DONE, InputError
+from atpid_common.interrupt import Interrupt
+from atpid_common.waiting import announced
+
+TURN = 0.1  # how soon a signal is noticed [s]
+
+
+class Echo(Node):
+    """Subscribes to one topic as soon as it is published, whatever its type."""
+
+    def __init__(self, topic: str, field: str, once: bool) -> None:
+        """Wait for a publisher of `topic`; print `field` of each message, all of it where that is empty."""
+        super().__init__("echo", start_parameter_services=False)
+        self._topic, self._field, self._once = self.resolve_topic_name(topic), field, once
+        self.subscribed = self.done = False
+
+    def subscribe(self) -> None:
+        """Subscribe where there is a publisher now."""
+        publishers = self.get_publishers_info_by_topic(self._topic)
+        if not publishers or self.subscribed:
+            return
+        package, message = publishers[0].topic_type.split("/msg/")
+        kind = getattr(importlib.import_module(f"{package}.msg"), message)
+        offered = [publisher.qos_profile for publisher in publishers]
+        kept = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
+        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
+        asked = QoSProfile(
+            depth=10,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        )
+        self.create_subscription(kind, self._topic, self._on_message, asked)
+        self.subscribed = True
+
+    def _on_message(self, message: Any) -> None:
+        if self.done:
+            return
+        try:
+            for name in filter(None, self._field.split(".")):
+                message = getattr(message, name)
+        except AttributeError as error:
+            raise InputError(f"--field: given {self._field}; {error}") from None
+        print(yaml.safe_dump(plain(message), sort_keys=False).removesuffix("...\n"), "---", sep="", flush=True)
+        self.done = self._once
+
+
+def plain(value: Any) -> Any:
+    """Return a message, or a field of one, as numbers, texts, lists and dicts."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, bytes):
+        return list(value) if len(value) != 1 else value[0]
+    if isinstance(value, str) or not hasattr(value, "__iter__"):
+        return value
+    return [plain(item) for item in value]
+
+
+def echo(topic: str, field: str, once: bool) -> int:
+    """Print until Ctrl-C, or once; return the exit status."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    with Interrupt() as interrupt:
+        interrupt.defer()
+        node, executor = Echo(topic, field, once), SingleThreadedExecutor()
+        executor.add_node(node)
+        try:
+            with announced(f"waiting for a publisher of {topic}"):
+                while not (node.subscribed or interrupt.received):
+                    executor.spin_once(timeout_sec=TURN)
+                    node.subscribe()
+            while not (node.done or interrupt.received):
+                executor.spin_once(timeout_sec=TURN)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+            rclpy.try_shutdown()
+    return DONE
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    parser = argparse.ArgumentParser(prog="python -m atpid_common.nodes.echo", description=__doc__)
+    parser.add_argument("topic", help="name of the topic")
+    parser.add_argument("--field", default="", help="a field of the message, a.b for one inside another")
+    parser.add_argument("--once", action="store_true", help="end after the first message")
+
+    def run() -> int:
+        given = parser.parse_args(argv)
+        return echo(given.topic, given.field, given.once)
+
+    return guarded(run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
