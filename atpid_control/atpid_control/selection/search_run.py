@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.controller import Answer, Command, Controller
+from atpid_control.controller import Answer, Command, Controller, ControlSettings
 from atpid_control.hold import Estimate
 from atpid_control.selection.search import Plan, SearchError, StepSearch
 
@@ -154,6 +154,10 @@ class SearchingController:
         """See `Controller.hear`: a search meets rumble on purpose, so while it runs that is not passed on."""
         if kind != "rumble" or self.run is None or self.run.done:
             self._inner.hear(kind)
+
+    def configure(self, settings: ControlSettings) -> None:
+        """See `Controller.configure`."""
+        self._inner.configure(settings)
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
