@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller and the identifier that parameter files describe; the nodes and the bench of seeds share it."""
+"""What the parameter files describe: the controller's and the identifier's parts, for the nodes and the pure loop."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from atpid_control import hold, identification
 from atpid_control.controller import Controller, ControlSettings, ProfileController, SelectingController
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.step_back import StepBack
-from atpid_control.watch import DriftSettings, SteadyTwin
+from atpid_control.watch import DriftSettings, RumbleSettings, SteadyTwin
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
@@ -30,7 +32,7 @@ def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None
     return DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
 
 
-def settings_of(value: Value, frequency: float) -> ControlSettings:
+def control_settings(value: Value, frequency: float) -> ControlSettings:
     """Return the controller's settings by selector.yaml, for heights made for `frequency` [Hz].
 
     Raises HoldError or WatchError where they contradict themselves.
@@ -71,15 +73,23 @@ def controller_of(value: Value, scene: Scene, selector: HeightSelector, executor
         return ProfileController(scene.ceiling.heights)
     # only a tone has a steady state to compare the beam with
     twin = SteadyTwin(scene) if isinstance(scene.excitation, HarmonicExcitation) else None
-    settings = settings_of(value, scene.frequency_hz)
+    settings = control_settings(value, scene.frequency_hz)
     return SelectingController(settings, selector, scene.ceiling.range, twin, executor)
 
 
-def identifier_of(parameters: Mapping[str, Any]) -> identification.Identifier:
-    """Return the identifier of identifier.yaml's parameters, reading the support. Raises IdentificationError."""
-    names = [name for name in identification.Settings.__dataclass_fields__ if name != "saturation"]
-    limits = float(parameters["lower_limit"]), float(parameters["upper_limit"])
-    saturation = None if limits == (float("-inf"), float("inf")) else limits
-    return identification.Identifier(
-        identification.Settings(saturation=saturation, **{name: float(parameters[name]) for name in names})
+def identification_settings(value: Value) -> identification.Settings:
+    """Return the identification's settings by identifier.yaml; raise IdentificationError where they do not fit."""
+    limits = float(value("lower_limit")), float(value("upper_limit"))
+    saturation = None if limits == (-math.inf, math.inf) else limits
+    names = [field.name for field in fields(identification.Settings) if field.name != "saturation"]
+    return identification.Settings(saturation=saturation, **{name: float(value(name)) for name in names})
+
+
+def rumble_settings(value: Value) -> RumbleSettings:
+    """Return the rumble watch's settings by identifier.yaml; raise WatchError where they do not fit."""
+    return RumbleSettings(
+        onset=float(value("rumble_onset")),
+        calm=float(value("rumble_calm")),
+        calm_periods=int(value("rumble_calm_periods")),
+        least_amplitude=float(value("rumble_least_amplitude")),
     )
