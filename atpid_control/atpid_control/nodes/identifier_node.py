@@ -19,14 +19,13 @@ from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT
 from atpid_common.latency import Latencies
-from atpid_common.nodes.diagnostics import DiagnosticsPublisher, status
+from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
-from atpid_common.nodes.qos_monitor import QosMonitor
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
-from atpid_common.nodes.stale_monitor import StaleMonitor
+from atpid_common.nodes.supervision import Supervision
 from atpid_control.control_setup import identification_settings, rumble_settings
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.nodes.identifier_parameters import TABLE, inverse_of
@@ -61,30 +60,24 @@ class IdentifierNode(Node):
 
     def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
-        in_wall_time = not self.parameters["lockstep"]
-        self._stale = StaleMonitor(self, self._events.publish, timeout, self._report, enabled=in_wall_time)
-        self._qos = QosMonitor(self, self._events.publish, self._report, enabled=in_wall_time)
-        self._stale.watch(LASER, "the excitation is not identified")
-        callbacks = self._qos.publisher("excitation")
-        self._excitation = self.create_publisher(Excitation, "excitation", EVENTS, event_callbacks=callbacks)
-        self.create_subscription(
-            SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=self._qos.subscription(LASER)
+        self._supervision = Supervision(
+            self, self._events.publish, self._statuses, timeout, enabled=not self.parameters["lockstep"]
         )
-        if in_wall_time:
-            self.create_subscription(Event, "events", self._on_event, EVENTS)
+        self._supervision.stale.watch(LASER, "the excitation is not identified")
+        self._supervision.follow_events()
+        qos = self._supervision.qos
+        self._excitation = self.create_publisher(
+            Excitation, "excitation", EVENTS, event_callbacks=qos.publisher("excitation")
+        )
+        self.create_subscription(SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
         if from_beam:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:
         self.identifier.configure(settings[0])
         self._rumble.configure(settings[1])
-        self._stale.timeout = settings[2]
-
-    def _on_event(self, event: Event) -> None:
-        if event.kind == Event.FINISHED:
-            self._stale.pause()
+        self._supervision.stale.timeout = settings[2]
 
     def _on_state(self, state: CeilingState) -> None:
         self._height = state.height
@@ -94,11 +87,11 @@ class IdentifierNode(Node):
             self._excitation.publish(Excitation(header=block.header, handshake=True, **_fields(Estimate())))
             return
         scans = scans_of(block)
-        self._stale.received(LASER, scans / block.rate if block.rate > 0.0 else 0.0)
+        self._supervision.stale.received(LASER, scans / block.rate if block.rate > 0.0 else 0.0)
         last_ns = last_stamp(block)
         received_ns = self.get_clock().now().nanoseconds
         try:
-            estimate = self._identify(block, last_ns)
+            estimate, self.complaint = self._identify(block, last_ns), ""
         except IdentificationError as error:
             self._complain(str(error))
             estimate = Estimate()
@@ -149,12 +142,8 @@ class IdentifierNode(Node):
     def _tell(self, severity: int, kind: str, value: float, text: str, message: Excitation) -> None:
         self._events.publish(severity, kind, text, value, message.header.stamp)
 
-    def _report(self) -> None:
-        """Publish diagnostics now: something has changed."""
-        self._diagnostics.publish()
-
     def _statuses(self) -> list[DiagnosticStatus]:
-        return [self._progress.status(self, self.complaint), self._stale.status(), self._qos.status()]
+        return [self._progress.status(self, self.complaint)]
 
     def _stay_alone(self) -> None:
         """Leave where another node of this name works already."""
@@ -167,8 +156,7 @@ class IdentifierNode(Node):
 
     def close(self) -> None:
         """Stop the timers."""
-        self._stale.pause()
-        self._diagnostics.cancel()
+        self._supervision.close()
         self._alone_timer.cancel()
 
 

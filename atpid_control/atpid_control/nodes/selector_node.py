@@ -23,14 +23,14 @@ from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT
 from atpid_common.latency import Latencies
-from atpid_common.nodes.diagnostics import DiagnosticsPublisher, status
+from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
-from atpid_common.nodes.qos_monitor import QosMonitor
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
-from atpid_common.nodes.stale_monitor import MISSING, StaleMonitor
+from atpid_common.nodes.stale_monitor import MISSING
+from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import announced
 from atpid_control.computation import InlineExecutor, threaded
 from atpid_control.control_setup import control_settings, controller_of, selector_of
@@ -71,7 +71,8 @@ class SelectorNode(Node):
         self._start_ns: int | None = None
         self._height = math.nan
         self._answer = Answer(Command(method=self._method))
-        self._refusal, self._latencies = "", Latencies()
+        self._refusal = self._refused_reason = ""
+        self._latencies = Latencies()
         self._make_topics()
         self._serve()
         self.parameters.follow(self._settings, self._configure, self._events.publish)
@@ -97,25 +98,26 @@ class SelectorNode(Node):
         return SearchingController(inner, scene.ceiling.range)
 
     def _make_topics(self) -> None:
-        in_wall_time = not self._lockstep
         self._events = EventPublisher(self)
-        publish, timeout = self._events.publish, self.parameters["stale_timeout"]
-        self._stale = StaleMonitor(self, publish, timeout, self._on_silence, enabled=in_wall_time)
-        self._stale.watch(ESTIMATES, "the ceiling is not controlled")
-        self._stale.watch(STATE, "whether the ceiling follows its commands is not known")
-        self._qos = QosMonitor(self, publish, self._report, enabled=in_wall_time)
-        callbacks = self._qos.publisher(COMMANDS, deadline_counts=lambda: self._stale.running)
+        timeout = self.parameters["stale_timeout"]
+        self._supervision = Supervision(
+            self, self._events.publish, self._statuses, timeout, self._on_silence, enabled=not self._lockstep
+        )
+        stale, qos = self._supervision.stale, self._supervision.qos
+        stale.watch(ESTIMATES, "the ceiling is not controlled")
+        stale.watch(STATE, "whether the ceiling follows its commands is not known")
         self._commands = self.create_publisher(
-            CeilingCommand, COMMANDS, self._command_profile(), event_callbacks=callbacks
+            CeilingCommand,
+            COMMANDS,
+            self._command_profile(),
+            event_callbacks=qos.publisher(COMMANDS, deadline_counts=lambda: stale.running),
         )
         # before the estimates: a rumble is published before the estimate of the same block
         self.create_subscription(Event, "events", self._on_event, STATES)
         self.create_subscription(
-            Excitation, ESTIMATES, self._on_excitation, STATES, event_callbacks=self._qos.subscription(ESTIMATES)
+            Excitation, ESTIMATES, self._on_excitation, STATES, event_callbacks=qos.subscription(ESTIMATES)
         )
-        self.create_subscription(
-            CeilingState, STATE, self._on_state, STATES, event_callbacks=self._qos.subscription(STATE)
-        )
+        self.create_subscription(CeilingState, STATE, self._on_state, STATES, event_callbacks=qos.subscription(STATE))
 
     def _command_profile(self) -> QoSProfile:
         profile = QoSProfile(depth=10 if self._lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
@@ -124,14 +126,13 @@ class SelectorNode(Node):
         return profile
 
     def _serve(self) -> None:
-        self._services = HeightServices(
+        self._height_services = HeightServices(
             self, self._request_executor, self._make_selector, self._method, self._situation
         )
         self._maps = MapServer(self)
         # a ceiling that no controller moves cannot be searched
         borrowed = self._controller if isinstance(self._controller, SearchingController) else None
         self._search = SearchServer(self, borrowed) if borrowed else None
-        self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # parameters that change while the node runs
@@ -141,18 +142,17 @@ class SelectorNode(Node):
 
     def _configure(self, settings: tuple[ControlSettings, float]) -> None:
         self._controller.configure(settings[0])
-        self._stale.timeout = settings[1]
+        self._supervision.stale.timeout = settings[1]
 
     # the loop
 
     def _on_state(self, state: CeilingState) -> None:
         if not state.handshake:
-            self._stale.received(STATE)
+            self._supervision.stale.received(STATE)
         self._height = state.height
 
     def _on_event(self, event: Event) -> None:
-        if event.kind == Event.FINISHED:
-            self._stale.pause()
+        self._supervision.on_event(event)
         if event.header.frame_id != self.get_name():
             self._controller.hear(event.kind)
 
@@ -160,7 +160,7 @@ class SelectorNode(Node):
         if message.handshake:
             self._publish(message, Command(reason="handshake"))
             return
-        self._stale.received(ESTIMATES, self._block)
+        self._supervision.stale.received(ESTIMATES, self._block)
         now = nanoseconds_of(message.header.stamp)
         if self._start_ns is None:
             # the first stamp is that of the first block's last sample
@@ -202,11 +202,11 @@ class SelectorNode(Node):
     # diagnostics
 
     def _on_silence(self) -> None:
-        if STATE in self._stale.stale:
+        stale = self._supervision.stale.stale
+        if STATE in stale:
             self._height = math.nan
-        if self._stale.stale and self._search:
-            self._search.stop(f"no messages on {', '.join(self._stale.stale)}")
-        self._report()
+        if stale and self._search:
+            self._search.stop(f"no messages on {', '.join(stale)}")
 
     def _follow_refusal(self) -> None:
         """Keep the text of a refusal, which the controller reports once, for as long as its reason stands."""
@@ -215,10 +215,6 @@ class SelectorNode(Node):
         elif self._refusal and self._answer.command.reason != self._refused_reason:
             self._refusal = ""
 
-    def _report(self) -> None:
-        """Publish diagnostics now: something has changed."""
-        self._diagnostics.publish()
-
     def _statuses(self) -> list[DiagnosticStatus]:
         command = self._answer.command
         values = {"method": command.method, "reason": command.reason, "height [m]": command.height,
@@ -226,8 +222,7 @@ class SelectorNode(Node):
                   "predicted amplitude [m]": command.predicted_amplitude}  # fmt: skip
         level = DiagnosticStatus.WARN if self._refusal else DiagnosticStatus.OK
         values |= self._latencies.values("sample to command")
-        selection = status(self, "height selection", level, self._refusal or command.reason, values)
-        return [selection, self._stale.status(), self._qos.status()]
+        return [status(self, "height selection", level, self._refusal or command.reason, values)]
 
     # the end
 
@@ -243,13 +238,12 @@ class SelectorNode(Node):
 
     def close(self) -> None:
         """Stop timers and computations; the motor holds the ceiling when commands stay away."""
-        self._stale.pause()
+        self._supervision.close()
         self._maps.close()
         if self._search:
             self._search.close()
         for executor in (self._loop_executor, self._request_executor):
             executor.shutdown(cancel_futures=True)
-        self._diagnostics.cancel()
         self._alone_timer.cancel()
 
 

@@ -24,6 +24,8 @@ from atpid_common.nodes.parameters import Publish
 GRACE = 0.05
 #: Messages that may be missing one after the other before that is silence.
 MISSING = 3
+#: Longest time-out, whatever the period [s]: that between the last block of a run and the first of the next is none.
+LONGEST = 10.0
 
 
 @dataclass
@@ -72,7 +74,7 @@ class StaleMonitor:
             return
         silence, topic.last = time.monotonic() - topic.last, time.monotonic()
         topic.waited = False
-        self._wait(topic.timer, max(self.timeout, MISSING * period) - GRACE)
+        self._wait(topic.timer, max(self.timeout, min(MISSING * period, LONGEST)) - GRACE)
         if topic.stale:
             topic.stale = False
             self._publish(Event.INFO, Event.RESUMED, f"{name}: messages again after {silence:.2f} s", silence)
