@@ -128,7 +128,7 @@ def test_an_exception_in_a_transition_is_logged_and_the_node_lives_on(stand: Sta
 def test_rearm_needs_an_active_node(stand: Stand) -> None:
     stand.motor(autostart=False)
     answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
-    assert (answer.success, answer.message) == (False, "motor node is not active: activate it instead")
+    assert (answer.success, answer.message) == (False, "the motor node is unconfigured: configure and activate it")
 
 
 def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:

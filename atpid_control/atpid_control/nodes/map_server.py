@@ -42,8 +42,13 @@ class _Making:
         self._stop = threading.Event()
         self.made = executor.submit(self._make, goal)
 
-    def _make(self, goal: ComputeMap.Goal) -> None:
-        build_map(load_scene(goal.scene), list(goal.amplitudes), list(goal.mass_fractions), goal.out, self._note)
+    def _make(self, goal: ComputeMap.Goal) -> str:
+        """Make the map; return why it could not be made, empty where it was."""
+        try:
+            build_map(load_scene(goal.scene), list(goal.amplitudes), list(goal.mass_fractions), goal.out, self._note)
+        except (AtpidError, OSError) as error:
+            return str(error)  # not the error itself, whose traceback would keep the threads of a stopped map
+        return ""
 
     def _note(self, done: int, total: int) -> None:
         self.done, self.total = done, total
@@ -109,10 +114,12 @@ class MapServer:
         return concluded(goal, self._result(making, goal.request.out))
 
     def _result(self, making: _Making, out: str) -> Any:
-        error = making.made.exception()
-        message = f"{out}: {making.total} best heights" if error is None else str(error)
-        if error is not None and not isinstance(error, AtpidError | OSError):  # a defect: reported, the loop goes on
-            message = f"internal error: {type(error).__name__}: {error}"
-            self._node.get_logger().error("".join(traceback.format_exception(error)))
+        defect = making.made.exception()
+        if defect is not None:  # reported, and the loop goes on
+            self._node.get_logger().error("".join(traceback.format_exception(defect)))
+            message = f"internal error: {type(defect).__name__}: {defect}"
+        else:
+            message = making.made.result()
+        success, message = not message, message or f"{out}: {making.total} best heights"
         wall = time.monotonic() - making.began
-        return ComputeMap.Result(success=error is None, message=message, out=out, wall_time=wall)
+        return ComputeMap.Result(success=success, message=message, out=out, wall_time=wall)

@@ -40,9 +40,7 @@ def resolved(request: Request, latest: Estimate | None, resonance: Resonance) ->
     _check("amplitude", request.amplitude, " m", "above 0 m, or 0 for the latest steady estimate")
     _check("amplitude_std", request.amplitude_std, " m", "0 m or above")
     _check("margin", request.margin, "", f"0 to {MOST_MARGIN:g} standard deviations", MOST_MARGIN)
-    around = (
-        f"{resonance.frequency:.4g} Hz, the resonance, within {100.0 * resonance.tolerance:g} %; 0 for the resonance"
-    )
+    around = f"{resonance.frequency:.4g} Hz within {100.0 * resonance.tolerance:g} %, or 0 for that resonance"
     _check("frequency", request.frequency, " Hz", around)
     if request.amplitude == 0.0:
         if latest is None:

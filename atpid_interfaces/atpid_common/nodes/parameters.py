@@ -70,7 +70,7 @@ class Row:
         if self.low is None or self.high is None or isinstance(value, str):
             return ""
         if math.isnan(value) or not self.low <= value <= self.high:
-            unit = f" {self.unit}" if self.unit else ""
+            unit = f" {self.unit}" if self.unit not in ("", "-") else ""
             return f"given {value:g}{unit}; allowed: {self.low:g} to {self.high:g}{unit}"
         return ""
 
