@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from atpid_control.bagread import Bag
+from atpid_control.bench.latency import in_words, latency_of
 from atpid_control.report.run import Run
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed, beside
@@ -34,6 +35,7 @@ def summary_of(bag: Bag, stages: Sequence[Stage], scene: Scene, mode: str) -> di
         "seed": scene.seed,
         "lost_scans": lost_scans(bag),
         "unanswered_blocks": unanswered_blocks(bag),
+        "latency": latency_of(bag) if mode != "lockstep" else None,
         "events": dict(sorted(Counter(kind for kind, _ in notable(bag)).items())),
         "defaults": scene.defaults(),
     }
@@ -115,6 +117,8 @@ def show(summary: Mapping[str, Any], run: Run, stages: list[Stage], console: Con
         f"{summary['mode']}: {summary['real_time_factor']:.1f} x real time; lost scans: {summary['lost_scans']}; "
         f"unanswered blocks: {summary['unanswered_blocks']}; seed {summary['seed']}"
     )
+    if summary["latency"]:
+        console.print(in_words(summary["latency"]), soft_wrap=True)
     if summary["lost_scans"] or summary["unanswered_blocks"]:
         console.print(
             "INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", style="bold"

@@ -28,9 +28,9 @@ from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.supervision import Supervision
 from atpid_control.control_setup import identification_settings, rumble_settings
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
+from atpid_control.identification.stamps import last_stamp_ns
 from atpid_control.nodes.identifier_parameters import TABLE, inverse_of
 from atpid_control.watch import RumbleSettings, RumbleState, RumbleWatch
-from atpid_sim.stream import stamp_ns
 
 LASER = "sensors/laser"
 
@@ -210,13 +210,8 @@ def channel_of(block: SampleBlock, name: str) -> NDArray[np.float64] | None:
 
 
 def last_stamp(block: SampleBlock) -> int:
-    """Return when the block's last scan was taken [ns]: the stream's start plus index over rate, rounded once."""
-    begin = nanoseconds_of(block.header.stamp)
-    scans = scans_of(block)
-    if scans == 0 or not block.rate > 0.0:
-        return begin
-    start = begin - stamp_ns(0, block.first_index, block.rate)
-    return stamp_ns(start, block.first_index + scans - 1, block.rate)
+    """Return when the block's last scan was taken [ns]."""
+    return last_stamp_ns(nanoseconds_of(block.header.stamp), block.first_index, scans_of(block), block.rate)
 
 
 def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
