@@ -63,6 +63,17 @@ class Row:
                 made.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high, step=0.0)]
         return made
 
+    def cells(self) -> tuple[str, str, str, str, str]:
+        """Return the row of a documented table: name, default, what is allowed, whether it is live, description."""
+        default = f"`{self.default}`" if self.default != "" else "empty"
+        if isinstance(self.default, Parameter.Type):
+            default = "none"
+        allowed = ", ".join(f"`{choice}`" if choice else "empty" for choice in self.choices)
+        if self.low is not None and self.high is not None:
+            allowed = f"{self.low:g} to {self.high:g}"
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"`{self.name}`", default, allowed, "yes" if self.live else "", self.description + unit
+
     def problem(self, value: Any) -> str:
         """Return what is wrong with `value`, in words; empty: nothing."""
         if self.choices and value not in self.choices:
@@ -73,6 +84,13 @@ class Row:
             unit = f" {self.unit}" if self.unit not in ("", "-") else ""
             return f"given {value:g}{unit}; allowed: {self.low:g} to {self.high:g}{unit}"
         return ""
+
+
+def markdown(table: Sequence[Row]) -> str:
+    """Return the table as the documentation shows it."""
+    head = ("parameter", "default", "allowed", "live", "meaning")
+    rows = [head, ("---",) * len(head), *(row.cells() for row in table)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 
 
 def declare(node: Node, table: Sequence[Row]) -> dict[str, Any]:
