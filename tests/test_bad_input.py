@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 import yaml
-from graph_runs import parameters, scene_file
+from graph_runs import parameters
 
 from atpid_control.bench.domain import own_domain
 from atpid_control.bench.errors import PlantFailedError
@@ -100,8 +100,8 @@ def test_a_folder_with_something_else_in_it(scenes, tmp_path, capsys):
         ("plant_node", {"scene": "none.yaml"}, "cannot be read"),
         ("plant_node", {"scene": ""}, "parameter scene of plant_node is not set"),
         ("plant_node", {"scene": 3}, "expecting type 'STRING'"),
-        ("selector_node", {"method": "guess"}, "method: given 'guess'; allowed: "),
-        ("selector_node", {"dead_band": -1.0}, "dead_band: given -1.0; allowed: "),
+        ("selector_node", {"method": "guess"}, "parameter method of selector_node: given 'guess'; allowed: "),
+        ("selector_node", {"dead_band": -1.0}, "parameter dead_band of selector_node: given -1; allowed: 0 to 0.9"),
         ("selector_node", {"map": "none.npz"}, "no such file"),
     ],
 )
@@ -125,16 +125,6 @@ def test_a_parameter_file_that_is_not_there(tmp_path):
     assert ended.returncode == 2
     assert "none.yaml" in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-def test_a_selector_without_its_parameter_file(scenes, tmp_path):
-    part = next(part for part in PARTS if part.name == "selector_node")
-    path = scene_file(scenes / "thesis_4_3.yaml", tmp_path)
-    with own_domain():
-        command = [str(part.executable), "--ros-args", "-p", f"scene:={path}"]
-        ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ended.returncode == 2
-    assert "is not set: start with --ros-args --params-file selector.yaml" in ended.stderr
 
 
 def test_a_plant_that_fails_is_status_3_and_one_line(scenes, tmp_path, capsys, monkeypatch):

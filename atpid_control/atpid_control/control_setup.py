@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller and the identifier that parameter files describe; the nodes and the bench of seeds share it."""
+"""What the parameter files describe: the controller's and the identifier's parts, for the nodes and the pure loop."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from atpid_control import hold, identification
-from atpid_control.controller import Controller, ProfileController, SelectingController
+from atpid_control.controller import Controller, ControlSettings, ProfileController, SelectingController
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.step_back import StepBack
-from atpid_control.watch import DriftAlarm, SteadyTwin
-from atpid_control.watch.reality import RealityCheck
+from atpid_control.watch import DriftSettings, RumbleSettings, SteadyTwin
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
@@ -30,47 +32,64 @@ def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None
     return DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
 
 
-def controller_of(value: Value, scene: Scene, selector: HeightSelector) -> Controller:
-    """Return the controller for a scene, by the parameters of selector.yaml.
+def control_settings(value: Value, frequency: float) -> ControlSettings:
+    """Return the controller's settings by selector.yaml, for heights made for `frequency` [Hz].
 
     Raises HoldError or WatchError where they contradict themselves.
     """
+    return ControlSettings(
+        hold=hold.Settings(
+            dead_band=float(value("dead_band")),
+            sigmas=float(value("sigmas")),
+            steady_count=int(value("steady_count")),
+            rising_count=int(value("rising_count")),
+            falling_count=int(value("falling_count")),
+            frequency=frequency,
+            frequency_tolerance=float(value("frequency_tolerance")),
+        ),
+        step_back=StepBack(
+            share=float(value("step_back")),
+            settle=int(value("settle_count")),
+            count=int(value("rumble_count")),
+            excess=float(value("step_back_excess")),
+            memory=float(value("step_back_memory")),
+        ),
+        drift=DriftSettings(
+            tolerance=float(value("drift_tolerance")),
+            noise=float(value("drift_noise")),
+            periods=float(value("drift_periods")),
+        ),
+        margin=float(value("margin")),
+    )
+
+
+def controller_of(value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None = None) -> Controller:
+    """Return the controller for a scene, by the parameters of selector.yaml.
+
+    executor: where heights are computed; None: inline. Raises HoldError or WatchError where the parameters contradict
+    themselves.
+    """
     if not isinstance(scene.ceiling, ControlledCeiling):
         return ProfileController(scene.ceiling.heights)
-    settings = hold.Settings(
-        dead_band=float(value("dead_band")),
-        sigmas=float(value("sigmas")),
-        steady_count=int(value("steady_count")),
-        rising_count=int(value("rising_count")),
-        falling_count=int(value("falling_count")),
-        frequency=scene.frequency_hz,
-        frequency_tolerance=float(value("frequency_tolerance")),
-    )
-    step_back = StepBack(
-        share=float(value("step_back")),
-        settle=int(value("settle_count")),
-        count=int(value("rumble_count")),
-        excess=float(value("step_back_excess")),
-        memory=float(value("step_back_memory")),
-    )
-    alarm = DriftAlarm(
-        tolerance=float(value("drift_tolerance")),
-        noise=float(value("drift_noise")),
-        periods=float(value("drift_periods")),
-    )
-    # only a tone has a steady state to hold the beam against
-    tone = isinstance(scene.excitation, HarmonicExcitation)
-    reality = RealityCheck(SteadyTwin(scene), alarm) if tone else None
-    return SelectingController(
-        hold.Hold(settings), selector, scene.ceiling.range, float(value("margin")), step_back, reality
-    )
+    # only a tone has a steady state to compare the beam with
+    twin = SteadyTwin(scene) if isinstance(scene.excitation, HarmonicExcitation) else None
+    settings = control_settings(value, scene.frequency_hz)
+    return SelectingController(settings, selector, scene.ceiling.range, twin, executor)
 
 
-def identifier_of(parameters: Mapping[str, Any]) -> identification.Identifier:
-    """Return the identifier of identifier.yaml's parameters, reading the support. Raises IdentificationError."""
-    names = [name for name in identification.Settings.__dataclass_fields__ if name != "saturation"]
-    limits = float(parameters["lower_limit"]), float(parameters["upper_limit"])
-    saturation = None if limits == (float("-inf"), float("inf")) else limits
-    return identification.Identifier(
-        identification.Settings(saturation=saturation, **{name: float(parameters[name]) for name in names})
+def identification_settings(value: Value) -> identification.Settings:
+    """Return the identification's settings by identifier.yaml; raise IdentificationError where they do not fit."""
+    limits = float(value("lower_limit")), float(value("upper_limit"))
+    saturation = None if limits == (-math.inf, math.inf) else limits
+    names = [field.name for field in fields(identification.Settings) if field.name != "saturation"]
+    return identification.Settings(saturation=saturation, **{name: float(value(name)) for name in names})
+
+
+def rumble_settings(value: Value) -> RumbleSettings:
+    """Return the rumble watch's settings by identifier.yaml; raise WatchError where they do not fit."""
+    return RumbleSettings(
+        onset=float(value("rumble_onset")),
+        calm=float(value("rumble_calm")),
+        calm_periods=int(value("rumble_calm_periods")),
+        least_amplitude=float(value("rumble_least_amplitude")),
     )

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From each estimate to one command: hold, selection, the ceiling's range, refusals said once, the step back."""
+"""From each estimate to one command: hold, selection, the ceiling's range, refusals reported once, the step back."""
 
 from __future__ import annotations
 
 import math
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
+from atpid_control.computation import InlineExecutor
 from atpid_control.hold import OFF_RESONANCE, Estimate, Hold, Quality, Verdict
+from atpid_control.hold import Settings as HoldSettings
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 from atpid_control.step_back import Retreat, StepBack
-from atpid_control.watch.reality import RealityCheck
+from atpid_control.watch.drift import DriftSettings
+from atpid_control.watch.reality import RealityCheck, Twin
 
 #: A ceiling this close to where it was sent is there [m].
 _ARRIVED = 2e-3
@@ -55,47 +59,127 @@ class Controller(Protocol):
         """Take note of an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
         ...
 
+    def configure(self, settings: ControlSettings) -> None:
+        """Control by other settings from the next estimate on."""
+        ...
+
+
+@dataclass(frozen=True)
+class ControlSettings:
+    """What may change while the loop runs."""
+
+    hold: HoldSettings
+    step_back: StepBack
+    drift: DriftSettings
+    margin: float  # standard deviations of the amplitude the height must be safe for [-]
+
+
+@dataclass(frozen=True)
+class _Computation:
+    """A selection on its way."""
+
+    verdict: Verdict
+    margin: float  # [-]
+    result: Future[Selection]
+
 
 class SelectingController:
-    """Selects a height when the hold says so; otherwise repeats the last command, which is how it shows to be alive."""
+    """Selects a height when the hold says so; otherwise repeats the last command, which shows that it is alive.
+
+    While a height is being computed the last command is repeated too. A result that comes when the excitation has
+    changed is dropped, and the height selected anew.
+    """
 
     def __init__(
         self,
-        hold: Hold,
+        settings: ControlSettings,
         selector: HeightSelector,
         limits: tuple[float, float],
-        margin: float,
-        step_back: StepBack,
-        reality: RealityCheck | None = None,
+        twin: Twin | None = None,
+        executor: Executor | None = None,
     ) -> None:
-        """Take the hold, the method, the lowest and highest height [m], the margin in standard deviations [-].
+        """Take the method, and the lowest and highest height [m].
 
-        reality: holds what the beam does against what it should; None: nothing does.
+        twin: predicts what the beam should do, to be compared with what it does; None: it is not compared.
+        executor: where heights and twin are computed, one call at a time; None: inline.
         """
-        self._hold, self._selector, self._limits, self._margin = hold, selector, limits, margin
-        self._retreat, self._reality = Retreat(step_back, limits[0]), reality
+        self._executor = executor or InlineExecutor()
+        self._hold, self._selector, self._limits = Hold(settings.hold), selector, limits
+        self._retreat = Retreat(settings.step_back, limits[0])
+        self._reality = RealityCheck(twin, settings.drift.alarm(), self._executor) if twin is not None else None
+        self._settings = settings
+        self._computation: _Computation | None = None
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
         self._command = Command(method=selector.method)
         self._refusal = ""
+
+    def configure(self, settings: ControlSettings) -> None:
+        """See `Controller.configure`."""
+        before, self._settings = self._settings, settings
+        another_margin = settings.margin != before.margin
+        if another_margin or settings.hold != before.hold:
+            self._hold.configure(settings.hold, select_anew=another_margin and self._command.sequence > 0)
+        self._retreat.configure(settings.step_back)
+        if self._reality is not None and settings.drift != before.drift:
+            self._reality.alarm = settings.drift.alarm()
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
         verdict = self._hold.judge(estimate)
         standing = abs(height - self._command.height) <= _ARRIVED
         step = self._retreat.watch(estimate.beam_amplitude, self._expected, standing)
-        if verdict.select:
-            return self._select(verdict, estimate, height)
+        computed = self._computed(verdict, estimate, height)
+        if computed is not None:
+            return self._selected(computed, estimate)
         if step:
             return self._stepped_back()
-        self._command = replace(self._command, reason=verdict.reason)
         if verdict.refused:
+            self._command = replace(self._command, reason=verdict.reason)
             return self._refuse(verdict.reason, verdict.reason, estimate)
         self._refusal = ""
+        if self._computation is not None:
+            self._command = replace(self._command, reason="computing")
+            return Answer(self._command)
+        self._command = replace(self._command, reason=verdict.reason)
         return self._checked(time, estimate, height)
 
     def hear(self, kind: str) -> None:
         """See `Controller.hear`."""
         self._retreat.hear(kind)
+
+    def _computed(self, verdict: Verdict, estimate: Estimate, height: float) -> _Computation | None:
+        """Begin a selection where the verdict asks for one; return the one that is done and still right, if any."""
+        done = self._take_done(estimate)
+        on_the_way = done is not None and not self._hold.inside(estimate, done.verdict.amplitude)
+        if verdict.select and self._computation is None and (done is None or on_the_way):
+            self._begin(verdict, estimate, height)
+        return done or self._take_done(estimate)
+
+    def _begin(self, verdict: Verdict, estimate: Estimate, height: float) -> None:
+        result = self._executor.submit(
+            self._selector.select,
+            verdict.amplitude,
+            verdict.amplitude_std,
+            estimate.frequency,
+            margin=self._settings.margin,
+            height=height,
+        )
+        self._computation = _Computation(verdict, self._settings.margin, result)
+
+    def _take_done(self, estimate: Estimate) -> _Computation | None:
+        """Return a selection that is done; drop it where excitation or margin have changed meanwhile.
+
+        An estimate that must not be acted on decides nothing: the result waits for the next one.
+        """
+        done = self._computation
+        if done is None or not done.result.done() or self._hold.trouble(estimate):
+            return None
+        self._computation = None
+        error = done.result.exception()
+        if error is not None and not isinstance(error, SelectionError):
+            raise error  # a defect, also where its result is not needed any more
+        right = done.margin == self._settings.margin and self._hold.agrees(done.verdict.amplitude, estimate)
+        return done if right else None
 
     def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
         """Hold the beam against the twin where excitation, ceiling and beam have settled."""
@@ -127,11 +211,11 @@ class SelectingController:
         text = f"the beam rumbles: the ceiling steps back from {before:.4f} to {height:.4f} m"
         return Answer(self._command, "step_back", text, height)
 
-    def _select(self, verdict: Verdict, estimate: Estimate, height: float) -> Answer:
+    def _selected(self, computed: _Computation, estimate: Estimate) -> Answer:
+        """Command the height that was computed, or report why there is none."""
+        verdict = computed.verdict
         try:
-            selection = self._selector.select(
-                verdict.amplitude, verdict.amplitude_std, estimate.frequency, margin=self._margin, height=height
-            )
+            selection = computed.result.result()
         except SelectionError as error:
             self._hold.failed(verdict.amplitude)
             reason = "no height for this amplitude"
@@ -172,6 +256,9 @@ class ProfileController:
     """Sends the heights a scene prescribes, for scenes whose ceiling no controller moves."""
 
     def hear(self, kind: str) -> None:
+        """Nothing moves this ceiling but the scene."""
+
+    def configure(self, settings: ControlSettings) -> None:
         """Nothing moves this ceiling but the scene."""
 
     def __init__(self, heights: tuple[tuple[float, float], ...]) -> None:

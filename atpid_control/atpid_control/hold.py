@@ -90,7 +90,8 @@ class Hold:
         self._settings = settings
         self._acted = math.nan
         self._failed = math.nan
-        self._rising: deque[Estimate] = deque(maxlen=max(settings.steady_count, settings.rising_count))
+        self._select_anew = False
+        self._rising = _window(settings)
         self._falling = 0
 
     @property
@@ -98,32 +99,52 @@ class Hold:
         """Amplitude the present height was selected for [m]; NaN: none yet."""
         return self._acted
 
+    def configure(self, settings: Settings, *, select_anew: bool = False) -> None:
+        """Judge by other settings from the next estimate on.
+
+        select_anew: the height for the present amplitude is to be selected again, the dead band notwithstanding.
+        """
+        self._settings, self._select_anew = settings, self._select_anew or select_anew
+        self._rising, self._falling = _window(settings), 0
+
     def judge(self, estimate: Estimate) -> Verdict:
         """Return what to do about one more estimate. Answer a verdict to select with `acted` or `failed`."""
-        trouble = self._trouble(estimate)
+        trouble = self.trouble(estimate)
         if trouble:
             self._forget()
             # while the excitation changes a wrong frequency is no more than part of not being settled
             settling = estimate.quality == Quality.TRANSIENT and trouble == OFF_RESONANCE
             return Verdict(False, trouble, refused=estimate.quality != Quality.NONE and not settling)
-        if self._inside(estimate, self._acted):
+        inside = self.inside(estimate, self._acted)
+        if inside and not self._select_anew:
             self._forget()
             return Verdict(False, "inside dead band")
-        if self._inside(estimate, self._failed):
+        if self.inside(estimate, self._failed):
             return Verdict(False, "no height for this amplitude", refused=True)
-        if estimate.amplitude < self._acted:
+        if estimate.amplitude < self._acted and not inside:
             return self._judge_falling(estimate)
         return self._judge_rising(estimate)
 
     def acted(self, amplitude: float) -> None:
         """Record the amplitude [m] that was acted on."""
-        self._acted, self._failed = amplitude, math.nan
+        self._acted, self._failed, self._select_anew = amplitude, math.nan, False
         self._forget()
 
     def failed(self, amplitude: float) -> None:
-        """Take note that no height could be selected for `amplitude` [m]: do not ask again inside the dead band."""
-        self._failed = amplitude
+        """Record that no height could be selected for `amplitude` [m]: it is not tried again inside the dead band."""
+        self._failed, self._select_anew = amplitude, False
         self._forget()
+
+    def agrees(self, amplitude: float, estimate: Estimate) -> bool:
+        """Whether a height computed for `amplitude` [m] is right for an estimate that came meanwhile.
+
+        It is where the excitation is still the same, and where it has moved on in the same direction: then that height
+        lies on the way to the next.
+        """
+        if self.inside(estimate, amplitude):
+            return True
+        start = 0.0 if math.isnan(self._acted) else self._acted
+        return start < amplitude < estimate.amplitude or estimate.amplitude < amplitude < start
 
     def _judge_falling(self, estimate: Estimate) -> Verdict:
         self._rising.clear()
@@ -145,9 +166,7 @@ class Hold:
         """Whether the last estimates are steady and agree with the newest."""
         last = list(self._rising)[-self._settings.steady_count :]
         enough = len(last) == self._settings.steady_count
-        return enough and all(
-            item.quality == Quality.STEADY and self._inside(item, last[-1].amplitude) for item in last
-        )
+        return enough and all(item.quality == Quality.STEADY and self.inside(item, last[-1].amplitude) for item in last)
 
     def _climbing(self) -> bool:
         """Whether the last estimates rise one after the other."""
@@ -155,15 +174,15 @@ class Hold:
         enough = len(last) == self._settings.rising_count
         return enough and all(right > left for left, right in pairwise(last))
 
-    def _inside(self, estimate: Estimate, reference: float) -> bool:
+    def inside(self, estimate: Estimate, reference: float) -> bool:
         """Whether a change from `reference` [m] is too small to matter or to be sure of; never, where there is none."""
         if math.isnan(reference):
             return False
         noise = self._settings.sigmas * estimate.amplitude_std
         return abs(estimate.amplitude - reference) <= max(self._settings.dead_band * reference, noise)
 
-    def _trouble(self, estimate: Estimate) -> str:
-        """Why the estimate must not be acted on; empty if it may."""
+    def trouble(self, estimate: Estimate) -> str:
+        """Return why the estimate must not be acted on; empty if it may."""
         if estimate.quality == Quality.NONE:
             return "no estimate yet" if math.isnan(self._acted) else "no estimate"
         if estimate.quality == Quality.POOR:
@@ -178,3 +197,8 @@ class Hold:
     def _forget(self) -> None:
         self._rising.clear()
         self._falling = 0
+
+
+def _window(settings: Settings) -> deque[Estimate]:
+    """Return a place for as many estimates as a decision needs."""
+    return deque(maxlen=max(settings.steady_count, settings.rising_count))

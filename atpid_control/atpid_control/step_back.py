@@ -58,6 +58,10 @@ class Retreat:
         """Whether the ceiling has stood for the settling time and the beam is regular."""
         return self._stood > self._settings.settle and not self._rumbling
 
+    def configure(self, settings: StepBack) -> None:
+        """Step back by other settings from the next estimate on."""
+        self._settings = settings
+
     def hear(self, kind: str) -> None:
         """Take note of an event: `rumble`, or `calm` when that has ended."""
         if kind not in ("rumble", "calm"):

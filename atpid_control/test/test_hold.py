@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from atpid_control.controller import ProfileController, SelectingController
+from atpid_control.controller import ControlSettings, ProfileController, SelectingController
 from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_control.step_back import StepBack
+from atpid_control.watch import DriftSettings
 
 SETTINGS = {
     "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
@@ -124,9 +125,10 @@ class Linear:
         return Selection(19.0 * amplitude, 5.0 * amplitude, 0.8, "lookup")
 
 
-def controller(limits=(0.017, 1.0)):
+def controller(limits=(0.017, 1.0), settle=0):
     selector = Linear()
-    return SelectingController(hold(), selector, limits, 0.0, StepBack(0.1, 0, 3, 0.15, 0.05)), selector
+    step_back, drift = StepBack(0.1, settle, 3, 0.15, 0.05), DriftSettings(0.15, 0.02, 1e4)
+    return SelectingController(ControlSettings(Settings(**SETTINGS), step_back, drift, 0.0), selector, limits), selector
 
 
 def answers(machine, estimates):
@@ -198,8 +200,7 @@ def test_what_calms_down_or_is_as_predicted_is_left_alone(swing):
 
 
 def test_the_beam_may_settle_before_it_counts():
-    selector = Linear()
-    machine = SelectingController(hold(), selector, (0.017, 1.0), 0.0, StepBack(0.1, 5, 3, 0.15, 0.05))
+    machine, _ = controller(settle=5)
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.hear("rumble")
     assert stepped(machine, 8, high)[-2] == high

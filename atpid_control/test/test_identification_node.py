@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import array
-import os
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,7 +13,6 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
-from ament_index_python.packages import get_package_prefix
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -23,8 +20,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
+from atpid_common.nodes.parameters import ParameterError
 from atpid_control.identification import IdentificationError
 from atpid_control.nodes.identifier_node import IdentifierNode, last_stamp
+from atpid_control.watch import WatchError
 from atpid_sim.scene import SceneError
 from atpid_sim.stream import stamp_ns
 
@@ -184,8 +183,10 @@ def test_from_the_beam_alone_through_the_closed_damper(stand: Stand) -> None:
 @pytest.mark.parametrize(
     ("parameters", "error", "text"),
     [
-        ({"window_periods": 0.5}, IdentificationError, "window_periods: given 0.5"),
-        ({"origin": "guess"}, IdentificationError, "origin: given 'guess'; allowed: support, beam"),
+        ({"window_periods": 0.5}, ParameterError, "window_periods of identifier_node: given 0.5; allowed: 1 to 20"),
+        ({"origin": "guess"}, ParameterError, "origin of identifier_node: given 'guess'; allowed: 'support', 'beam'"),
+        ({"lowest_frequency": 50.0}, IdentificationError, "highest_frequency: given 40; allowed: above lowest_freq"),
+        ({"rumble_calm": 0.5}, WatchError, "calm: given 0.5; allowed: above 0 and at most onset"),
         ({"origin": "beam"}, IdentificationError, "scene: given none"),
         ({"origin": "beam", "scene": "missing.yaml"}, SceneError, "missing.yaml"),
     ],
@@ -204,14 +205,6 @@ def test_the_last_stamp_is_rounded_as_the_source_rounds_it() -> None:
         for first in (0, 50, 12_345_678):
             block = sample_block(first, {"support_displacement": np.zeros(37)}, rate)
             assert last_stamp(block) == stamp_ns(START, first + 36, rate)
-
-
-def test_as_a_process_without_parameters_it_says_what_to_do() -> None:
-    executable = Path(get_package_prefix("atpid_control")) / "lib" / "atpid_control" / "identifier_node"
-    ended = subprocess.run([executable], capture_output=True, text=True, timeout=100.0, env=os.environ, check=False)
-    assert ended.returncode == 2
-    assert ended.stderr.strip().startswith("error: ") and "identifier.yaml" in ended.stderr
-    assert "Traceback" not in ended.stderr
 
 
 def test_rumble_is_an_event_with_the_stamp_of_an_estimate(stand: Stand) -> None:

@@ -87,3 +87,27 @@ def test_bad_input_is_answered_in_one_line(stand, tmp_path):
     assert "rising" in answer.result.message and "\n" not in answer.result.message
     answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.01, 0.02], "nowhere.yaml").get_result_async())
     assert "nowhere.yaml" in answer.result.message
+
+
+def test_a_second_map_is_aborted_with_the_reason(stand, tmp_path):
+    amplitudes = [0.01 + 0.0005 * k for k in range(40)]
+    first = stand.ask(tmp_path / "first.npz", amplitudes)
+    while not any(message.done for message in stand.feedback):
+        stand.executor.spin_once(timeout_sec=0.02)
+    answer = stand.wait(stand.ask(tmp_path / "second.npz", amplitudes).get_result_async())
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert "another map is being computed" in answer.result.message
+    stand.wait(first.cancel_goal_async())
+    assert stand.wait(first.get_result_async()).status == GoalStatus.STATUS_CANCELED
+
+
+def test_a_defect_is_the_result_s_message_and_the_node_goes_on(stand, tmp_path, monkeypatch):
+    def defective(*_):
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr("atpid_control.nodes.map_server.build_map", defective)
+    answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.01, 0.02]).get_result_async())
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert answer.result.message == "internal error: ZeroDivisionError: a defect"
+    monkeypatch.undo()
+    assert stand.wait(stand.ask(tmp_path / "map.npz", [0.01, 0.012]).get_result_async()).result.success

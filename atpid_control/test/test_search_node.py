@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services and the search action over real DDS: what each method answers, feedback, cancel, refusals."""
+"""The search action over real DDS: feedback, cancel, and the reason of every end."""
 
 from __future__ import annotations
 
 import array
+import math
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,22 +15,17 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from atpid_interfaces.action import SearchHeight
 from atpid_interfaces.msg import SampleBlock
-from atpid_interfaces.srv import SelectHeight
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, time_of
-from atpid_control.controller import Answer, Command
+from atpid_control.controller import Answer, Command, ControlSettings
 from atpid_control.hold import Estimate, Quality
-from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection.search_run import SearchingController
-from atpid_sim.scene import load_scene
 
-ROOT = Path(__file__).parents[2]
-MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
 STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
 GOAL = {"step": 0.1, "dwell": 2.0, "lowest": 0.1, "highest": 0.9}
 
@@ -44,6 +39,9 @@ class Inner:
     def hear(self, kind: str) -> None:
         raise AssertionError(kind)
 
+    def configure(self, settings: ControlSettings) -> None:
+        raise AssertionError(settings)
+
 
 class Stand:
     """A selector in small and a client, on one executor, with a beam whose amplitude is least at 0.52 m."""
@@ -56,9 +54,6 @@ class Stand:
         self.client = Node("client", context=self.context)
         self.controller = SearchingController(Inner(), (0.017, 1.0))
         self.server = SearchServer(self.node, self.controller)
-        self.latest: Estimate | None = None
-        scene = load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
-        HeightServices(self.node, scene, MAP, lambda: self.latest, lambda: 0.3)
         self.actions = ActionClient(self.client, SearchHeight, "selector_node/search")
         self.blocks = self.client.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
         for node in (self.node, self.client):
@@ -99,11 +94,6 @@ class Stand:
         self.height += float(np.clip(command.height - self.height, -0.015, 0.015))
         self.server.report()
 
-    def ask(self, method: str, **request: float) -> SelectHeight.Response:
-        service = self.client.create_client(SelectHeight, f"selector_node/{method}")
-        assert service.wait_for_service(timeout_sec=100.0)
-        return self.wait(service.call_async(SelectHeight.Request(**request)))
-
     def search(self, **goal: float) -> tuple[Any, list[SearchHeight.Feedback]]:
         assert self.actions.wait_for_server(timeout_sec=100.0)
         told: list[SearchHeight.Feedback] = []
@@ -128,28 +118,6 @@ def stand() -> Iterator[Stand]:
     made.close()
 
 
-def test_each_method_answers_what_it_would_choose(stand: Stand) -> None:
-    for method in ("lookup", "pca", "direct"):
-        answer = stand.ask(method, amplitude=0.03)
-        assert answer.success
-        assert answer.method == method
-        assert answer.height == pytest.approx(0.57, rel=0.06)
-        assert answer.efficiency > 0.79
-
-
-def test_before_any_estimate_there_is_a_clear_answer(stand: Stand) -> None:
-    answer = stand.ask("direct")
-    assert not answer.success
-    assert "no steady estimate yet" in answer.message
-    stand.latest = STEADY
-    assert stand.ask("lookup").success
-
-
-def test_contradictory_requests_get_a_clear_answer(stand: Stand) -> None:
-    assert "margin" in stand.ask("direct", amplitude=0.03, margin=-1.0).message
-    assert "outside its 0.002 to 0.08 m" in stand.ask("lookup", amplitude=5.0).message
-
-
 def test_a_search_ends_at_the_best_height_and_tells_on_the_way(stand: Stand) -> None:
     goal, told = stand.search(**GOAL)
     assert goal.accepted
@@ -163,12 +131,13 @@ def test_a_search_ends_at_the_best_height_and_tells_on_the_way(stand: Stand) -> 
 def test_a_search_can_be_cancelled_and_another_begun(stand: Stand) -> None:
     goal, told = stand.search(**GOAL)
     result = goal.get_result_async()
-    while len(told) < 2:
+    while len(told) < 3:
         stand.turn()
     goal.cancel_goal_async()
     answer = stand.wait(result, stand.turn)
     assert answer.status == GoalStatus.STATUS_CANCELED
-    assert answer.result.message == "cancelled"
+    assert answer.result.message == "cancelled; the best of 2 heights was 0.2000 m"
+    assert answer.result.height == pytest.approx(0.2)
     here = stand.height
     for _ in range(20):
         stand.turn()
@@ -177,6 +146,47 @@ def test_a_search_can_be_cancelled_and_another_begun(stand: Stand) -> None:
     assert again.accepted
 
 
-def test_a_search_beyond_the_ceiling_s_range_is_refused(stand: Stand) -> None:
-    goal, _ = stand.search(**{**GOAL, "highest": 2.0})
-    assert not goal.accepted
+def test_a_search_is_cancelled_also_where_no_estimates_come(stand: Stand) -> None:
+    goal, _ = stand.search(**GOAL)
+    result = goal.get_result_async()
+    goal.cancel_goal_async()
+    answer = stand.wait(result)
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert answer.result.message == "cancelled"
+    assert math.isnan(answer.result.height)
+
+
+def test_a_silent_loop_ends_a_search_with_the_reason(stand: Stand) -> None:
+    goal, _ = stand.search(**GOAL)
+    result = goal.get_result_async()
+    stand.turn()
+    stand.server.stop("no messages on excitation")
+    answer = stand.wait(result)
+    assert (answer.status, answer.result.message) == (GoalStatus.STATUS_ABORTED, "no messages on excitation")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"highest": 2.0}, "limits: given 0.1 to 2 m; allowed is the ceiling's 0.017 to 1 m"),
+        ({"step": -0.1}, "step: given -0.1 m; allowed is a number above 0"),
+        ({"dwell": 0.5}, "dwell: given 0.5 s; allowed is at least 1 s"),
+        ({"lowest": math.nan}, "limits: given nan to 0.9 m; allowed are two rising heights above 0"),
+    ],
+)
+def test_a_goal_that_cannot_be_searched_is_aborted_with_the_reason(
+    stand: Stand, change: dict[str, float], reason: str
+) -> None:
+    goal, _ = stand.search(**{**GOAL, **change})
+    assert goal.accepted
+    answer = stand.wait(goal.get_result_async())
+    assert (answer.status, answer.result.success) == (GoalStatus.STATUS_ABORTED, False)
+    assert answer.result.message == reason
+
+
+def test_a_second_search_is_aborted_and_the_first_goes_on(stand: Stand) -> None:
+    first, _ = stand.search(**GOAL)
+    result = first.get_result_async()
+    second, _ = stand.search(**GOAL)
+    assert "is running" in stand.wait(second.get_result_async()).result.message
+    assert stand.wait(result, stand.turn).status == GoalStatus.STATUS_SUCCEEDED

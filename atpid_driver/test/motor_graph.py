@@ -11,6 +11,9 @@ from typing import Any
 import rclpy
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from builtin_interfaces.msg import Time as TimeMsg
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -45,6 +48,8 @@ class Stand:
         self.events: list[Event] = []
         self.peer.create_subscription(CeilingState, "ceiling/state", self.states.append, 100)
         self.peer.create_subscription(Event, "events", self.events.append, 100)
+        self.statuses: list[DiagnosticStatus] = []
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.statuses.extend(m.status), 10)
         self.commands = self.peer.create_publisher(CeilingCommand, "ceiling/command", 10)
 
     def motor(self, **parameters: Any) -> MotorNode:
@@ -99,6 +104,14 @@ class Stand:
         self.until(future.done)
         self.peer.destroy_client(client)
         return future.result()
+
+    def change(self, transition: int) -> bool:
+        """Ask for a lifecycle transition; return whether it succeeded."""
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(self.call(ChangeState, "motor_node/change_state", request).success)
+
+    def kinds(self) -> list[str]:
+        return [event.kind for event in self.events]
 
     def close_motor(self) -> None:
         """End the motor node while its board is still there."""

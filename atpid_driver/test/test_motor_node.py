@@ -10,11 +10,13 @@ from typing import Any
 
 import pytest
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, PlantTruth
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from motor_graph import SIMULATED, Stand
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -116,17 +118,13 @@ def test_lifecycle_by_a_manager(stand: Stand) -> None:
     stand.until(lambda: stand.states)
     assert stand.states[-1].mode == CeilingState.UNCONFIGURED
 
-    def change(transition: int) -> bool:
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return bool(stand.call(ChangeState, "motor_node/change_state", request).success)
-
     for transition, mode in (
         (Transition.TRANSITION_CONFIGURE, CeilingState.DISARMED),
         (Transition.TRANSITION_ACTIVATE, CeilingState.HOLDING),
         (Transition.TRANSITION_DEACTIVATE, CeilingState.DISARMED),
         (Transition.TRANSITION_CLEANUP, CeilingState.UNCONFIGURED),
     ):
-        assert change(transition)
+        assert stand.change(transition)
         stand.until(lambda mode=mode: stand.states[-1].mode == mode)  # type: ignore[misc]
 
 
@@ -141,10 +139,86 @@ def test_an_exception_in_a_transition_is_logged_and_the_node_lives_on(stand: Sta
     assert stand.call(ChangeState, "motor_node/change_state", request).success
 
 
+def test_after_shutdown_nothing_impossible_is_advised(stand: Stand) -> None:
+    stand.motor()
+    stand.handshake()
+    stand.change(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
+    final = "the motor node is finalized: it was shut down for good; start it again"
+    assert (answer.success, answer.message) == (False, final)
+    stand.command(0.5, 1.0)
+    stand.until(lambda: stand.events)
+    assert [event.text for event in stand.events] == [f"ceiling height 0.5 m refused: {final}"]
+
+
+def test_commands_that_stay_away_stop_the_ceiling_where_it_is(stand: Stand) -> None:
+    stand.motor(speed=0.01)
+    stand.handshake()
+    stand.command(0.9, 1.0, sequence=7)
+    stand.until(lambda: "stale" in stand.kinds())
+    stale = next(event for event in stand.events if event.kind == Event.STALE)
+    assert stale.severity == Event.ALARM and stale.value >= 0.4
+    assert stale.text == f"no message on ceiling/command for {stale.value:.2f} s: the ceiling stays where it is"
+    stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING)
+    assert 0.017 < stand.states[-1].height < 0.1
+    assert (stand.states[-1].velocity, stand.states[-1].sequence) == (0.0, 7)
+    stand.until(lambda: any(s.level == DiagnosticStatus.STALE for s in stand.statuses))
+    stand.command(0.9, 1.05, sequence=7)
+    stand.until(lambda: stand.states[-1].mode == CeilingState.MOVING)
+    stand.until(lambda: "resumed" in stand.kinds())
+
+
+def test_before_the_first_command_and_after_a_run_no_commands_are_expected(stand: Stand) -> None:
+    node = stand.motor(stale_timeout=10.0)
+    stand.handshake()
+    runs = stand.peer.create_publisher(Event, "events", 10)
+    stand.until(lambda: runs.get_subscription_count() == 2)
+    assert not node._supervision.stale.running
+    stand.command(0.5, 1.0)
+    stand.until(lambda: node._supervision.stale.running)
+    runs.publish(Event(kind=Event.FINISHED))
+    stand.until(lambda: not node._supervision.stale.running, limit=9.0)
+    stand.until(lambda: stand.states[-1].height == 0.5)
+
+
+def test_a_travel_that_begins_is_an_event_and_another_target_on_the_way_is_none(stand: Stand) -> None:
+    stand.motor(lockstep=True)
+    stand.handshake()
+    for k, height in enumerate([0.317, 0.317, 0.4, 0.4]):
+        stand.ask(height, 1.0 + 0.1 * k)
+    stand.until(lambda: stand.events)
+    (moved,) = stand.events
+    assert (moved.kind, moved.severity, moved.value) == (Event.MOVED, Event.INFO, 0.317)
+    assert moved.text == "the ceiling moves from 0.0170 to 0.3170 m"
+    assert (moved.header.stamp.sec, moved.header.stamp.nanosec) == (1, 0)
+    stand.ask(0.4, 5.0)
+    stand.ask(0.2, 5.1)
+    stand.until(lambda: len(stand.events) == 2)
+    assert stand.events[1].value == 0.2
+
+
+def test_its_statuses_have_standard_names_and_a_hardware_id(stand: Stand) -> None:
+    stand.motor()
+    stand.until(lambda: len(stand.statuses) >= 3)
+    assert {status.name: status.hardware_id for status in stand.statuses} == {
+        "motor_node: ceiling motor": "simulated ceiling",
+        "motor_node: inputs": "none",
+        "motor_node: quality of service": "none",
+    }
+
+
+def test_a_command_of_another_quality_of_service_is_an_event(stand: Stand) -> None:
+    stand.motor()
+    lossy = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    stand.peer.create_publisher(CeilingCommand, "ceiling/command", lossy)
+    stand.until(lambda: "qos" in stand.kinds())
+    assert "ceiling/command: a publisher has another reliability" in stand.events[-1].text
+
+
 def test_rearm_needs_an_active_node(stand: Stand) -> None:
     stand.motor(autostart=False)
     answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
-    assert (answer.success, answer.message) == (False, "motor node is not active: activate it instead")
+    assert (answer.success, answer.message) == (False, "the motor node is unconfigured: configure and activate it")
 
 
 def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:

@@ -75,6 +75,7 @@ def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag:
     """Return each node's parameters: those of its file, and what this scene and this run make of them."""
     parameters = {part.name: part.configured() for part in PARTS}
     parameters["plant_node"] |= {"scene": str(scene_file), "lockstep": lockstep, "expect_recorder": True}
+    parameters["identifier_node"] |= {"lockstep": lockstep}
     parameters["selector_node"] |= {"scene": str(scene_file), "map": str(height_map or ""), "lockstep": lockstep}
     motor = {"backend": "simulated", "lockstep": lockstep}
     # the ceiling stands where the plant's does, also for a motor node that is started again in mid-run

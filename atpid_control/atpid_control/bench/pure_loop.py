@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.bench.errors import BenchError
-from atpid_control.control_setup import controller_of, identifier_of, selector_of
+from atpid_control.control_setup import controller_of, identification_settings, rumble_settings, selector_of
 from atpid_control.controller import Answer, Command
 from atpid_control.hold import Estimate
 from atpid_control.identification import Estimate as Identified
-from atpid_control.watch import RumbleSettings, RumbleWatch
+from atpid_control.identification import Identifier
+from atpid_control.watch import RumbleWatch
 from atpid_sim.plant import Plant
 from atpid_sim.scene import ControlledCeiling, Scene
 from atpid_sim.stream import Stream
@@ -84,7 +85,8 @@ def run_loop(
     chosen, seen = parameters["selector_node"], parameters["identifier_node"]
     selector = selector_of(chosen.__getitem__, controlled(believed).controller, believed, height_map)
     controller = controller_of(chosen.__getitem__, believed, selector)
-    identifier, watch = identifier_of(seen), RumbleWatch(rumble_settings(seen))
+    identifier = Identifier(identification_settings(seen.__getitem__))
+    watch = RumbleWatch(rumble_settings(seen.__getitem__))
     stream = Stream(scene, Plant(scene))
     ceiling = Ceiling(stream.height, moved.range, moved.speed)
     run, last = LoopRun(scene), 0.0
@@ -110,16 +112,6 @@ def controlled(scene: Scene) -> ControlledCeiling:
     if not isinstance(scene.ceiling, ControlledCeiling):
         raise BenchError(f"ceiling: given {scene.ceiling.kind}; allowed: one that a `controller` moves")
     return scene.ceiling
-
-
-def rumble_settings(parameters: Mapping[str, Any]) -> RumbleSettings:
-    """Return the watch's settings of identifier.yaml's parameters."""
-    return RumbleSettings(
-        onset=float(parameters["rumble_onset"]),
-        calm=float(parameters["rumble_calm"]),
-        calm_periods=int(parameters["rumble_calm_periods"]),
-        least_amplitude=float(parameters["rumble_least_amplitude"]),
-    )
 
 
 def _decisive(estimate: Identified) -> Estimate:

@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from atpid_control.bagread import Bag
+from atpid_control.bench.latency import in_words, latency_of
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed, beside
 from atpid_control.report.view import View, not_arrived
@@ -38,6 +39,7 @@ def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
         "seed": scene.seed,
         "lost_scans": lost_scans(bag),
         "unanswered_blocks": unanswered_blocks(bag),
+        "latency": latency_of(bag) if mode != "lockstep" else None,
         "events": dict(sorted(Counter(kind for kind, _ in notable(bag)).items())),
         "defaults": scene.defaults(),
         "warnings": scene.warnings(),
@@ -126,6 +128,8 @@ def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console)
         f"{summary['mode']}: {summary['real_time_factor']:.1f} x real time; lost scans: {summary['lost_scans']}; "
         f"unanswered blocks: {summary['unanswered_blocks']}; seed {summary['seed']}"
     )
+    if summary["latency"]:
+        console.print(in_words(summary["latency"]), soft_wrap=True)
     if summary["lost_scans"] or summary["unanswered_blocks"]:
         line("INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", "bold")
     for kind, text in notable(view.run.bag):

@@ -26,6 +26,10 @@ class ChangeTracker:
         self._reference: tuple[float, float, float, float] | None = None
         self._pending = False
 
+    def configure(self, change: float) -> None:
+        """Compare by another relative change [-] from the next estimate on."""
+        self._change = change
+
     def judge(
         self, quality: Quality, amplitude: float, amplitude_std: float, frequency: float, frequency_std: float
     ) -> bool:

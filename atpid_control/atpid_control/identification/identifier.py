@@ -49,6 +49,12 @@ class Identifier:
         self._last_index = 0
         self.source = Origin.SUPPORT if inverse is None else Origin.BEAM
 
+    def configure(self, settings: Settings) -> None:
+        """Identify with other thresholds from the next block on; window, frequencies and rates stay what they are."""
+        self._settings = settings
+        self._finder.configure(settings)
+        self._tracker.configure(settings.change)
+
     def push(
         self,
         first_index: int,

@@ -56,6 +56,10 @@ class ToneFinder:
         self._settings, self._shorten = settings, shorten
         self.frequency = math.nan  # of the last tone found [Hz]
 
+    def configure(self, settings: Settings) -> None:
+        """Judge by other thresholds from the next block on."""
+        self._settings = settings
+
     def find(self, buffer: SampleBuffer, channel: int) -> Tone | None:
         """Return the tone in the newest samples; None where there is none, or less than a period of it."""
         known = not math.isnan(self.frequency)

@@ -1,71 +1,78 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One SelectHeight service a method (`~/lookup`, `~/pca`, `~/direct`): what each would choose; nothing moves."""
+"""The SelectHeight services: `~/select` by the loop's method, `~/lookup`, `~/pca`, `~/direct`; nothing moves."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
+import traceback
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Executor
+from functools import partial
 
 from atpid_interfaces.srv import SelectHeight
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
+from atpid_common.errors import AtpidError
 from atpid_control.hold import Estimate
-from atpid_control.selection import HeightSelector, SelectionError, make_selector
-from atpid_sim.maps import MapError
-from atpid_sim.scene import Scene
+from atpid_control.nodes.background import computed
+from atpid_control.selection import HeightSelector, Selection
+from atpid_control.selection.request import Request, Resonance, resolved
 
 METHODS = ("lookup", "pca", "direct")
 
+Answer = Callable[[SelectHeight.Request, SelectHeight.Response], Awaitable[SelectHeight.Response]]
+
 
 class HeightServices:
-    """Services of a node; a method is made ready when it is first asked."""
+    """Services of a node. A method is made ready when it is first asked, and used by these services only."""
 
     def __init__(
         self,
         node: Node,
-        scene: Scene,
-        height_map: Path | None,
-        latest: Callable[[], Estimate | None],
-        height: Callable[[], float],
+        executor: Executor,
+        make: Callable[[str], HeightSelector],
+        method: str,
+        situation: Callable[[], tuple[Estimate | None, float, Resonance]],
     ) -> None:
-        """Serve; `latest` gives the last steady estimate, `height` where the ceiling is [m]."""
-        self._scene, self._map, self._latest, self._height = scene, height_map, latest, height
-        self._selectors: dict[str, HeightSelector] = {}
-        for method in METHODS:
-            node.create_service(SelectHeight, f"~/{method}", self._answering(method))
+        """Serve.
 
-    def _answering(self, method: str) -> Callable[[SelectHeight.Request, SelectHeight.Response], SelectHeight.Response]:
-        def answer(request: SelectHeight.Request, response: SelectHeight.Response) -> SelectHeight.Response:
+        executor: where heights are computed, one call at a time; make: returns the selector of a method, raises
+        SelectionError or MapError; method: the loop's; situation: returns the latest steady estimate, the ceiling's
+        height [m] and where heights hold.
+        """
+        self._node, self._executor, self._make, self._situation = node, executor, make, situation
+        self._selectors: dict[str, HeightSelector] = {}
+        group = ReentrantCallbackGroup()
+        for name, used in [("select", method), *((name, name) for name in METHODS)]:
+            node.create_service(SelectHeight, f"~/{name}", self._answering(used), callback_group=group)
+
+    def _answering(self, method: str) -> Answer:
+        async def answer(request: SelectHeight.Request, response: SelectHeight.Response) -> SelectHeight.Response:
             try:
-                if method not in self._selectors:
-                    self._selectors[method] = make_selector(method, self._scene, self._map)
-                return select_height(self._selectors[method], request, response, self._latest(), self._height())
-            except (SelectionError, MapError) as error:
+                latest, height, resonance = self._situation()
+                given = Request(request.amplitude, request.amplitude_std, request.frequency, request.margin)
+                asked = resolved(given, latest, resonance)
+                chosen = await computed(self._node, self._executor, partial(self._select, method, asked, height))
+            except AtpidError as error:
                 return refused(method, str(error), response)
+            except Exception as error:  # a defect: reported, but the loop goes on
+                self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
+                return refused(method, f"internal error: {type(error).__name__}: {error}", response)
+            return filled(chosen, asked.amplitude, response)
 
         return answer
 
+    def _select(self, method: str, asked: Request, height: float) -> Selection:
+        if method not in self._selectors:
+            self._selectors[method] = self._make(method)
+        return self._selectors[method].select(
+            asked.amplitude, asked.amplitude_std, asked.frequency, margin=asked.margin, height=height
+        )
 
-def select_height(
-    selector: HeightSelector,
-    request: SelectHeight.Request,
-    response: SelectHeight.Response,
-    latest: Estimate | None,
-    height: float,
-) -> SelectHeight.Response:
-    """Answer for the amplitude asked about or, where it is 0 or NaN, for the latest steady estimate.
 
-    height: where the ceiling is [m]. Raises SelectionError.
-    """
-    amplitude, std, frequency = request.amplitude, request.amplitude_std, request.frequency or math.nan
-    if not amplitude > 0.0:
-        if latest is None:
-            raise SelectionError(
-                f"amplitude: given {amplitude:g} and no steady estimate yet; give an amplitude above 0 m"
-            )
-        amplitude, std, frequency = latest.amplitude, latest.amplitude_std, latest.frequency
-    chosen = selector.select(amplitude, std, frequency, margin=request.margin, height=height)
+def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:
+    """Answer with a height selected for `amplitude` [m]."""
     response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m"
     response.method, response.height = chosen.method, chosen.height
     response.beam_amplitude, response.efficiency = chosen.beam_amplitude, chosen.efficiency

@@ -10,50 +10,76 @@ from typing import Any
 
 import numpy as np
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+from atpid_common.errors import BAD_INPUT
+from atpid_common.latency import Latencies
+from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, warm_up
-from atpid_control.nodes.identifier_parameters import declare, inverse_of, rumble_of, settings_of, text_of
-from atpid_control.watch import RumbleState, RumbleWatch
-from atpid_sim.stream import stamp_ns
+from atpid_control.control_setup import identification_settings, rumble_settings
+from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
+from atpid_control.identification.stamps import last_stamp_ns
+from atpid_control.nodes.identifier_parameters import TABLE, inverse_of
+from atpid_control.watch import RumbleSettings, RumbleState, RumbleWatch
 
-BAD_INPUT = 2
+LASER = "sensors/laser"
 
 
 class IdentifierNode(Node):
     """Parameters, topics, and one call into the identification for each block."""
 
     def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
-        """Raise IdentificationError or SceneError, in one line, where parameters do not fit. `done`: exit status."""
+        """Raise ParameterError, IdentificationError, WatchError or SceneError, in one line, for bad parameters.
+
+        `done`: exit status.
+        """
         super().__init__("identifier_node", parameter_overrides=parameter_overrides, **node_options)
-        declare(self)
-        self._names = (text_of(self, "support_channel"), text_of(self, "beam_channel"))
-        inverse = inverse_of(self)
-        self.identifier = Identifier(settings_of(self), inverse)
+        self.parameters = LiveParameters(self, TABLE)
+        self._names = (self.parameters["support_channel"], self.parameters["beam_channel"])
+        inverse = inverse_of(self.parameters.__getitem__)
+        settings, rumble, timeout = _settings(self.parameters.__getitem__)
+        self.identifier = Identifier(settings, inverse)
         with announced(COMPILING, self.get_logger().info):
             warm_up()
-        self._rumble = RumbleWatch(rumble_of(self))
+        self._rumble = RumbleWatch(rumble)
         self.done: Future = Future()
         self._height = math.nan
-        self._status = _Status()
+        self._progress = _Progress()
         self.complaint = ""  # what was last wrong with a block, one sentence
-        self._excitation = self.create_publisher(Excitation, "excitation", EVENTS)
+        self._make_topics(timeout, from_beam=inverse is not None)
+        self.parameters.follow(_settings, self._configure, self._events.publish)
+
+    def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
-        if inverse is not None:
+        self._supervision = Supervision(
+            self, self._events.publish, self._statuses, timeout, enabled=not self.parameters["lockstep"]
+        )
+        self._supervision.stale.watch(LASER, "the excitation is not identified")
+        self._supervision.follow_events()
+        qos = self._supervision.qos
+        self._excitation = self.create_publisher(
+            Excitation, "excitation", EVENTS, event_callbacks=qos.publisher("excitation")
+        )
+        self.create_subscription(SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
+        if from_beam:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        self._each_second = self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:
+        self.identifier.configure(settings[0])
+        self._rumble.configure(settings[1])
+        self._supervision.stale.timeout = settings[2]
 
     def _on_state(self, state: CeilingState) -> None:
         self._height = state.height
@@ -62,19 +88,24 @@ class IdentifierNode(Node):
         if block.handshake:
             self._excitation.publish(Excitation(header=block.header, handshake=True, **_fields(Estimate())))
             return
+        scans = scans_of(block)
+        self._supervision.stale.received(LASER, scans / block.rate if block.rate > 0.0 else 0.0)
         last_ns = last_stamp(block)
+        received_ns = self.get_clock().now().nanoseconds
         try:
-            estimate = self._identify(block, last_ns)
+            estimate, self.complaint = self._identify(block, last_ns), ""
         except IdentificationError as error:
             self._complain(str(error))
             estimate = Estimate()
         message = Excitation(**_fields(estimate))
         message.header.stamp, message.header.frame_id = time_of(last_ns), block.header.frame_id
-        # before the estimate, so that whoever answers it has heard of the rumble
+        # before the estimate, so that the node that answers it has received the rumble first
         self._watch(block, estimate, message)
         self._tell_change(estimate, message)
         self._excitation.publish(message)
-        self._status.note(block, estimate)
+        self._progress.add(block, estimate)
+        self._progress.received.add(received_ns - last_ns)
+        self._progress.answered.add(self.get_clock().now().nanoseconds - last_ns)
 
     def _identify(self, block: SampleBlock, last_ns: int) -> Estimate:
         channels = list(block.channels)
@@ -113,52 +144,62 @@ class IdentifierNode(Node):
     def _tell(self, severity: int, kind: str, value: float, text: str, message: Excitation) -> None:
         self._events.publish(severity, kind, text, value, message.header.stamp)
 
-    def _report(self) -> None:
-        """Publish diagnostics, and leave where another node of this name works already."""
-        array = DiagnosticArray(status=[self._status.message(self.get_name())])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+    def _statuses(self) -> list[DiagnosticStatus]:
+        return [self._progress.status(self, self.complaint)]
+
+    def _stay_alone(self) -> None:
+        """Leave where another node of this name works already."""
         try:
             check_alone(self)
         except StartedTwiceError as error:
             self.get_logger().error(str(error))
-            if self._status.blocks == 0 and not self.done.done():
+            if self._progress.blocks == 0 and not self.done.done():
                 self.done.set_result(BAD_INPUT)
 
     def close(self) -> None:
-        """Stop the timer."""
-        self._each_second.cancel()
+        """Stop the timers."""
+        self._supervision.close()
+        self._alone_timer.cancel()
 
 
-class _Status:
-    """What diagnostics say: blocks answered, and what was lost on the way."""
+class _Progress:
+    """What diagnostics show: blocks answered, how late, and what was lost on the way."""
 
     def __init__(self) -> None:
         self.blocks = 0
+        self.received, self.answered = Latencies(), Latencies()
         self._missing = 0
         self._expected: int | None = None
         self._rate = math.nan
+        self._device = ""
         self._latest = Estimate()
 
-    def note(self, block: SampleBlock, estimate: Estimate) -> None:
-        scans = len(block.data) // max(len(block.channels), 1)
+    def add(self, block: SampleBlock, estimate: Estimate) -> None:
         if self._expected is not None and block.first_index > self._expected:
             self._missing += block.first_index - self._expected
-        self._expected = block.first_index + scans
+        self._expected = block.first_index + scans_of(block)
         self.blocks += 1
-        self._rate, self._latest = block.rate, estimate
+        self._rate, self._latest, self._device = block.rate, estimate, block.header.frame_id
 
-    def message(self, name: str) -> DiagnosticStatus:
+    def status(self, node: Node, complaint: str) -> DiagnosticStatus:
         poor = self._latest.quality == Quality.POOR
         values = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing,
                   "quality": self._latest.quality.name, "amplitude [m]": self._latest.amplitude,
-                  "frequency [Hz]": self._latest.frequency}  # fmt: skip
-        return DiagnosticStatus(
-            level=DiagnosticStatus.WARN if poor else DiagnosticStatus.OK,
-            name=name,
-            message="poor estimate" if poor else "identifying" if self.blocks else "waiting for samples",
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
+                  "frequency [Hz]": self._latest.frequency, "last error": complaint or "none"}  # fmt: skip
+        latency = self.received.values("sample to block") | self.answered.values("sample to estimate")
+        text = "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
+        level = DiagnosticStatus.ERROR if complaint else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
+        return status(node, "identification", level, complaint or text, values | latency, self._device or "none")
+
+
+def _settings(value: Value) -> tuple[Settings, RumbleSettings, float]:
+    """Return what may change while the node runs; raise InputError where it contradicts itself."""
+    return identification_settings(value), rumble_settings(value), float(value("stale_timeout"))
+
+
+def scans_of(block: SampleBlock) -> int:
+    """Return how many scans a block has."""
+    return len(block.data) // max(len(block.channels), 1)
 
 
 def channel_of(block: SampleBlock, name: str) -> NDArray[np.float64] | None:
@@ -171,13 +212,8 @@ def channel_of(block: SampleBlock, name: str) -> NDArray[np.float64] | None:
 
 
 def last_stamp(block: SampleBlock) -> int:
-    """Return when the block's last scan was taken [ns]: the stream's start plus index over rate, rounded once."""
-    begin = nanoseconds_of(block.header.stamp)
-    scans = len(block.data) // max(len(block.channels), 1)
-    if scans == 0 or not block.rate > 0.0:
-        return begin
-    start = begin - stamp_ns(0, block.first_index, block.rate)
-    return stamp_ns(start, block.first_index + scans - 1, block.rate)
+    """Return when the block's last scan was taken [ns]."""
+    return last_stamp_ns(nanoseconds_of(block.header.stamp), block.first_index, scans_of(block), block.rate)
 
 
 def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:

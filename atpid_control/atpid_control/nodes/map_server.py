@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The action `~/compute_map` (ComputeMap): a height map made while the node goes on, with progress and cancel."""
+"""The action `~/compute_map` (ComputeMap): a height map made while the node goes on, with progress and cancel.
+
+Every goal is accepted; one that cannot be computed is aborted, since only a result carries the reason.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
+import traceback
+from concurrent.futures import Executor
 from typing import Any
 
 from atpid_interfaces.action import ComputeMap
@@ -14,11 +19,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
-from atpid_common.errors import InputError
+from atpid_common.errors import AtpidError, InputError
+from atpid_control.computation import threaded
+from atpid_control.nodes.search_server import concluded
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene
 
-#: How often a client hears how far the map is [s].
+#: Period of the feedback [s].
 _PERIOD = 0.5
 
 
@@ -27,23 +34,21 @@ class _StoppedError(InputError):
 
 
 class _Making:
-    """One map in a thread of its own; what is done lies in the map's journal, so a stop costs one point."""
+    """One map being made; what is done lies in the map's journal, so a stop costs one point."""
 
-    def __init__(self, goal: ComputeMap.Goal) -> None:
+    def __init__(self, goal: ComputeMap.Goal, executor: Executor) -> None:
         self.done, self.total = 0, len(goal.amplitudes) * len(goal.mass_fractions)
-        self.began, self.message, self.success = time.monotonic(), "", False
-        self._goal, self._stop = goal, threading.Event()
-        self.thread = threading.Thread(target=self._make, name="compute_map")
-        self.thread.start()
+        self.began = time.monotonic()
+        self._stop = threading.Event()
+        self.made = executor.submit(self._make, goal)
 
-    def _make(self) -> None:
-        goal = self._goal
+    def _make(self, goal: ComputeMap.Goal) -> str:
+        """Make the map; return why it could not be made, empty where it was."""
         try:
             build_map(load_scene(goal.scene), list(goal.amplitudes), list(goal.mass_fractions), goal.out, self._note)
-        except (ValueError, ArithmeticError, OSError) as error:
-            self.message = str(error)
-            return
-        self.success, self.message = True, f"{goal.out}: {self.total} best heights"
+        except (AtpidError, OSError) as error:
+            return str(error)  # not the error itself, whose traceback would keep the threads of a stopped map
+        return ""
 
     def _note(self, done: int, total: int) -> None:
         self.done, self.total = done, total
@@ -55,7 +60,7 @@ class _Making:
         self._stop.set()
 
     def remaining(self) -> float:
-        """Return the time to go [s], as far as the points done tell."""
+        """Return the time to go [s], extrapolated from the points done."""
         return (time.monotonic() - self.began) * (self.total - self.done) / max(1, self.done)
 
 
@@ -65,6 +70,8 @@ class MapServer:
     def __init__(self, node: Node) -> None:
         """Serve."""
         self._node = node
+        # one thread of lower priority than the loop, which the threads it starts inherit
+        self._executor = threaded("compute-map")
         self._making: _Making | None = None
         self._goal: ServerGoalHandle | None = None
         self._ended: Future | None = None
@@ -75,7 +82,7 @@ class MapServer:
             ComputeMap,
             "~/compute_map",
             execute_callback=self._execute,
-            goal_callback=self._asked,
+            goal_callback=lambda _: GoalResponse.ACCEPT,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
 
@@ -83,15 +90,9 @@ class MapServer:
         """Stop a map that is being made, and take the action down; a second time does nothing."""
         if self._making:
             self._making.stop()
-            self._making.thread.join()
+        self._executor.shutdown(cancel_futures=True)
         if self._server in self._node.waitables:
             self._server.destroy()
-
-    def _asked(self, goal: ComputeMap.Goal) -> GoalResponse:
-        if self._making is not None:
-            self._node.get_logger().warning("map refused: one is being made; cancel it first")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
 
     def _report(self) -> None:
         making, goal, ended = self._making, self._goal, self._ended
@@ -100,23 +101,25 @@ class MapServer:
         if goal.is_cancel_requested:
             making.stop()
         goal.publish_feedback(ComputeMap.Feedback(done=making.done, total=making.total, remaining=making.remaining()))
-        if not making.thread.is_alive():
+        if making.made.done():
             ended.set_result(None)
 
     async def _execute(self, goal: ServerGoalHandle) -> ComputeMap.Result:
-        self._goal, self._ended, self._making = goal, Future(), _Making(goal.request)
+        if self._making is not None:
+            busy = "another map is being computed; cancel it or wait for its result"
+            return concluded(goal, ComputeMap.Result(success=False, message=busy, out=goal.request.out))
+        self._goal, self._ended, self._making = goal, Future(), _Making(goal.request, self._executor)
         await self._ended
         making, self._making, self._goal = self._making, None, None
-        making.thread.join()
-        if goal.is_cancel_requested:
-            goal.canceled()
-        elif making.success:
-            goal.succeed()
+        return concluded(goal, self._result(making, goal.request.out))
+
+    def _result(self, making: _Making, out: str) -> Any:
+        defect = making.made.exception()
+        if defect is not None:  # reported, and the loop goes on
+            self._node.get_logger().error("".join(traceback.format_exception(defect)))
+            message = f"internal error: {type(defect).__name__}: {defect}"
         else:
-            goal.abort()
-        return _result(making, goal.request.out)
-
-
-def _result(making: _Making, out: str) -> Any:
-    wall = time.monotonic() - making.began
-    return ComputeMap.Result(success=making.success, message=making.message, out=out, wall_time=wall)
+            message = making.made.result()
+        success, message = not message, message or f"{out}: {making.total} best heights"
+        wall = time.monotonic() - making.began
+        return ComputeMap.Result(success=success, message=message, out=out, wall_time=wall)

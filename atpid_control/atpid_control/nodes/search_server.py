@@ -22,14 +22,17 @@ _BEAM = "beam_displacement"
 
 
 class SearchServer:
-    """Hands goals to the searching controller and the beam to its search; `report` after each answered estimate."""
+    """Passes goals to the searching controller and the beam to its search; `report` after each answered estimate.
+
+    Every goal is accepted; one that cannot be searched is aborted, since only a result carries the reason.
+    """
 
     def __init__(self, node: Node, controller: SearchingController) -> None:
         """Serve on a node whose controller may be interrupted."""
         self._node, self._controller = node, controller
         self._goal: ServerGoalHandle | None = None
         self._ended: Future | None = None
-        self._told = -1
+        self._reported = -1
         self._start_ns: int | None = None
         node.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
         self._server = ActionServer(
@@ -37,51 +40,51 @@ class SearchServer:
             SearchHeight,
             "~/search",
             execute_callback=self._execute,
-            goal_callback=self._asked,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=self._on_cancel,
         )
 
     def report(self) -> None:
-        """Publish feedback when a new height was watched; end the goal when the search has ended or was cancelled."""
+        """Publish feedback when a new height was watched; end the goal when the search has ended."""
         run, goal = self._controller.run, self._goal
         if goal is None or self._ended is None or self._ended.done():
             return
-        if goal.is_cancel_requested and run is not None:
-            run.stop("cancelled")
         found = run.progress() if run is not None else None
-        if found is not None and found.iterations != self._told:
-            self._told = found.iterations
+        if found is not None and found.iterations != self._reported:
+            self._reported = found.iterations
             goal.publish_feedback(_feedback(found))
         if found is None or found.done:
             self._ended.set_result(None)
+
+    def stop(self, reason: str) -> None:
+        """End a running search without a result, also where no estimates come."""
+        run, ended = self._controller.run, self._ended
+        if ended is None or ended.done():
+            return
+        if run is not None:
+            run.stop(reason)
+        ended.set_result(None)
 
     def close(self) -> None:
         """Take the action down; a second time does nothing."""
         if self._server in self._node.waitables:
             self._server.destroy()
 
-    def _asked(self, goal: SearchHeight.Goal) -> GoalResponse:
-        """Refuse, with the reason in the log, what cannot be searched."""
-        try:
-            self._controller.begin(Plan(goal.step, goal.dwell, goal.lowest, goal.highest))
-        except SearchError as error:
-            self._node.get_logger().warning(f"search refused: {error}")
-            return GoalResponse.REJECT
-        self._told = -1
-        return GoalResponse.ACCEPT
+    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        if self._goal is not None and goal.goal_id == self._goal.goal_id:
+            self.stop("cancelled")
+        return CancelResponse.ACCEPT
 
     async def _execute(self, goal: ServerGoalHandle) -> SearchHeight.Result:
-        run = self._controller.run
-        self._goal, self._ended = goal, Future()
+        asked = goal.request
+        try:
+            run = self._controller.begin(Plan(asked.step, asked.dwell, asked.lowest, asked.highest))
+        except SearchError as error:
+            return concluded(goal, _no_result(str(error)))
+        self._goal, self._ended, self._reported = goal, Future(), -1
         await self._ended
-        self._goal = None
-        if goal.is_cancel_requested:
-            goal.canceled()
-        elif run is not None and run.success:
-            goal.succeed()
-        else:
-            goal.abort()
-        return _result(run)
+        self._goal = self._ended = None
+        return concluded(goal, _result(run))
 
     def _on_block(self, block: SampleBlock) -> None:
         if block.handshake or not block.data:
@@ -103,14 +106,30 @@ def _feedback(found: Progress) -> Any:
     )
 
 
-def _result(run: SearchRun | None) -> Any:
-    if run is None:
-        return SearchHeight.Result(success=False, message="no search")
+def _result(run: SearchRun) -> Any:
     found = run.progress()
+    if found.iterations == 0:
+        return _no_result(found.message)
+    best = f"the best of {found.iterations} heights was {found.best_height:.4f} m"
     return SearchHeight.Result(
         success=run.success,
-        message=found.message,
+        message=found.message if run.success else f"{found.message}; {best}",
         height=found.best_height,
         beam_amplitude=found.best_amplitude,
         iterations=found.iterations,
     )
+
+
+def _no_result(message: str) -> Any:
+    return SearchHeight.Result(success=False, message=message, height=math.nan, beam_amplitude=math.nan)
+
+
+def concluded(goal: ServerGoalHandle, result: Any) -> Any:
+    """Put a goal in its final state, by `result.success` unless it was cancelled; return the result."""
+    if goal.is_cancel_requested:
+        goal.canceled()
+    elif result.success:
+        goal.succeed()
+    else:
+        goal.abort()
+    return result

@@ -7,91 +7,127 @@ import math
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
-from atpid_interfaces.srv import SelectHeight
-from rcl_interfaces.msg import ParameterDescriptor
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
+from atpid_common.errors import BAD_INPUT
+from atpid_common.latency import Latencies
+from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.nodes.stale_monitor import MISSING
+from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.control_setup import controller_of, selector_of
-from atpid_control.controller import Answer, Command, Controller
-from atpid_control.hold import Estimate, HoldError, Quality
-from atpid_control.nodes.height_services import HeightServices, refused, select_height
+from atpid_control.computation import InlineExecutor, threaded
+from atpid_control.control_setup import control_settings, controller_of, selector_of
+from atpid_control.controller import Answer, Command, Controller, ControlSettings
+from atpid_control.hold import Estimate, Quality
+from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.search_server import SearchServer
-from atpid_control.selection import SelectionError
+from atpid_control.nodes.selector_parameters import TABLE
+from atpid_control.selection import HeightSelector, SelectionError
+from atpid_control.selection.request import Resonance
 from atpid_control.selection.search_run import SearchingController
 from atpid_sim.nodes.scene_parameter import scene_given
-from atpid_sim.scene import ControlledCeiling, Scene
+from atpid_sim.scene import ControlledCeiling
 
-BAD_INPUT = 2
 #: A command answers each block; a gap this long means that the controller or the sensors are gone [s].
 COMMAND_DEADLINE = 0.5
 
-TYPES = Parameter.Type
-PARAMETERS: tuple[tuple[str, Any, str], ...] = (
-    ("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
-    ("map", "", "height map for the look-up; empty: the one the scene names"),
-    ("method", "", "lookup, pca, direct, search or fixed; empty: the scene's controller"),
-    ("lockstep", False, "true: commands wait in a queue; false: only the newest counts"),
-    ("dead_band", TYPES.DOUBLE, "relative change of amplitude that moves nothing [-]"),
-    ("sigmas", TYPES.DOUBLE, "a change must also exceed this many standard deviations [-]"),
-    ("steady_count", TYPES.INTEGER, "consecutive agreeing steady estimates that are acted on"),
-    ("rising_count", TYPES.INTEGER, "consecutive rising estimates that are a ramp to follow"),
-    ("falling_count", TYPES.INTEGER, "consecutive lower estimates before the ceiling goes down"),
-    ("frequency_tolerance", TYPES.DOUBLE, "relative distance from resonance at which heights still hold [-]"),
-    ("step_back", TYPES.DOUBLE, "share of the clearance given up when the beam rumbles [-]"),
-    ("settle_count", TYPES.INTEGER, "estimates after the ceiling has come to rest in which the beam may do anything"),
-    ("rumble_count", TYPES.INTEGER, "estimates in a row that rumble after that, before the ceiling steps back"),
-    ("step_back_excess", TYPES.DOUBLE, "amplitude of the beam above the predicted that is more than inaccuracy [-]"),
-    ("step_back_memory", TYPES.DOUBLE, "change of the excitation's amplitude over which a step back is remembered [-]"),
-    ("drift_tolerance", TYPES.DOUBLE, "what the model may be off before the beam is said to drift from it [-]"),
-    ("drift_noise", TYPES.DOUBLE, "scatter of the beam's amplitude from period to period, one standard deviation [-]"),
-    ("drift_periods", TYPES.DOUBLE, "settled periods between false alarms of a model that is off by all it may"),
-    ("margin", TYPES.DOUBLE, "standard deviations of the amplitude the height must be safe for [-]"),
-    (
-        "stiffness_uncertainty",
-        TYPES.DOUBLE,
-        "with a margin, what `direct` takes the model's stiffness to be off by [-]",
-    ),
-)
+ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
 
 
 class SelectorNode(Node):
-    """Parameters, topics, one service, and one call into the controller for each estimate."""
+    """Parameters, topics, services, and one call into the controller for each estimate."""
 
     def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
-        """Read scene and map; raise a ValueError of our own where they do not fit. `done`: exit status."""
+        """Read scene and map; raise an AtpidError where they, or parameters, do not fit. `done`: exit status."""
         super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
-        for name, default, text in PARAMETERS:
-            self.declare_parameter(name, default, ParameterDescriptor(description=text, read_only=True))
-            self._value(name)  # refused now, before anything is loaded
-        scene = scene_given(self)
-        self._block = scene.recording.block
-        self._lockstep = bool(self._value("lockstep"))
-        self._selector = selector_of(self._value, self._method(scene), scene, self._map_file(scene))
-        self._controller = self._make_controller(scene)
+        self.parameters = LiveParameters(self, TABLE)
+        self._scene = scene_given(self)
+        self._block, self._lockstep = self._scene.recording.block, bool(self.parameters["lockstep"])
+        self._method = self.parameters["method"] or getattr(self._scene.ceiling, "controller", "fixed")
+        # heights for the loop and heights on request never wait for each other
+        self._loop_executor, self._request_executor = self._executors()
+        with announced(COMPILING, self.get_logger().info):
+            self._controller = self._make_controller()
         self.done: Future = Future()
         self._latest: Estimate | None = None
         self._start_ns: int | None = None
         self._height = math.nan
+        self._answer = Answer(Command(method=self._method))
+        self._refusal = self._refused_reason = ""
+        self._latencies = Latencies()
         self._make_topics()
-        self._method_services = HeightServices(
-            self, scene, self._map_file(scene), lambda: self._latest, lambda: self._height
+        self._serve()
+        self.parameters.follow(self._settings, self._configure, self._events.publish)
+
+    def _executors(self) -> tuple[Executor, Executor]:
+        if self._lockstep:
+            return InlineExecutor(), InlineExecutor()
+        return threaded("loop-selection"), threaded("requested-selection")
+
+    def _make_selector(self, method: str) -> HeightSelector:
+        given = self.parameters["map"]
+        height_map = Path(given) if given else getattr(self._scene.ceiling, "map", None)
+        return selector_of(self.parameters.__getitem__, method, self._scene, height_map)
+
+    def _make_controller(self) -> Controller:
+        scene, selector = self._scene, self._make_selector(self._method)
+        if not isinstance(scene.ceiling, ControlledCeiling):
+            return controller_of(self.parameters.__getitem__, scene, selector)
+        # warm-up call: a method that simulates loads its kernels now, not while the structure vibrates
+        with suppress(SelectionError):
+            selector.select(scene.grain.radius, frequency=scene.frequency_hz)
+        inner = controller_of(self.parameters.__getitem__, scene, selector, self._loop_executor)
+        return SearchingController(inner, scene.ceiling.range)
+
+    def _make_topics(self) -> None:
+        self._events = EventPublisher(self)
+        timeout = self.parameters["stale_timeout"]
+        self._supervision = Supervision(
+            self, self._events.publish, self._statuses, timeout, self._on_silence, enabled=not self._lockstep
+        )
+        stale, qos = self._supervision.stale, self._supervision.qos
+        stale.watch(ESTIMATES, "the ceiling is not controlled")
+        stale.watch(STATE, "whether the ceiling follows its commands is not known")
+        self._commands = self.create_publisher(
+            CeilingCommand,
+            COMMANDS,
+            self._command_profile(),
+            event_callbacks=qos.publisher(COMMANDS, deadline_counts=lambda: stale.running),
+        )
+        # before the estimates: a rumble is published before the estimate of the same block
+        self.create_subscription(Event, "events", self._on_event, STATES)
+        self.create_subscription(
+            Excitation, ESTIMATES, self._on_excitation, STATES, event_callbacks=qos.subscription(ESTIMATES)
+        )
+        self.create_subscription(CeilingState, STATE, self._on_state, STATES, event_callbacks=qos.subscription(STATE))
+
+    def _command_profile(self) -> QoSProfile:
+        profile = QoSProfile(depth=10 if self._lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
+        if not self._lockstep:
+            profile.deadline = Duration(seconds=max(COMMAND_DEADLINE, MISSING * self._block))
+        return profile
+
+    def _serve(self) -> None:
+        self._height_services = HeightServices(
+            self, self._request_executor, self._make_selector, self._method, self._situation
         )
         self._maps = MapServer(self)
         # a ceiling that no controller moves cannot be searched
@@ -99,45 +135,24 @@ class SelectorNode(Node):
         self._search = SearchServer(self, borrowed) if borrowed else None
         self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _value(self, name: str) -> Any:
-        try:
-            return self.get_parameter(name).value
-        except ParameterUninitializedException:
-            raise HoldError(f"parameter {name} is not set: start with --ros-args --params-file selector.yaml") from None
+    # parameters that change while the node runs
 
-    def _method(self, scene: Scene) -> str:
-        given = str(self._value("method"))
-        return given or (scene.ceiling.controller if isinstance(scene.ceiling, ControlledCeiling) else "fixed")
+    def _settings(self, value: Value) -> tuple[ControlSettings, float]:
+        return control_settings(value, self._scene.frequency_hz), float(value("stale_timeout"))
 
-    def _map_file(self, scene: Scene) -> Path | None:
-        given = str(self._value("map"))
-        return Path(given) if given else getattr(scene.ceiling, "map", None)
+    def _configure(self, settings: tuple[ControlSettings, float]) -> None:
+        self._controller.configure(settings[0])
+        self._supervision.stale.timeout = settings[1]
 
-    def _make_controller(self, scene: Scene) -> Controller:
-        if isinstance(scene.ceiling, ControlledCeiling):
-            # once for nothing: a method that simulates loads its kernels now, not while the structure vibrates
-            with suppress(SelectionError), announced(COMPILING, self.get_logger().info):
-                self._selector.select(scene.grain.radius, frequency=scene.frequency_hz)
-            return SearchingController(controller_of(self._value, scene, self._selector), scene.ceiling.range)
-        return controller_of(self._value, scene, self._selector)
-
-    def _make_topics(self) -> None:
-        lockstep = self._lockstep
-        command = QoSProfile(depth=10 if lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
-        if not lockstep:
-            command.deadline = Duration(seconds=COMMAND_DEADLINE)
-        self._commands = self.create_publisher(CeilingCommand, "ceiling/command", command)
-        self._events = EventPublisher(self)
-        # before the estimates: whoever says rumble says it before the estimate of the same block
-        self.create_subscription(Event, "events", self._on_event, STATES)
-        self.create_subscription(Excitation, "excitation", self._on_excitation, STATES)
-        self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        self.create_service(SelectHeight, "~/select", self._on_select)
+    # the loop
 
     def _on_state(self, state: CeilingState) -> None:
+        if not state.handshake:
+            self._supervision.stale.received(STATE)
         self._height = state.height
 
     def _on_event(self, event: Event) -> None:
+        self._supervision.on_event(event)
         if event.header.frame_id != self.get_name():
             self._controller.hear(event.kind)
 
@@ -145,6 +160,7 @@ class SelectorNode(Node):
         if message.handshake:
             self._publish(message, Command(reason="handshake"))
             return
+        self._supervision.stale.received(ESTIMATES, self._block)
         now = nanoseconds_of(message.header.stamp)
         if self._start_ns is None:
             # the first stamp is that of the first block's last sample
@@ -155,34 +171,60 @@ class SelectorNode(Node):
         if estimate.quality == Quality.STEADY:
             self._latest = estimate
         begun = time.monotonic()
-        answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)
-        self._publish(message, answer.command)
+        self._answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)
+        self._publish(message, self._answer.command)
+        self._latencies.add(self.get_clock().now().nanoseconds - now)
         if self._search:
             self._search.report()
-        if answer.kind:
-            self._tell(message, answer)
-        self._tell_slow(message, time.monotonic() - begun)
-
-    def _tell_slow(self, answered: Excitation, taken: float) -> None:
-        """Say that a selection has held up the loop; not in lockstep, which waits and says nothing of the machine."""
-        if not self._lockstep and taken > self._block:
-            text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
-            self._tell(answered, Answer(Command(), Event.SLOW, text, taken))
+        if self._answer.kind:
+            answer = self._answer
+            self._events.publish(answer.severity, answer.kind, answer.text, answer.value, message.header.stamp)
+        self._follow_refusal()
+        self._check_duration(message, time.monotonic() - begun)
 
     def _publish(self, answered: Excitation, command: Command) -> None:
         message = CeilingCommand(**vars(command))
         message.header, message.handshake = answered.header, answered.handshake
         self._commands.publish(message)
 
-    def _tell(self, answered: Excitation, answer: Answer) -> None:
-        self._events.publish(answer.severity, answer.kind, answer.text, answer.value, answered.header.stamp)
+    def _check_duration(self, answered: Excitation, taken: float) -> None:
+        """Report an answer that held up the loop; not in lockstep, where the loop waits for it."""
+        if not self._lockstep and taken > self._block:
+            text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
+            self._events.publish(Event.WARNING, Event.SLOW, text, taken, answered.header.stamp)
 
-    def _on_select(self, request: SelectHeight.Request, response: SelectHeight.Response) -> SelectHeight.Response:
-        """Answer for the amplitude asked about or, where it is 0 or NaN, for the latest steady estimate."""
-        try:
-            return select_height(self._selector, request, response, self._latest, self._height)
-        except SelectionError as error:
-            return refused(self._selector.method, str(error), response)
+    # what others ask
+
+    def _situation(self) -> tuple[Estimate | None, float, Resonance]:
+        tolerance = float(self.parameters["frequency_tolerance"])
+        return self._latest, self._height, Resonance(self._scene.frequency_hz, tolerance)
+
+    # diagnostics
+
+    def _on_silence(self) -> None:
+        stale = self._supervision.stale.stale
+        if STATE in stale:
+            self._height = math.nan
+        if stale and self._search:
+            self._search.stop(f"no messages on {', '.join(stale)}")
+
+    def _follow_refusal(self) -> None:
+        """Keep the text of a refusal, which the controller reports once, for as long as its reason stands."""
+        if self._answer.kind == Event.REFUSED:
+            self._refusal, self._refused_reason = self._answer.text, self._answer.command.reason
+        elif self._refusal and self._answer.command.reason != self._refused_reason:
+            self._refusal = ""
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        command = self._answer.command
+        values = {"method": command.method, "reason": command.reason, "height [m]": command.height,
+                  "excitation amplitude [m]": command.excitation_amplitude,
+                  "predicted amplitude [m]": command.predicted_amplitude}  # fmt: skip
+        level = DiagnosticStatus.WARN if self._refusal else DiagnosticStatus.OK
+        values |= self._latencies.values("sample to command")
+        return [status(self, "height selection", level, self._refusal or command.reason, values)]
+
+    # the end
 
     def _stay_alone(self) -> None:
         try:
@@ -195,10 +237,13 @@ class SelectorNode(Node):
                 self.done.set_result(BAD_INPUT)
 
     def close(self) -> None:
-        """Stop the timer; the motor notices the silence by itself."""
+        """Stop timers and computations; the motor holds the ceiling when commands stay away."""
+        self._supervision.close()
         self._maps.close()
         if self._search:
             self._search.close()
+        for executor in (self._loop_executor, self._request_executor):
+            executor.shutdown(cancel_futures=True)
         self._alone_timer.cancel()
 
 

@@ -46,9 +46,9 @@ class Plan:
 class StepSearch:
     """The thesis's algorithm as a state machine: it says where to go, and is told the amplitude seen there."""
 
-    def __init__(self, plan: Plan) -> None:
-        """Begin at the plan's lowest height."""
-        self._plan = plan
+    def __init__(self, plan: Plan, worse: float = 0.0) -> None:
+        """Begin at the plan's lowest height; `worse` is how much a larger amplitude must exceed the least [-]."""
+        self._plan, self._worse = plan, worse
         self.target = plan.lowest
         self.best_height, self.best_amplitude = math.nan, math.inf
         self.iterations = 0
@@ -61,12 +61,10 @@ class StepSearch:
         if not (math.isfinite(amplitude) and amplitude >= 0.0):
             raise SearchError(f"amplitude: given {amplitude:g} m; the beam must be seen, so the search stops here")
         self.iterations += 1
-        if amplitude > self.best_amplitude:
-            self.target, self.done = self.best_height, True
-            return self.target
-        self.best_height, self.best_amplitude = self.target, amplitude
-        self.done = self.target >= self._plan.highest
-        self.target = min(self.target + self._plan.step, self._plan.highest)
+        if amplitude <= self.best_amplitude:
+            self.best_height, self.best_amplitude = self.target, amplitude
+        self.done = amplitude > (1.0 + self._worse) * self.best_amplitude or self.target >= self._plan.highest
+        self.target = self.best_height if self.done else min(self.target + self._plan.step, self._plan.highest)
         return self.target
 
 

@@ -9,14 +9,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.controller import Answer, Command, Controller
+from atpid_control.controller import Answer, Command, Controller, ControlSettings
 from atpid_control.hold import Estimate
 from atpid_control.selection.search import Plan, SearchError, StepSearch
 
 Array = NDArray[np.float64]
 
-#: Share of the dwell at whose end the beam is watched, and the least time that takes [s]: five periods of the bench.
-_WATCHED, _LEAST_DWELL = 0.4, 1.0
+#: Share of the dwell before the beam is watched, and length of one window, the second of which ends with the dwell.
+_BEFORE, _WINDOW = 0.2, 0.4
+#: Least dwell [s]: a window is then two periods of the bench.
+_LEAST_DWELL = 1.0
+#: The beam has settled where two windows agree to this share of the amplitude [-].
+_SETTLED = 0.005
+#: A beam that has not settled after so many windows is irregular: its largest amplitude in the last two counts.
+_MOST_WINDOWS = 14
+#: A height is worse than the best where the amplitude is larger by more than this [-], twice what settling leaves.
+_WORSE = 0.01
 
 #: A ceiling this close to its target has arrived [m], ten times what the motor resolves.
 _ARRIVED = 5e-3
@@ -45,9 +53,10 @@ class SearchRun:
         """Begin at the plan's lowest height; raise SearchError for a dwell in which nothing can be seen."""
         if plan.dwell < _LEAST_DWELL:
             raise SearchError(f"dwell: given {plan.dwell:g} s; allowed is at least {_LEAST_DWELL:g} s")
-        self._plan, self._search = plan, StepSearch(plan)
+        self._plan, self._search = plan, StepSearch(plan, _WORSE)
         self._sent_at = self._arrived_at = self._amplitude = math.nan
-        self._seen: list[tuple[float, float]] = []
+        self._window: list[tuple[float, float]] = []  # (lowest, highest) of each block in the present window [m]
+        self._amplitudes: list[float] = []  # of the windows at this height [m]
         self._height = math.nan
         self.message = ""
 
@@ -81,8 +90,8 @@ class SearchRun:
 
     def watch(self, time: float, beam: Array) -> None:
         """Take a block of the beam's displacement (n,) [m] that ended at `time` [s]; NaN: not seen."""
-        if time >= self._arrived_at + (1.0 - _WATCHED) * self._plan.dwell:
-            self._seen.append((float(np.min(beam)), float(np.max(beam))))
+        if time >= self._arrived_at + _BEFORE * self._plan.dwell:
+            self._window.append((float(np.min(beam)), float(np.max(beam))))
 
     def step(self, time: float, height: float) -> None:
         """Go on, at `time` [s] with the ceiling at `height` [m]."""
@@ -93,8 +102,8 @@ class SearchRun:
             self._sent_at = time
         if math.isnan(self._arrived_at):
             self._wait_for_ceiling(time, height)
-        elif time >= self._arrived_at + self._plan.dwell:
-            self._look(time)
+        elif time >= self._arrived_at + (_BEFORE + _WINDOW * (1 + len(self._amplitudes))) * self._plan.dwell:
+            self._end_window(time)
 
     def stop(self, message: str) -> None:
         """End without a result."""
@@ -109,15 +118,26 @@ class SearchRun:
                 f"the ceiling has not reached {self._search.target:g} m in {_PATIENCE:g} s; it is at {height:g} m"
             )
 
-    def _look(self, time: float) -> None:
-        lows, highs = zip(*self._seen, strict=True) if self._seen else ((math.nan,), (math.nan,))
-        self._amplitude = 0.5 * (max(highs) - min(lows)) if np.isfinite([*lows, *highs]).all() else math.nan
+    def _end_window(self, time: float) -> None:
+        lows, highs = zip(*self._window, strict=True) if self._window else ((math.nan,), (math.nan,))
+        amplitude = 0.5 * (max(highs) - min(lows)) if np.isfinite([*lows, *highs]).all() else math.nan
+        self._window = []
+        before = self._amplitudes[-1] if self._amplitudes else math.nan
+        self._amplitudes.append(amplitude)
+        # after a change of height the beam grows or falls for seconds: what it does meanwhile is no measure of a height
+        if math.isnan(amplitude) or abs(amplitude - before) <= _SETTLED * amplitude:
+            self._observe(time, amplitude)
+        elif len(self._amplitudes) == _MOST_WINDOWS:
+            self._observe(time, max(amplitude, before))
+
+    def _observe(self, time: float, amplitude: float) -> None:
+        self._amplitude = amplitude
         try:
-            self._search.observe(self._amplitude)
+            self._search.observe(amplitude)
         except SearchError as error:
             self.stop(str(error))
             return
-        self._seen, self._arrived_at, self._sent_at = [], math.nan, time
+        self._amplitudes, self._arrived_at, self._sent_at = [], math.nan, time
         if self._search.done:
             self.message = f"best height {self._search.target:.4f} m after {self._search.iterations} heights"
 
@@ -154,6 +174,10 @@ class SearchingController:
         """See `Controller.hear`: a search meets rumble on purpose, so while it runs that is not passed on."""
         if kind != "rumble" or self.run is None or self.run.done:
             self._inner.hear(kind)
+
+    def configure(self, settings: ControlSettings) -> None:
+        """See `Controller.configure`."""
+        self._inner.configure(settings)
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""

@@ -26,6 +26,23 @@ class DriftState:
     level: float = 0.0  # the larger sum, as a share of the threshold [-]
 
 
+@dataclass(frozen=True)
+class DriftSettings:
+    """Arguments of a `DriftAlarm`."""
+
+    tolerance: float
+    noise: float
+    periods: float
+
+    def __post_init__(self) -> None:
+        """Raise WatchError for what is not positive."""
+        self.alarm()
+
+    def alarm(self) -> DriftAlarm:
+        """Return an alarm with nothing gathered."""
+        return DriftAlarm(self.tolerance, self.noise, self.periods)
+
+
 class DriftAlarm:
     """Compares predicted with measured amplitudes, one pair a period."""
 

@@ -74,6 +74,10 @@ class RumbleWatch:
         self._calm = 0
         self.state = RumbleState()
 
+    def configure(self, settings: RumbleSettings) -> None:
+        """Judge by other settings from the next period on."""
+        self._settings = settings
+
     def push(self, first_index: int, rate: float, beam: Array, frequency: float) -> RumbleState:
         """Take a block of the beam's displacement (n,) [m], NaN where invalid, at `rate` [Hz].
 

@@ -23,6 +23,8 @@ class SteadyTwin:
         self._scene = scene
         self._asked = (math.nan, math.nan, math.nan)
         self._answer = math.nan
+        # warm-up call: the kernels are loaded, or compiled, before the first settled period
+        self._simulated(scene.grain.radius, scene.frequency_hz, 4.0 * scene.grain.radius)
 
     def expected(self, amplitude: float, frequency: float, height: float) -> float:
         """Return the beam's steady half peak-to-peak [m]; NaN where the motion is irregular or cannot be simulated.

@@ -26,6 +26,7 @@ class MotorSettings:
     autostart: bool = True
     rate: float = 50.0
     command_timeout: float = 0.5
+    stale_timeout: float = 0.4
     port: str = ""
     baud: int = 250000
     identify_timeout: float = 5.0
@@ -36,7 +37,7 @@ class MotorSettings:
         object.__setattr__(self, "limits", Limits(self.lowest, self.highest, self.speed))
         if isfinite(self.initial_height):
             self.limits.check(self.initial_height)
-        self._positive("rate", "command_timeout", "identify_timeout", "baud")
+        self._positive("rate", "command_timeout", "stale_timeout", "identify_timeout", "baud")
         if self.backend == "serial":
             self._check_serial()
 

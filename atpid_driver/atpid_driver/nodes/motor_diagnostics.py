@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motor's line in `diagnostics`."""
+"""The motor's statuses in `/diagnostics`."""
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 
+from atpid_common.latency import Latencies
+from atpid_common.nodes.diagnostics import status
 from atpid_driver.motor import CeilingActuator, Mode, Reading, in_words
 
 _LEVELS = {
@@ -14,8 +17,13 @@ _LEVELS = {
 }
 
 
-def status_of(name: str, actuator: CeilingActuator, reading: Reading, last_error: str) -> DiagnosticStatus:
-    """Return level, one line and the figures of `reading`; what the backend counts (`health`) is added as it is."""
+def status_of(
+    node: Node, actuator: CeilingActuator, reading: Reading, last_error: str, latencies: Latencies
+) -> DiagnosticStatus:
+    """Return level, one line and the figures of `reading`; what the backend counts (`health`) is added as it is.
+
+    latencies: from a sample to the receipt of the command that answers it.
+    """
     health = actuator.health()
     values = {
         "mode": reading.mode.name.lower(),
@@ -25,10 +33,8 @@ def status_of(name: str, actuator: CeilingActuator, reading: Reading, last_error
         "faults": in_words(reading.faults) or "none",
         "last error": last_error or health.pop("last error", "") or "none",
     }
-    return DiagnosticStatus(
-        level=_LEVELS.get(reading.mode, DiagnosticStatus.OK),
-        name=f"{name}: ceiling motor",
-        message=in_words(reading.faults) or reading.mode.name.lower(),
-        hardware_id=health.pop("hardware_id", ""),
-        values=[KeyValue(key=key, value=value) for key, value in (values | health).items()],
-    )
+    hardware_id = health.pop("hardware_id", "") or "none"
+    values |= latencies.values("sample to command received") | health
+    level = _LEVELS.get(reading.mode, DiagnosticStatus.OK)
+    message = in_words(reading.faults) or reading.mode.name.lower()
+    return status(node, "ceiling motor", level, message, values, hardware_id)

@@ -10,6 +10,12 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from atpid_driver.motor import MotorError
 
+_WAYS = {
+    "unconfigured": "configure and activate it",
+    "inactive": "activate it",
+    "finalized": "it was shut down for good; start it again",
+}
+
 
 class MotorLife(LifecycleNode):
     """A lifecycle node whose transitions are `_configure`, `_activate`, `_deactivate` and `_let_go` of its subclass."""
@@ -68,6 +74,11 @@ class MotorLife(LifecycleNode):
             return TransitionCallbackReturn.ERROR
         self._last_error = ""
         return TransitionCallbackReturn.SUCCESS
+
+    def _way_to_active(self) -> str:
+        """Return the lifecycle state, and what leads from it to an active node, in words."""
+        label = str(self._state_machine.current_state[1])
+        return f"{label}: {_WAYS.get(label, 'activate it')}"
 
     def _complain(self, text: str) -> None:
         """Log a complaint once, not at every retry."""

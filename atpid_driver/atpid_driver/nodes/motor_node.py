@@ -2,30 +2,36 @@
 """The motor node: height commands in, ceiling state out; a lifecycle node around one `CeilingActuator`.
 
 configure opens and identifies (motor off), activate arms and homes, deactivate stops (motor off).
-In lockstep each command is answered by one state at its stamp; in real time states go out on the node's own period.
+In lockstep each command is answered by one state at its stamp; in real time states go out on the node's own period,
+and a ceiling that gets no more commands is stopped where it is.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from math import isfinite, isnan, nan
 from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from atpid_common.latency import Latencies
 from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.messages import nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.single_instance import namesakes
+from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor import (
     CommandStaleError,
     HeightRefusedError,
     Mode,
     MotorError,
+    NotReadyError,
     Reading,
     SimulatedActuator,
     actuator_of,
@@ -41,6 +47,7 @@ RETRY = 1.0
 NEWCOMER = 3.0  # discovery takes this long at most: a node of this name seen within it was there before [s]
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
+COMMANDS, STATE = "ceiling/command", "ceiling/state"
 
 
 class MotorNode(MotorLife):
@@ -61,7 +68,8 @@ class MotorNode(MotorLife):
         self._initial: float | None = None
         self._recover_after = 0.0
         self._last_refused: object = None
-        self._last_faults = NO_FAULT
+        self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
+        self._latencies = Latencies()
         self._open_topics()
         self._start_timers()
         actuator = self._actuator
@@ -69,15 +77,27 @@ class MotorNode(MotorLife):
             self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
 
     def _open_topics(self) -> None:
-        depth = LOCKSTEP_DEPTH if self.settings.lockstep else REAL_TIME_DEPTH
-        self._states = self.create_publisher(CeilingState, "ceiling/state", 100)
+        lockstep = self.settings.lockstep
         self._events = EventPublisher(self)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self.create_subscription(CeilingCommand, "ceiling/command", self._on_command, depth)
+        timeout = self.settings.stale_timeout
+        self._supervision = Supervision(
+            self, self._events.publish, self._statuses, timeout, self._on_silence, enabled=not lockstep
+        )
+        self._supervision.stale.watch(COMMANDS, "the ceiling stays where it is")
+        self._supervision.follow_events()
+        qos = self._supervision.qos
+        self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
+        self.create_subscription(
+            CeilingCommand,
+            COMMANDS,
+            self._on_command,
+            LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH,
+            event_callbacks=qos.subscription(COMMANDS),
+        )
         self.create_service(Trigger, "~/rearm", self._on_rearm)
 
     def _start_timers(self) -> None:
-        self.create_timer(1.0, self._each_second)
+        self.create_timer(1.0, self._watch_namesakes)
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period)
         if self.settings.autostart:
@@ -121,7 +141,9 @@ class MotorNode(MotorLife):
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
         if not handshake:
-            self._stamp = Time.from_msg(command.header.stamp).nanoseconds
+            before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
+            self._supervision.stale.received(COMMANDS, (self._stamp - before) * 1e-9 if before else 0.0)
+            self._latencies.add(info.get("received_timestamp", 0) - self._stamp)
             self._move(command, info)
         reading = self._read()
         if (handshake and reading.ready and self._initial is None) or (self.settings.lockstep and not handshake):
@@ -131,12 +153,18 @@ class MotorNode(MotorLife):
     def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
         self._initial = None
         try:
+            self._check_active(command.height)
             self._check_fresh(info)
             self._actuator.move(command.height, command.sequence, self._now())
         except MotorError as error:
             self._refuse(command, error)
         else:
             self._last_refused = None
+
+    def _check_active(self, height: float) -> None:
+        """Refuse a height that cannot be reached in this state of the node, and state what leads out of it."""
+        if not self._active:
+            raise NotReadyError(f"ceiling height {height:g} m refused: the motor node is {self._way_to_active()}")
 
     def _check_fresh(self, info: dict[str, int]) -> None:
         """Refuse a command that lay in the queue too long because this process was held up."""
@@ -189,6 +217,10 @@ class MotorNode(MotorLife):
         reading = self._actuator.read(self._now())
         for text in self._actuator.news():
             self._tell(Event.WARNING, Event.LINK, nan, text)
+        if reading.mode is Mode.MOVING and self._last_mode is not Mode.MOVING:
+            text = f"the ceiling moves from {reading.height:.4f} to {reading.target:.4f} m"
+            self._tell(Event.INFO, Event.MOVED, reading.target, text)
+        self._last_mode = reading.mode
         if reading.faults != self._last_faults:
             self._last_faults = reading.faults
             if reading.faults:
@@ -214,14 +246,15 @@ class MotorNode(MotorLife):
 
     # -- watching --------------------------------------------------------------------------------------------------
 
-    def _each_second(self) -> None:
-        self._watch_namesakes()
-        if not self.settings.lockstep:
-            array = DiagnosticArray(header=Header(stamp=self.get_clock().now().to_msg()))
-            array.status = [
-                status_of(self.get_name(), self._actuator, self._actuator.read(self._now()), self._last_error)
-            ]
-            self._diagnostics.publish(array)
+    def _on_silence(self) -> None:
+        """Stop a ceiling on its way: what it was sent for may not hold any more. It goes on with the next command."""
+        if self._supervision.stale.stale and self._active:
+            with suppress(MotorError):  # not ready: it does not move
+                self._actuator.move(nan, self._actuator.read(self._now()).sequence, self._now())
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        reading = self._actuator.read(self._now())
+        return [status_of(self, self._actuator, reading, self._last_error, self._latencies)]
 
     def _watch_namesakes(self) -> None:
         """Stand still while a node of this name that was here before, on whatever machine, is in the graph.
@@ -256,7 +289,7 @@ class MotorNode(MotorLife):
         """Clear latched faults whose cause is gone, arm and home: a person's explicit word."""
         try:
             if not self._active:
-                raise MotorError("motor node is not active: activate it instead")
+                raise MotorError(f"the motor node is {self._way_to_active()}")
             self._actuator.activate(self._now())
         except MotorError as error:
             response.success, response.message = False, str(error)

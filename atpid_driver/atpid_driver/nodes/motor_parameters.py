@@ -28,6 +28,11 @@ _DESCRIPTIONS: Final[dict[str, tuple[str, float | None, float | None]]] = {
     "autostart": ("configure and activate without a lifecycle manager", None, None),
     "rate": ("states published per second, and heartbeat of the motor [Hz]; not used in lockstep", 10.0, 200.0),
     "command_timeout": ("a command that waited longer is ignored [s]; not used in lockstep", 0.01, 10.0),
+    "stale_timeout": (
+        "silence of ceiling/command after which the ceiling is stopped [s]; not used in lockstep",
+        0.1,
+        60.0,
+    ),
     "port": ("serial port of the board by its stable name, /dev/serial/by-id/...", None, None),
     "baud": ("baud rate of the serial port", None, None),
     "identify_timeout": (

@@ -31,6 +31,10 @@ class EventPublisher:
         """
         if not self._node.context.ok():
             return
+        event = Event(severity=severity, kind=kind, value=value, text=text)
+        event.header.stamp = stamp if stamp is not None else self._node.get_clock().now().to_msg()
+        event.header.frame_id = self._node.get_name()
+        self.publisher.publish(event)
         logger = self._node.get_logger()
         if severity == Event.ALARM:  # three places: rclpy ties a severity to the place it is called from
             logger.error(text)
@@ -38,10 +42,6 @@ class EventPublisher:
             logger.warning(text)
         else:
             logger.info(text)
-        event = Event(severity=severity, kind=kind, value=value, text=text)
-        event.header.stamp = stamp if stamp is not None else self._node.get_clock().now().to_msg()
-        event.header.frame_id = self._node.get_name()
-        self.publisher.publish(event)
 
     def publish_handshake(self) -> None:
         """Publish the handshake's event, from a publisher of its own: many of them must not displace what is kept."""

@@ -9,14 +9,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
+from atpid_interfaces.msg import Event
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.errors import InputError
+
+T = TypeVar("T")
+Value = Callable[[str], Any]
+"""The value of a parameter by its name."""
+
+
+class Publish(Protocol):
+    """Publishes an event; see `EventPublisher.publish`."""
+
+    def __call__(self, severity: int, kind: str, text: str, value: float = ...) -> None:
+        """Publish and log it."""
+        ...
 
 
 class ParameterError(InputError):
@@ -50,6 +63,17 @@ class Row:
                 made.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high, step=0.0)]
         return made
 
+    def cells(self) -> tuple[str, str, str, str, str]:
+        """Return the row of a documented table: name, default, what is allowed, whether it is live, description."""
+        default = f"`{self.default}`" if self.default != "" else "empty"
+        if isinstance(self.default, Parameter.Type):
+            default = "none"
+        allowed = ", ".join(f"`{choice}`" if choice else "empty" for choice in self.choices)
+        if self.low is not None and self.high is not None:
+            allowed = f"{self.low:g} to {self.high:g}"
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"`{self.name}`", default, allowed, "yes" if self.live else "", self.description + unit
+
     def problem(self, value: Any) -> str:
         """Return what is wrong with `value`, in words; empty: nothing."""
         if self.choices and value not in self.choices:
@@ -57,9 +81,16 @@ class Row:
         if self.low is None or self.high is None or isinstance(value, str):
             return ""
         if math.isnan(value) or not self.low <= value <= self.high:
-            unit = f" {self.unit}" if self.unit else ""
+            unit = f" {self.unit}" if self.unit not in ("", "-") else ""
             return f"given {value:g}{unit}; allowed: {self.low:g} to {self.high:g}{unit}"
         return ""
+
+
+def markdown(table: Sequence[Row]) -> str:
+    """Return the table as the documentation shows it."""
+    head = ("parameter", "default", "allowed", "live", "meaning")
+    rows = [head, ("---",) * len(head), *(row.cells() for row in table)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
 
 
 def declare(node: Node, table: Sequence[Row]) -> dict[str, Any]:
@@ -82,19 +113,29 @@ def _declare(node: Node, row: Row) -> Any:
     return value
 
 
-def follow(node: Node, table: Sequence[Row], changed: Callable[[dict[str, Any]], None]) -> None:
+def follow(
+    node: Node,
+    table: Sequence[Row],
+    changed: Callable[[dict[str, Any]], None],
+    check: Callable[[dict[str, Any]], None] = lambda values: None,
+) -> None:
     """Validate changes of the live parameters and pass accepted ones to `changed` (name: value).
 
-    `changed` is called after the values are set; what it raises as InputError refuses nothing any more and is a defect.
+    check: raises InputError for values (name: value) that do not fit together; its text is the reason of the refusal.
+    `changed` is called after the values are set; what it raises refuses nothing any more and is a defect.
     """
     rows = {row.name: row for row in table if row.live}
 
     def validate(parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            row = rows.get(parameter.name)
-            problem = row.problem(parameter.value) if row is not None and parameter.value is not None else ""
+        values = {parameter.name: parameter.value for parameter in parameters if parameter.name in rows}
+        for name, value in values.items():
+            problem = "given nothing; a parameter cannot be unset" if value is None else rows[name].problem(value)
             if problem:
-                return SetParametersResult(successful=False, reason=f"parameter {parameter.name}: {problem}")
+                return SetParametersResult(successful=False, reason=f"parameter {name}: {problem}")
+        try:
+            check(values)
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def accept(parameters: list[Parameter]) -> None:
@@ -104,3 +145,36 @@ def follow(node: Node, table: Sequence[Row], changed: Callable[[dict[str, Any]],
 
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(accept)
+
+
+class LiveParameters:
+    """The parameters of a node, current while it runs: `parameters["margin"]` is the value in force."""
+
+    def __init__(self, node: Node, table: Sequence[Row]) -> None:
+        """Declare the table. Raises ParameterError."""
+        self._node, self._table = node, table
+        self._values = declare(node, table)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return the value in force."""
+        return self._values[name]
+
+    def follow(self, build: Callable[[Value], T], apply: Callable[[T], None], events: Publish) -> None:
+        """Apply changes of live parameters, and record each as an event.
+
+        build: returns what the node works with from a function that returns a parameter's value by name; an InputError
+        it raises refuses the change with its text. apply: takes that into use. events: `EventPublisher.publish`.
+        """
+
+        def check(values: dict[str, Any]) -> None:
+            build((self._values | values).__getitem__)
+
+        def changed(values: dict[str, Any]) -> None:
+            before, self._values = self._values, self._values | values
+            apply(build(self._values.__getitem__))
+            for name, value in values.items():
+                if value != before[name]:
+                    quantity = float(value) if isinstance(value, int | float) else math.nan
+                    events(Event.INFO, Event.PARAMETER, f"parameter {name}: {before[name]} -> {value}", quantity)
+
+        follow(self._node, self._table, changed, check)

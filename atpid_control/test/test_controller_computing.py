@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""While a height is being computed the loop goes on, and a result that came too late moves nothing."""
+
+import math
+from concurrent.futures import Executor, Future
+
+import pytest
+
+from atpid_control.computation import InlineExecutor, threaded
+from atpid_control.controller import ControlSettings, SelectingController
+from atpid_control.hold import Estimate, Quality, Settings
+from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_control.step_back import StepBack
+from atpid_control.watch import DriftSettings
+
+HOLD = Settings(
+    dead_band=0.01,
+    sigmas=4.0,
+    steady_count=4,
+    rising_count=4,
+    falling_count=2,
+    frequency=5.49,
+    frequency_tolerance=0.05,
+)
+SETTINGS = ControlSettings(HOLD, StepBack(0.1, 2, 3, 0.15, 0.05), DriftSettings(0.15, 0.02, 1e4), 0.0)
+
+
+class Held(Executor):
+    """Computes when the test says so."""
+
+    def __init__(self):
+        self.waiting = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        self.waiting.append((future, fn, args, kwargs))
+        return future
+
+    def compute(self):
+        """Compute what was submitted first."""
+        future, fn, args, kwargs = self.waiting.pop(0)
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+
+
+class Linear:
+    """Height 19 times the amplitude, a tenth less with a margin."""
+
+    method = "direct"
+
+    def __init__(self):
+        self.asked, self.error = [], None
+
+    def select(self, amplitude, amplitude_std=0.0, frequency=math.nan, *, margin=0.0, height=math.nan):
+        self.asked.append(amplitude)
+        if self.error is not None:
+            raise self.error
+        return Selection((17.1 if margin else 19.0) * amplitude, 5.0 * amplitude, 0.8, self.method)
+
+
+class Twin:
+    """Expects 0.1 m everywhere."""
+
+    def expected(self, amplitude, frequency, height):
+        return 0.1
+
+
+class Loop:
+    """A controller whose computations the test finishes, fed with one estimate each 50 ms."""
+
+    def __init__(self, executor=None, twin=None):
+        self.executor, self.selector, self.time, self.height = executor or Held(), Linear(), 0.0, 0.017
+        self.controller = SelectingController(SETTINGS, self.selector, (0.017, 1.0), twin, self.executor)
+
+    def feed(self, *amplitudes, quality=Quality.STEADY, beam=math.nan):
+        """Return the commands that answer these amplitudes; the ceiling is at once where it is sent."""
+        commands = []
+        for amplitude in amplitudes:
+            estimate = Estimate(quality, amplitude, 1e-6, 5.49, beam)
+            commands.append(self.controller.answer(self.time, estimate, self.height).command)
+            self.time += 0.05
+            self.height = commands[-1].height if commands[-1].height > 0.0 else self.height
+        return commands
+
+
+def test_every_estimate_is_answered_while_a_height_is_computed():
+    loop = Loop()
+    waiting = loop.feed(*[0.015] * 10)
+    assert [command.sequence for command in waiting] == [0] * 10
+    assert all(math.isnan(command.height) for command in waiting)
+    assert [command.reason for command in waiting[3:]] == ["computing"] * 7
+    loop.executor.compute()
+    (selected,) = loop.feed(0.015)
+    assert (selected.sequence, selected.height, selected.reason) == (1, pytest.approx(0.285), "selected")
+    assert loop.selector.asked == [0.015]
+    assert loop.feed(0.015)[0].reason == "inside dead band"
+
+
+def test_inline_the_height_is_in_the_answer_that_asks_for_it():
+    loop = Loop(InlineExecutor())
+    commands = loop.feed(*[0.015] * 5)
+    assert [command.sequence for command in commands] == [0, 0, 0, 1, 1]
+    assert "computing" not in {command.reason for command in commands}
+
+
+def test_a_height_for_an_excitation_that_fell_again_is_dropped_and_selected_anew():
+    loop = Loop()
+    loop.feed(*[0.03] * 4)
+    loop.feed(*[0.015] * 2)
+    loop.executor.compute()
+    dropped = loop.feed(0.015)
+    assert math.isnan(dropped[0].height)
+    loop.feed(*[0.015] * 4)
+    loop.executor.compute()
+    assert loop.feed(0.015)[0].height == pytest.approx(0.285)
+    assert loop.selector.asked == [0.03, 0.015]
+
+
+def test_on_a_ramp_the_ceiling_follows_with_the_heights_on_the_way():
+    loop = Loop()
+    ramp = [0.01 * 1.02**k for k in range(30)]
+    loop.feed(*ramp[:10])
+    loop.executor.compute()
+    (step,) = loop.feed(ramp[10])
+    assert step.height == pytest.approx(19.0 * loop.selector.asked[0])
+    assert len(loop.executor.waiting) == 1, "the height for where the ramp has come to is computed at once"
+    loop.executor.compute()
+    assert loop.feed(ramp[11])[0].height == pytest.approx(19.0 * ramp[10])
+
+
+def test_on_a_falling_ramp_too():
+    loop = Loop()
+    loop.feed(*[0.03] * 4)
+    loop.executor.compute()
+    loop.feed(0.03)
+    loop.feed(0.028, 0.027, 0.026)
+    loop.executor.compute()
+    (step,) = loop.feed(0.025)
+    assert step.height == pytest.approx(19.0 * 0.027)
+    assert step.reason == "falling"
+
+
+def test_an_estimate_that_must_not_be_acted_on_lets_the_result_wait():
+    loop = Loop()
+    loop.feed(*[0.015] * 4)
+    loop.executor.compute()
+    (poor,) = loop.feed(0.015, quality=Quality.POOR)
+    assert (poor.sequence, poor.reason) == (0, "poor estimate")
+    assert loop.feed(0.015)[0].sequence == 1
+
+
+def test_no_height_is_reported_when_it_is_known():
+    loop = Loop()
+    loop.selector.error = SelectionError("amplitude: given 1 m; allowed: up to 0.05 m")
+    loop.feed(*[0.015] * 5)
+    loop.executor.compute()
+    answer = loop.controller.answer(1.0, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49), 0.017)
+    assert answer.kind == "refused" and "up to 0.05 m" in answer.text
+
+
+@pytest.mark.parametrize("now", [0.015, 0.03])
+def test_a_defect_in_a_computation_is_raised_even_where_its_result_is_not_needed(now):
+    loop = Loop()
+    loop.selector.error = ZeroDivisionError("a defect")
+    loop.feed(*[0.02] * 4)
+    loop.executor.compute()
+    with pytest.raises(ZeroDivisionError, match="a defect"):
+        loop.feed(now)
+
+
+def test_another_margin_selects_anew_and_drops_what_was_computed_with_the_last():
+    loop = Loop()
+    loop.feed(*[0.015] * 4)
+    loop.executor.compute()
+    before = loop.feed(0.015)[0].height
+    loop.controller.configure(ControlSettings(HOLD, SETTINGS.step_back, SETTINGS.drift, 3.0))
+    loop.feed(*[0.015] * 4)
+    loop.controller.configure(SETTINGS)
+    loop.executor.compute()
+    assert loop.feed(0.015)[0].height == before
+    loop.feed(*[0.015] * 4)
+    loop.controller.configure(ControlSettings(HOLD, SETTINGS.step_back, SETTINGS.drift, 3.0))
+    loop.executor.compute()
+    loop.feed(*[0.015] * 4)
+    loop.executor.compute()
+    assert loop.feed(0.015)[0].height == pytest.approx(17.1 * 0.015)
+
+
+def test_a_rumble_is_left_while_a_height_is_computed():
+    loop = Loop()
+    loop.feed(*[0.015] * 4)
+    loop.executor.compute()
+    high = loop.feed(0.015, beam=0.1)[0].height
+    loop.feed(*[0.015] * 4, beam=0.1)
+    loop.controller.hear("rumble")
+    loop.feed(*[0.014, 0.0139], beam=0.1)
+    assert len(loop.executor.waiting) == 1
+    (lower,) = loop.feed(0.0139, beam=0.1)
+    assert lower.reason == "rumble: stepped back" and lower.height < high
+
+
+def test_the_twin_does_not_hold_up_an_answer_and_its_comparison_comes_later():
+    loop = Loop(twin=Twin())
+    loop.feed(*[0.015] * 4)
+    loop.executor.compute()
+    loop.feed(*[0.015] * 8, beam=0.2)
+    assert len(loop.executor.waiting) == 1, "one comparison at a time"
+    alarms = []
+    for _ in range(400):
+        loop.executor.compute()
+        answer = loop.controller.answer(loop.time, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, 0.2), loop.height)
+        alarms += [answer.text] if answer.kind == "drift" else []
+        while not loop.executor.waiting:
+            loop.feed(0.015, beam=0.2)
+    assert len(alarms) == 1 and "(0.2000 m against 0.1000 m)" in alarms[0]
+
+
+def test_a_thread_computes_with_a_lower_priority_than_the_loop():
+    import os
+    import threading
+
+    def nice():
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    with threaded("computation") as executor:
+        assert executor.submit(nice).result() > nice()

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The SelectHeight services over real DDS: what each method answers, refusals, and a loop they do not hold up."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from atpid_interfaces.srv import SelectHeight
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from std_msgs.msg import Empty
+
+from atpid_control.computation import threaded
+from atpid_control.hold import Estimate, Quality
+from atpid_control.nodes.height_services import HeightServices
+from atpid_control.selection import HeightSelector, make_selector
+from atpid_control.selection.request import Resonance
+from atpid_sim.scene import load_scene
+
+ROOT = Path(__file__).parents[2]
+MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
+SCENE = load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
+MAKE = partial(make_selector, scene=SCENE, height_map=MAP)
+STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+
+
+class Stand:
+    """A node with the services and a client, on one executor."""
+
+    def __init__(self, make: Callable[[str], HeightSelector] = MAKE) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.node = Node("selector_node", context=self.context)
+        self.client = Node("client", context=self.context)
+        self.latest: Estimate | None = None
+        self.worker = threaded("requested-selection")
+        HeightServices(self.node, self.worker, make, "lookup", self.situation)
+        for node in (self.node, self.client):
+            self.executor.add_node(node)
+
+    def situation(self) -> tuple[Estimate | None, float, Resonance]:
+        return self.latest, 0.3, Resonance(SCENE.frequency_hz, 0.03)
+
+    def begin(self, method: str, **request: float) -> Future:
+        service = self.client.create_client(SelectHeight, f"selector_node/{method}")
+        assert service.wait_for_service(timeout_sec=30.0)
+        return service.call_async(SelectHeight.Request(**request))
+
+    def until(self, condition: Callable[[], Any]) -> None:
+        end = time.monotonic() + 60.0
+        while not condition():
+            assert time.monotonic() < end, "the answer waited for did not come"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def ask(self, method: str, **request: float) -> SelectHeight.Response:
+        answer = self.begin(method, **request)
+        self.until(answer.done)
+        return answer.result()
+
+    def close(self) -> None:
+        self.worker.shutdown()
+        for node in (self.node, self.client):
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    made = Stand()
+    yield made
+    made.close()
+
+
+def test_each_method_answers_what_it_would_choose(stand: Stand) -> None:
+    for method in ("lookup", "pca", "direct"):
+        answer = stand.ask(method, amplitude=0.03)
+        assert answer.success
+        assert answer.method == method
+        assert answer.height == pytest.approx(0.57, rel=0.06)
+        assert answer.efficiency > 0.79
+        assert answer.price == 0.0
+
+
+def test_the_price_of_a_margin_is_nan_where_the_method_does_not_know_it(stand: Stand) -> None:
+    given = {"amplitude": 0.03, "amplitude_std": 1e-4, "margin": 3.0}
+    assert math.isnan(stand.ask("lookup", **given).price)
+    assert 0.0 < stand.ask("direct", **given).price < 0.2
+
+
+def test_before_any_estimate_there_is_a_clear_answer(stand: Stand) -> None:
+    answer = stand.ask("direct")
+    assert not answer.success
+    assert "no steady estimate yet" in answer.message
+    stand.latest = STEADY
+    assert stand.ask("lookup").success
+
+
+@pytest.mark.parametrize("method", ["select", "lookup", "pca", "direct"])
+def test_nonsense_is_refused_by_every_method(stand: Stand, method: str) -> None:
+    nonsense: list[dict[str, float]] = [
+        {"amplitude": -1.0}, {"amplitude": math.nan}, {"amplitude": 0.03, "amplitude_std": -1.0},
+        {"amplitude": 0.03, "margin": -3.0}, {"amplitude": 0.03, "frequency": 9.0},
+    ]  # fmt: skip
+    for request in nonsense:
+        answer = stand.ask(method, **request)
+        assert not answer.success
+        assert "given" in answer.message and "allowed" in answer.message
+        assert math.isnan(answer.height)
+
+
+def test_an_amplitude_outside_the_map_is_refused(stand: Stand) -> None:
+    assert "outside its 0.002 to 0.08 m" in stand.ask("lookup", amplitude=5.0).message
+
+
+class Blocked:
+    """A selector that answers when the test lets it."""
+
+    method = "lookup"
+
+    def __init__(self) -> None:
+        self.begun, self.proceed = threading.Event(), threading.Event()
+
+    def select(self, *_: float, **__: float) -> Any:
+        self.begun.set()
+        assert self.proceed.wait(60.0)
+        raise ZeroDivisionError("a defect")
+
+
+def test_the_node_goes_on_while_a_height_is_computed_and_a_defect_is_reported() -> None:
+    selector = Blocked()
+    stand = Stand(lambda method: selector)
+    try:
+        taken: list[Empty] = []
+        stand.node.create_subscription(Empty, "loop", taken.append, 10)
+        loop = stand.client.create_publisher(Empty, "loop", 10)
+        answer = stand.begin("lookup", amplitude=0.03)
+        stand.until(selector.begun.is_set)
+        stand.until(lambda: loop.publish(Empty()) or len(taken) >= 5)
+        assert not answer.done()
+        selector.proceed.set()
+        stand.until(answer.done)
+        assert not answer.result().success
+        assert answer.result().message == "internal error: ZeroDivisionError: a defect"
+    finally:
+        selector.proceed.set()
+        stand.close()

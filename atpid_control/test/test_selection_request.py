@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A request for a height: what is nonsense is refused with what was given and what is allowed."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from atpid_control.hold import Estimate, Quality
+from atpid_control.selection import SelectionError
+from atpid_control.selection.request import Request, Resonance, resolved
+
+RESONANCE = Resonance(5.47, 0.03)
+LATEST = Estimate(Quality.STEADY, 0.03, 1e-5, 5.5)
+
+
+@pytest.mark.parametrize(
+    ("request_", "text"),
+    [
+        (Request(-1.0), "amplitude: given -1 m; allowed: above 0 m, or 0 for the latest steady estimate"),
+        (Request(math.nan), "amplitude: given nan m"),
+        (Request(math.inf), "amplitude: given inf m"),
+        (Request(0.03, amplitude_std=-1.0), "amplitude_std: given -1 m; allowed: 0 m or above"),
+        (Request(0.03, amplitude_std=math.nan), "amplitude_std: given nan m"),
+        (Request(0.03, margin=-3.0), "margin: given -3; allowed: 0 to 100 standard deviations"),
+        (Request(0.03, margin=1e9), "margin: given 1e+09"),
+        (Request(0.03, margin=math.nan), "margin: given nan"),
+        (Request(0.03, frequency=9.0), "frequency: given 9 Hz; allowed: 5.47 Hz within 3 %, or 0 for that resonance"),
+        (Request(0.03, frequency=-5.47), "frequency: given -5.47 Hz"),
+        (Request(0.03, frequency=math.nan), "frequency: given nan Hz"),
+    ],
+)
+def test_nonsense_is_refused(request_, text):
+    with pytest.raises(SelectionError) as refused:
+        resolved(request_, LATEST, RESONANCE)
+    assert text in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_zero_stands_for_the_latest_estimate_and_the_resonance():
+    assert resolved(Request(0.0, margin=3.0), LATEST, RESONANCE) == Request(0.03, 1e-5, 5.5, 3.0)
+    assert resolved(Request(0.02), LATEST, RESONANCE) == Request(0.02, 0.0, 5.47, 0.0)
+
+
+def test_an_estimate_off_resonance_is_refused_as_in_the_loop():
+    with pytest.raises(SelectionError, match=r"frequency: given 6\.5 Hz"):
+        resolved(Request(0.0), Estimate(Quality.STEADY, 0.03, 1e-5, 6.5), RESONANCE)
+
+
+def test_without_an_estimate_an_amplitude_is_needed():
+    with pytest.raises(SelectionError, match="no steady estimate yet"):
+        resolved(Request(0.0), None, RESONANCE)
+
+
+@given(*[st.floats()] * 4)
+def test_what_is_accepted_can_be_computed(amplitude, amplitude_std, frequency, margin):
+    try:
+        asked = resolved(Request(amplitude, amplitude_std, frequency, margin), LATEST, RESONANCE)
+    except SelectionError:
+        return
+    assert 0.0 < asked.amplitude < math.inf
+    assert 0.0 <= asked.amplitude_std < math.inf
+    assert 0.0 <= asked.margin <= 100.0
+    assert asked.frequency == pytest.approx(5.47, rel=0.0301)

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_common.nodes.param get|set|describe|list NODE ...`: as `ros2 param` does where there is one."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import get_parameter_value, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
+
+from atpid_common.cli import guarded
+from atpid_common.errors import DONE, InputError
+
+#: How long to wait for the node to be discovered, and for its answer [s].
+PATIENCE = 10.0
+
+
+class ParamError(InputError):
+    """A node that is not there, or a parameter that cannot be read or set."""
+
+
+class Client:
+    """Asks one node for its parameters."""
+
+    def __init__(self, name: str) -> None:
+        """Wait for the node's services; raise ParamError where they are not there."""
+        self._node = Node("param", start_parameter_services=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._name, self._asked = name, AsyncParameterClient(self._node, name)
+        if not self._asked.wait_for_services(PATIENCE):
+            raise ParamError(f"node {name}: not found within {PATIENCE:g} s; is it running, in this ROS_DOMAIN_ID?")
+
+    def ask(self, call: Callable[[AsyncParameterClient], Any]) -> Any:
+        """Return the response to `call`; raise ParamError where none comes."""
+        answer = call(self._asked)
+        self._executor.spin_until_future_complete(answer, PATIENCE)
+        if not answer.done():
+            raise ParamError(f"node {self._name}: no answer within {PATIENCE:g} s")
+        return answer.result()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+
+def get(client: Client, name: str) -> None:
+    """Print the value of a parameter."""
+    (value,) = client.ask(lambda asked: asked.get_parameters([name])).values or (None,)
+    if value is None or value.type == RosParameter.Type.NOT_SET.value:
+        raise ParamError(f"parameter {name}: the node has none of this name")
+    print(parameter_value_to_python(value))
+
+
+def change(client: Client, name: str, text: str) -> None:
+    """Set a parameter to the value that `text` is in YAML; raise ParamError with the node's reason where it refuses."""
+    parameter = RosParameter(name, value=parameter_value_to_python(get_parameter_value(text)))
+    (result,) = client.ask(lambda asked: asked.set_parameters([parameter])).results
+    if not result.successful:
+        raise ParamError(f"refused: {result.reason}")
+    print(f"{name}: {parameter.value}")
+
+
+def describe(client: Client, name: str) -> None:
+    """Print description and range of a parameter."""
+    found: Sequence[ParameterDescriptor] = client.ask(lambda asked: asked.describe_parameters([name])).descriptors
+    if not found or not found[0].type:
+        raise ParamError(f"parameter {name}: the node has none of this name")
+    for allowed in (*found[0].floating_point_range, *found[0].integer_range):
+        print(f"allowed: {allowed.from_value:g} to {allowed.to_value:g}")
+    for line in filter(None, (found[0].description, found[0].additional_constraints)):
+        print(line)
+    print("read once, at the start" if found[0].read_only else "may be set while the node runs")
+
+
+def list_all(client: Client) -> None:
+    """Print the names of all parameters."""
+    print("\n".join(sorted(client.ask(lambda asked: asked.list_parameters([], 10)).result.names)))
+
+
+VERBS: dict[str, tuple[Callable[..., None], tuple[str, ...], str]] = {
+    "get": (get, ("name",), "print a parameter's value"),
+    "set": (change, ("name", "value"), "set a parameter"),
+    "describe": (describe, ("name",), "print what a parameter means and which values are allowed"),
+    "list": (list_all, (), "print the names of all parameters"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    parser = argparse.ArgumentParser(prog="python -m atpid_common.nodes.param", description=__doc__)
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    for verb, (act, arguments, text) in VERBS.items():
+        command = verbs.add_parser(verb, help=text)
+        command.add_argument("node", help="name of the node, /selector_node say")
+        for argument in arguments:
+            command.add_argument(argument)
+        command.set_defaults(act=act, arguments=arguments)
+
+    def run() -> int:
+        given = parser.parse_args(argv)
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            client = Client(given.node)
+            given.act(client, *(getattr(given, argument) for argument in given.arguments))
+            client.close()
+        finally:
+            rclpy.try_shutdown()
+        return DONE
+
+    return guarded(run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

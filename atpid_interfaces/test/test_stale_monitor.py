@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Silence is an event within the time-out, and so is its end; before the first message and after a run it is right."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from atpid_interfaces.msg import Event
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Empty
+
+from atpid_common.nodes.events import EventPublisher
+from atpid_common.nodes.messages import EVENTS
+from atpid_common.nodes.supervision import Supervision
+
+TIMEOUT = 0.2
+
+
+class Stand:
+    """A supervised node that subscribes to `estimates`, and a peer that publishes them and receives what it reports."""
+
+    def __init__(self, *, enabled: bool = True) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.node, self.peer = (Node(name, context=self.context) for name in ("supervised", "peer"))
+        self.silences = 0
+        events = EventPublisher(self.node)
+        self.supervision = Supervision(self.node, events.publish, list, TIMEOUT, self._on_silence, enabled=enabled)
+        self.supervision.stale.watch("estimates", "nothing is controlled")
+        self.supervision.follow_events()
+        self.node.create_subscription(Empty, "estimates", self._on_estimate, 10)
+        self.received, self.events, self.statuses, self.ticks = 0, [], [], 0
+        self.peer.create_subscription(Event, "events", self.events.append, EVENTS)
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self.estimates = self.peer.create_publisher(Empty, "estimates", 10)
+        self.runs = self.peer.create_publisher(Event, "events", EVENTS)
+        self.peer.create_timer(TIMEOUT, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.executor.add_node(self.peer)
+        self.executor.add_node(self.node)
+        self.until(
+            lambda: self.estimates.get_subscription_count() and self.peer.count_publishers("/diagnostics") == enabled
+        )
+        self.until(lambda: self.runs.get_subscription_count() == 1 + enabled)
+
+    def until(self, condition: Callable[[], Any]) -> None:
+        end = time.monotonic() + 30.0
+        while not condition():
+            assert time.monotonic() < end, "the event waited for did not come"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def send(self) -> None:
+        """Publish one estimate and wait until it has been received."""
+        before = self.received
+        self.estimates.publish(Empty())
+        self.until(lambda: self.received > before)
+
+    def let_time_pass(self) -> None:
+        """Spin for five time-outs."""
+        end = self.ticks + 5
+        self.until(lambda: self.ticks >= end)
+
+    def kinds(self) -> list[str]:
+        return [event.kind for event in self.events if event.kind != Event.FINISHED]
+
+    def _tick(self) -> None:
+        self.ticks += 1
+
+    def _on_estimate(self, _: Empty) -> None:
+        self.received += 1
+        self.supervision.stale.received("estimates")
+
+    def _on_silence(self) -> None:
+        self.silences += 1
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        self.statuses += [status for status in array.status if status.name == "supervised: inputs"]
+
+    def close(self) -> None:
+        for node in (self.node, self.peer):
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def stand() -> Iterator[Stand]:
+    made = Stand()
+    yield made
+    made.close()
+
+
+def test_before_the_first_message_nothing_is_stale(stand: Stand) -> None:
+    stand.let_time_pass()
+    assert stand.kinds() == []
+
+
+def test_silence_and_its_end_are_events_and_in_the_diagnostics_at_once(stand: Stand) -> None:
+    stand.send()
+    stand.until(lambda: stand.events)
+    (stale,) = stand.events
+    assert (stale.kind, stale.severity, stale.header.frame_id) == (Event.STALE, Event.ALARM, "supervised")
+    assert stale.value >= TIMEOUT
+    assert stale.text == f"no message on estimates for {stale.value:.2f} s: nothing is controlled"
+    stand.until(lambda: any(status.level == DiagnosticStatus.STALE for status in stand.statuses))
+    assert stand.statuses[-1].message == "no messages on estimates"
+    stand.let_time_pass()
+    assert stand.kinds() == [Event.STALE], "reported once"
+    stand.send()
+    stand.until(lambda: len(stand.events) >= 2)
+    resumed = stand.events[1]
+    assert (resumed.kind, resumed.severity) == (Event.RESUMED, Event.INFO)
+    assert resumed.value >= stale.value + 4.0 * TIMEOUT
+    assert stand.silences >= 2
+
+
+def test_silence_after_the_end_of_a_run_is_right(stand: Stand) -> None:
+    stand.send()
+    stand.runs.publish(Event(kind=Event.FINISHED))
+    stand.until(lambda: not stand.supervision.stale.running)
+    stand.let_time_pass()
+    assert Event.STALE not in stand.kinds()
+    stand.send()
+    stand.until(lambda: Event.STALE in stand.kinds())
+
+
+def test_messages_queued_while_the_process_was_held_up_are_received_first(stand: Stand) -> None:
+    stand.send()
+    stand.executor.remove_node(stand.node)
+    stand.let_time_pass()
+    stand.estimates.publish(Empty())
+    stand.until(lambda: stand.estimates.wait_for_all_acked())
+    stand.executor.add_node(stand.node)
+    stand.until(lambda: stand.received == 2)
+    assert stand.supervision.stale.stale == []
+    assert stand.kinds() == []
+
+
+def test_three_missing_messages_are_silence_where_they_are_rare(stand: Stand) -> None:
+    stand.send()
+    stand.supervision.stale.received("estimates", 5.0 * TIMEOUT)
+    stand.let_time_pass()
+    assert stand.kinds() == []
+
+
+def test_in_lockstep_nothing_is_reported() -> None:
+    stand = Stand(enabled=False)
+    try:
+        stand.send()
+        stand.let_time_pass()
+        assert stand.kinds() == []
+    finally:
+        stand.close()

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/parameters.md shows the tables the nodes declare, and the shipped parameter files hold the same defaults."""
+
+import pytest
+import yaml
+
+from atpid_common.nodes.parameters import markdown
+from atpid_control.nodes import identifier_parameters, selector_parameters
+
+TABLES = {
+    "identifier_node": (identifier_parameters.TABLE, "atpid_control/config/identifier.yaml"),
+    "selector_node": (selector_parameters.TABLE, "atpid_control/config/selector.yaml"),
+}
+
+
+@pytest.mark.parametrize("node", TABLES)
+def test_the_page_shows_the_table(root, node):
+    table, _ = TABLES[node]
+    page = (root / "docs" / "parameters.md").read_text()
+    shown = f"## {node}\n\n{markdown(table)}\n"
+    assert shown in page, f"docs/parameters.md: the section has to be\n\n{shown}"
+
+
+@pytest.mark.parametrize("node", TABLES)
+def test_the_parameter_file_holds_the_defaults(root, node):
+    table, config = TABLES[node]
+    (values,) = yaml.safe_load((root / config).read_text()).values()
+    defaults = {row.name: row.default for row in table}
+    assert values["ros__parameters"] == {name: defaults[name] for name in values["ros__parameters"]}
+    started_with_the_node = {"scene", "map", "method", "lockstep"}
+    assert set(defaults) - set(values["ros__parameters"]) <= started_with_the_node
+
+
+@pytest.mark.parametrize("node", TABLES)
+def test_every_default_is_allowed_and_every_row_explained(node):
+    table, _ = TABLES[node]
+    assert [row.name for row in table if row.problem(row.default)] == []
+    assert [row.name for row in table if not row.description] == []

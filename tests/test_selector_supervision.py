@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The selector in real time: silent partners, quality of service, live parameters, heights computed beside the loop."""
+
+import math
+import threading
+import time
+
+import pytest
+import rclpy
+from atpid_interfaces.action import SearchHeight
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from graph_runs import parameters
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from atpid_common.nodes.messages import EVENTS, STATES, time_of
+from atpid_control.nodes.selector_node import SelectorNode
+
+BLOCK = 50_000_000  # [ns]
+
+
+class Loop:
+    """A selector in real time and a peer in the places of identifier and motor."""
+
+    def __init__(self, scenes, out, **changes):
+        rclpy.init()
+        self.scene, given = parameters(scenes / "thesis_4_3.yaml", out, lockstep=False)
+        overrides = [Parameter(name, value=value) for name, value in (given["selector_node"] | changes).items()]
+        self.selector, self.peer = SelectorNode(parameter_overrides=overrides), Node("peer")
+        self.commands, self.events, self.statuses = [], [], []
+        self.excitation = self.peer.create_publisher(Excitation, "excitation", STATES)
+        self.state = self.peer.create_publisher(CeilingState, "ceiling/state", STATES)
+        self.runs = self.peer.create_publisher(Event, "events", EVENTS)
+        self.peer.create_subscription(CeilingCommand, "ceiling/command", self.commands.append, STATES)
+        self.peer.create_subscription(Event, "events", self.events.append, EVENTS)
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 10)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.selector)
+        self.executor.add_node(self.peer)
+        handshake = Excitation()
+        handshake.handshake = True
+        self.until(lambda: self.commands, lambda: self.excitation.publish(handshake))
+        self.until(lambda: self.peer.count_publishers("/diagnostics") and self.state.get_subscription_count())
+        self.until(lambda: self.runs.get_subscription_count() == 2)
+        while self.commands and self.commands[-1].handshake:
+            self.commands.clear()
+            self.executor.spin_once(timeout_sec=0.1)
+        self.stamp = time.time_ns()
+
+    def on_diagnostics(self, array):
+        self.statuses += array.status
+
+    def until(self, condition, act=lambda: None):
+        end = time.monotonic() + 60.0
+        while not condition():
+            assert time.monotonic() < end, "the event waited for did not come"
+            act()
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def estimate(self, amplitude=0.015):
+        """Send one steady estimate; return the command that answers it."""
+        self.stamp += BLOCK
+        message = Excitation(quality=Excitation.STEADY, amplitude=amplitude, amplitude_std=1e-6)
+        message.frequency, message.beam_amplitude = self.scene.frequency_hz, math.nan
+        message.header.stamp = time_of(self.stamp)
+        self.excitation.publish(message)
+        self.until(lambda: self.commands and self.commands[-1].header.stamp == message.header.stamp)
+        return self.commands[-1]
+
+    def kinds(self):
+        return [event.kind for event in self.events]
+
+    def found(self, kind):
+        self.until(lambda: kind in self.kinds())
+        return next(event for event in self.events if event.kind == kind)
+
+    def status(self, name, level):
+        self.until(lambda: any(s.name == name and s.level == level for s in self.statuses))
+        return next(s for s in reversed(self.statuses) if s.name == name and s.level == level)
+
+    def set(self, name, value):
+        client = self.peer.create_client(SetParameters, "selector_node/set_parameters")
+        assert client.wait_for_service(timeout_sec=30.0)
+        answer = client.call_async(SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()]))
+        self.until(answer.done)
+        return answer.result().results[0]
+
+    def close(self):
+        self.selector.close()
+        for node in (self.selector, self.peer):
+            node.destroy_node()
+        self.executor.shutdown()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def make(scenes, tmp_path):
+    made = []
+
+    def loop(**changes):
+        made.append(Loop(scenes, tmp_path, **changes))
+        return made[-1]
+
+    yield loop
+    for item in made:
+        item.close()
+
+
+def test_estimates_that_stay_away_are_an_event_and_in_the_diagnostics(make):
+    loop = make()
+    loop.estimate()
+    stale = loop.found("stale")
+    assert stale.severity == Event.ALARM
+    assert stale.text.startswith("no message on excitation for ") and stale.value >= 0.4
+    assert loop.status("selector_node: inputs", DiagnosticStatus.STALE).message == "no messages on excitation"
+    loop.estimate()
+    assert loop.found("resumed").value >= stale.value
+
+
+def test_a_silent_motor_is_an_event(make):
+    loop = make()
+    loop.state.publish(CeilingState(height=0.3))
+    assert "ceiling/state" in loop.found("stale").text
+
+
+def test_the_end_of_a_run_is_no_silence(make):
+    loop = make(stale_timeout=0.2)
+    loop.estimate()
+    loop.runs.publish(Event(kind=Event.FINISHED))
+    loop.until(lambda: not loop.selector._supervision.stale.running)
+    beats = len(loop.statuses)
+    loop.until(lambda: len(loop.statuses) > beats + 4)  # two seconds of diagnostics at the least
+    assert "stale" not in loop.kinds()
+
+
+def test_silence_ends_a_search_with_the_reason(make):
+    loop = make()
+    client = ActionClient(loop.peer, SearchHeight, "selector_node/search")
+    assert client.wait_for_server(timeout_sec=30.0)
+    sent = client.send_goal_async(SearchHeight.Goal(step=0.1, dwell=2.0, lowest=0.1, highest=0.9))
+    loop.until(sent.done)
+    result = sent.result().get_result_async()
+    loop.estimate()
+    loop.until(result.done)
+    assert result.result().result.message == "no messages on excitation"
+    client.destroy()
+
+
+def test_incompatible_quality_of_service_is_an_event(make):
+    loop = make()
+    kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    loop.peer.create_subscription(CeilingCommand, "ceiling/command", lambda _: None, kept)
+    event = loop.found("qos")
+    assert event.severity == Event.WARNING
+    assert event.text.startswith("ceiling/command: a subscription has another durability, so that no message passes")
+    assert "durability" in loop.status("selector_node: quality of service", DiagnosticStatus.ERROR).message
+
+
+def test_a_missed_deadline_is_counted(make):
+    loop = make()
+    loop.estimate()
+
+    def missed():
+        values = [{v.key: v.value for v in s.values} for s in loop.statuses if s.name.endswith("quality of service")]
+        return any(int(value.get("ceiling/command deadlines missed", 0)) > 0 for value in values)
+
+    loop.until(missed)
+
+
+def test_statuses_have_standard_names_and_a_hardware_id(make):
+    loop = make()
+    loop.until(lambda: len(loop.statuses) >= 3)
+    names = {status.name: status.hardware_id for status in loop.statuses}
+    assert names == {
+        "selector_node: height selection": "none",
+        "selector_node: inputs": "none",
+        "selector_node: quality of service": "none",
+    }
+
+
+def test_a_live_parameter_holds_from_the_next_estimate_on_and_is_recorded(make):
+    loop = make()
+    heights = {loop.estimate().height for _ in range(8)}
+    assert len({height for height in heights if height > 0.0}) == 1
+    assert loop.set("dead_band", 0.5).successful
+    assert loop.found("parameter").text == "parameter dead_band: 0.01 -> 0.5"
+    assert loop.estimate(0.018).reason == "inside dead band"
+    assert loop.set("margin", 0.0).successful
+    loop.until(lambda: loop.estimate(0.018).reason == "selected")
+
+
+@pytest.mark.parametrize(("name", "value"), [("margin", -3.0), ("dead_band", math.nan), ("steady_count", 0)])
+def test_a_bad_value_is_refused_with_a_sentence(make, name, value):
+    loop = make()
+    result = loop.set(name, value)
+    assert not result.successful
+    assert name in result.reason
+    assert "parameter" not in loop.kinds()
+
+
+def test_a_parameter_that_is_read_once_is_refused(make):
+    loop = make()
+    result = loop.set("method", "pca")
+    assert not result.successful and "read-only" in result.reason
+
+
+def test_each_estimate_is_answered_while_a_height_is_computed(make, monkeypatch):
+    loop = make(method="direct")
+    proceed = threading.Event()
+    select = loop.selector._controller._inner._selector.select
+
+    def slow(*arguments, **named):
+        assert proceed.wait(60.0)
+        return select(*arguments, **named)
+
+    monkeypatch.setattr(loop.selector._controller._inner._selector, "select", slow)
+    commands = [loop.estimate() for _ in range(10)]
+    assert [command.reason for command in commands[3:]] == ["computing"] * 7
+    assert all(math.isnan(command.height) for command in commands)
+    proceed.set()
+    loop.until(lambda: loop.estimate().height > 0.0)
+    assert loop.commands[-1].height == pytest.approx(0.29, rel=0.06)
+    assert loop.commands[-1].sequence == 1
