@@ -27,6 +27,7 @@ from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection.search_run import SearchingController
 
 STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+START = 1_700_000_000_000_000_000  # stamp of the first sample [ns]
 GOAL = {"step": 0.1, "dwell": 2.0, "lowest": 0.1, "highest": 0.9}
 
 
@@ -53,7 +54,7 @@ class Stand:
         self.node = Node("selector_node", context=self.context)
         self.client = Node("client", context=self.context)
         self.controller = SearchingController(Inner(), (0.017, 1.0))
-        self.server = SearchServer(self.node, self.controller)
+        self.server = SearchServer(self.node, self.controller, lambda: START)
         self.actions = ActionClient(self.client, SearchHeight, "selector_node/search")
         self.blocks = self.client.create_publisher(SampleBlock, "sensors/laser", BLOCKS)
         for node in (self.node, self.client):
@@ -78,21 +79,29 @@ class Stand:
     def turn(self) -> None:
         """One round of the loop: a block of the beam, an answered estimate, a ceiling that moves on."""
         message = SampleBlock(rate=1000.0, channels=["support_displacement", "beam_displacement"])
-        message.header.stamp = time_of(self.block * 50_000_000)
+        message.header.stamp = time_of(START + self.block * 50_000_000)
         data = np.zeros((50, 2))
         times = 0.05 * self.block + np.arange(50) * 1e-3
         data[:, 1] = (abs(self.height - 0.52) + 0.1) * np.sin(2.0 * np.pi * 5.5 * times)
         message.data = array.array("d", data.ravel().tolist())
-        self.blocks.publish(message)
         self.block += 1
+        if self.controller.run is not None and not self.controller.run.done:
+            self.show(message)
+        command = self.controller.answer(0.05 * self.block, STEADY, self.height).command
+        self.height += float(np.clip(command.height - self.height, -0.015, 0.015))
+        self.server.report()
+
+    def show(self, message: SampleBlock) -> None:
+        """Publish a block to the search and wait until it has been seen."""
         end = time.monotonic() + 100.0
+        while not self.blocks.get_subscription_count():
+            assert time.monotonic() < end, "the search does not subscribe"
+            self.executor.spin_once(timeout_sec=0.02)
+        self.blocks.publish(message)
         while self.seen < 0.05 * self.block - 1e-6:
             assert time.monotonic() < end, "the block was not seen"
             self.executor.spin_once(timeout_sec=0.02)
         self.executor.spin_once(timeout_sec=0.0)
-        command = self.controller.answer(0.05 * self.block, STEADY, self.height).command
-        self.height += float(np.clip(command.height - self.height, -0.015, 0.015))
-        self.server.report()
 
     def search(self, **goal: float) -> tuple[Any, list[SearchHeight.Feedback]]:
         assert self.actions.wait_for_server(timeout_sec=100.0)
@@ -126,6 +135,13 @@ def test_a_search_ends_at_the_best_height_and_tells_on_the_way(stand: Stand) -> 
     assert answer.result.success
     assert answer.result.height == pytest.approx(0.5)
     assert [feedback.iteration for feedback in told][-1] == answer.result.iterations == 6
+
+
+def test_a_search_may_begin_long_after_the_run(stand: Stand) -> None:
+    for _ in range(200):
+        stand.turn()
+    goal, _ = stand.search(**GOAL)
+    assert stand.wait(goal.get_result_async(), stand.turn).result.height == pytest.approx(0.5)
 
 
 def test_a_search_can_be_cancelled_and_another_begun(stand: Stand) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -27,14 +28,15 @@ class SearchServer:
     Every goal is accepted; one that cannot be searched is aborted, since only a result carries the reason.
     """
 
-    def __init__(self, node: Node, controller: SearchingController) -> None:
-        """Serve on a node whose controller may be interrupted."""
-        self._node, self._controller = node, controller
+    def __init__(self, node: Node, controller: SearchingController, start_ns: Callable[[], int | None]) -> None:
+        """Serve on a node whose controller may be interrupted.
+
+        start_ns: returns the stamp the controller's time counts from [ns]; None: it has answered no estimate yet.
+        """
+        self._node, self._controller, self._start_ns = node, controller, start_ns
         self._goal: ServerGoalHandle | None = None
         self._ended: Future | None = None
         self._reported = -1
-        self._start_ns: int | None = None
-        node.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
         self._server = ActionServer(
             node,
             SearchHeight,
@@ -82,19 +84,21 @@ class SearchServer:
         except SearchError as error:
             return concluded(goal, _no_result(str(error)))
         self._goal, self._ended, self._reported = goal, Future(), -1
+        # only now: receiving every block for nothing would cost the loop time
+        blocks = self._node.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
         await self._ended
+        self._node.destroy_subscription(blocks)
         self._goal = self._ended = None
         return concluded(goal, _result(run))
 
     def _on_block(self, block: SampleBlock) -> None:
-        if block.handshake or not block.data:
+        start_ns = self._start_ns()
+        if block.handshake or not block.data or start_ns is None:
             return
-        begin = nanoseconds_of(block.header.stamp)
-        if self._start_ns is None:
-            self._start_ns = begin
         values = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(block.channels))
         beam = values[:, list(block.channels).index(_BEAM)] if _BEAM in block.channels else np.array([math.nan])
-        self._controller.watch((begin - self._start_ns) * 1e-9 + len(values) / block.rate, beam)
+        begin = nanoseconds_of(block.header.stamp) - start_ns
+        self._controller.watch(begin * 1e-9 + len(values) / block.rate, beam)
 
 
 def _feedback(found: Progress) -> Any:

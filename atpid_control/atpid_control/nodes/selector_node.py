@@ -132,7 +132,7 @@ class SelectorNode(Node):
         self._maps = MapServer(self)
         # a ceiling that no controller moves cannot be searched
         borrowed = self._controller if isinstance(self._controller, SearchingController) else None
-        self._search = SearchServer(self, borrowed) if borrowed else None
+        self._search = SearchServer(self, borrowed, lambda: self._start_ns) if borrowed else None
         self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # parameters that change while the node runs

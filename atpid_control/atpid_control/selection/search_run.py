@@ -29,7 +29,7 @@ _WORSE = 0.01
 #: A ceiling this close to its target has arrived [m], ten times what the motor resolves.
 _ARRIVED = 5e-3
 
-#: A ceiling that has not arrived after this long never will [s].
+#: A ceiling that has not arrived, or a beam that has not been seen, after this long never will [s].
 _PATIENCE = 60.0
 
 
@@ -102,7 +102,10 @@ class SearchRun:
             self._sent_at = time
         if math.isnan(self._arrived_at):
             self._wait_for_ceiling(time, height)
-        elif time >= self._arrived_at + (_BEFORE + _WINDOW * (1 + len(self._amplitudes))) * self._plan.dwell:
+            return
+        end = self._arrived_at + (_BEFORE + _WINDOW * (1 + len(self._amplitudes))) * self._plan.dwell
+        # the first blocks may still be on their way
+        if time >= end and (self._window or time > self._arrived_at + _PATIENCE):
             self._end_window(time)
 
     def stop(self, message: str) -> None:
