@@ -48,6 +48,9 @@ RUN = {
         r"ros2 launch atpid_control replay\.launch\.py": "test_a_replay_is_recorded_where_record_says",
     },
     "tests/test_replay.py": {r"ros2 run atpid_control replay_node": "test_ctrl_c_ends_a_replay_quietly"},
+    "atpid_interfaces/test/test_param_command.py": {
+        r"python -m atpid_common\.nodes\.param (set|get|describe)": "test_a_parameter_is_read_set_and_described",
+    },
     "atpid_sim/test/test_cli.py": {
         r"python -m atpid_sim simulate .*--series": "test_the_motion_is_written_and_can_drive_another_run",
         r"python -m atpid_sim simulate .*--height": "test_a_controlled_ceiling_is_refused_unless_a_height_is_given",
@@ -100,6 +103,7 @@ NOT_RUN = {
     r"python -m atpid_(sim|control)( |\.)(tradeoff|extremes|sweep|seeds|figures \w)": "minutes; their parts have tests",
     r"ros2 launch$": "a name in a sentence",
     r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag (info|play))": "the wheels have no ros2",
+    r"ros2 param (set|describe|load)": "the wheels have no ros2",
 }
 #: Options of programs that are not ours.
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install"}

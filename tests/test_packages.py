@@ -75,7 +75,7 @@ def imported(files: Iterable[Path]) -> set[str]:
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 found.add(node.module.partition(".")[0])
-    return found - set(sys.stdlib_module_names)
+    return found - set(sys.stdlib_module_names) - {"_typeshed"}  # of type checkers only
 
 
 def started(files: Iterable[Path]) -> set[str]:
