@@ -56,7 +56,7 @@ test-install: setup ## build a clone as a ROS user does, remove it and run what 
 .PHONY: coverage
 coverage: setup ## run all tests with coverage.py: table on the screen, pages in out/coverage
 	@$(IN_WORKSPACE) python -m coverage erase && \
-	{ python -m coverage run -m pytest -q; status=$$?; \
+	{ $(patsubst python,python -m coverage run,$(PYTEST)); status=$$?; \
 	  python -m coverage combine -q && python -m coverage html -q -d out/coverage && python -m coverage report --skip-covered; exit $$status; }
 
 .PHONY: figures

@@ -30,8 +30,13 @@ import importlib, pkgutil, sys
 for name in sys.argv[1:]:
     package = importlib.import_module(name)
     for module in pkgutil.walk_packages(package.__path__, name + "."):
-        if not module.name.endswith("__main__"):
+        if module.name.endswith("__main__"):
+            continue
+        try:
             print(importlib.import_module(module.name).__file__)
+        except ModuleNotFoundError as error:  # the wheels have no launch
+            if error.name.partition(".")[0] not in ("launch", "launch_ros"):
+                raise
 """
 #: What each executable needs to stay; `{}` is the folder of the inputs.
 EXECUTABLES = {
@@ -164,7 +169,7 @@ def test_the_bench_makes_its_report(recorded: Path) -> None:
 def test_the_launch_files_name_what_is_installed(name: str, removed: Path) -> None:
     install = removed / "install"
     text = (install / f"atpid_control/share/atpid_control/launch/{name}.launch.py").read_text()
-    named = re.findall(r'package="(\w+)",\s*executable="(\w+)"', text)
+    named = re.findall(r'node\(\s*"(\w+)",\s*"(\w+)"', text)
     assert named
     assert [place for place in named if place not in EXECUTABLES] == []
 
