@@ -210,6 +210,7 @@ def generate_launch_description():
     assert "argument map:" in done.stdout + done.stderr and "unknown argument" not in done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @needs_launch
 def test_the_bench_ends_with_its_run(short_scene, tmp_path):
     folder = tmp_path / 'it\'s a "folder"'
@@ -221,10 +222,11 @@ def test_the_bench_ends_with_its_run(short_scene, tmp_path):
         assert launch.text.count("has finished cleanly") == len(BENCH_NODES)
     assert verify(folder / "a 'bag'").messages
     kept = open_bag(folder / "a 'bag'").files
-    assert set(kept) == {"scene.yaml", "standard.npz", "motor.yaml"}
+    assert {"scene.yaml", "standard.npz", "motor.yaml"} <= set(kept)
     assert kept["standard.npz"] == HEIGHT_MAP.read_bytes()
 
 
+@pytest.mark.slow
 @needs_launch
 def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
     """The folder's name is text: nothing of it is evaluated."""
@@ -238,6 +240,7 @@ def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
     assert verify(record).messages
 
 
+@pytest.mark.slow
 @needs_launch
 @pytest.mark.parametrize(
     ("node", "number", "line"),
@@ -250,7 +253,7 @@ def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
 def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tmp_path):
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
         launch.wait_for_nodes(len(BENCH_NODES))
-        launch.wait_for("recording 8 topics")
+        launch.wait_for(r"recording \d+ topics")
         os.kill(launch.pids[node], number)
         assert launch.end() == 1, launch.text
         assert len(launch.errors) == 1 and re.match(line, launch.errors[0])
@@ -259,6 +262,7 @@ def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tm
         verify(tmp_path / "run")
 
 
+@pytest.mark.slow
 @needs_launch
 def test_a_node_that_refuses_ends_the_launch(tmp_path):
     (tmp_path / "broken.npz").write_text("no map")
@@ -268,6 +272,7 @@ def test_a_node_that_refuses_ends_the_launch(tmp_path):
         assert "Traceback" not in launch.text
 
 
+@pytest.mark.slow
 @needs_launch
 def test_ctrl_c_while_the_nodes_load_ends_them_quietly(tmp_path):
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
@@ -278,10 +283,11 @@ def test_ctrl_c_while_the_nodes_load_ends_them_quietly(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 @needs_launch
 def test_ctrl_c_twice_ends_everything_in_order(tmp_path):
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
-        launch.wait_for("recording 8 topics")
+        launch.wait_for(r"recording \d+ topics")
         launch.interrupt()
         launch.wait_for("user interrupted with ctrl-c")
         launch.interrupt()
@@ -290,18 +296,20 @@ def test_ctrl_c_twice_ends_everything_in_order(tmp_path):
     verify(tmp_path / "run")
 
 
+@pytest.mark.slow
 @needs_launch
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_no_node_outlives_its_launch(number, tmp_path):
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
         launch.wait_for_nodes(len(BENCH_NODES))
-        launch.wait_for("recording 8 topics")
+        launch.wait_for(r"recording \d+ topics")
         os.kill(launch.process.pid, number)
         ended(launch.pids.values())
         assert launch.end() != 0, launch.text
     verify(tmp_path / "run")
 
 
+@pytest.mark.slow
 @needs_launch
 @pytest.mark.parametrize(("ni", "nodes"), [("false", STAND_NODES), ("true", STAND_NODES | {"ni_node"})])
 def test_the_stand_waits_for_its_devices_until_ctrl_c(ni, nodes, tmp_path):
