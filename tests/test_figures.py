@@ -49,7 +49,9 @@ AGAIN: dict[str, Callable[[Path], Numbers]] = {
     "identification_spoiled": lambda folder: numbers_of(identification.draw_spoiled()),
     "identification_beam": lambda folder: numbers_of(identification.draw_beam()),
     "identification_watch": lambda folder: numbers_of(identification.draw_watch()),
-    "selection_map": lambda folder: numbers_in(selection.draw_map(folder, HeightMap.load(selection._SHIPPED))),
+    "selection_map": lambda folder: numbers_in(
+        selection.draw_map(folder, HeightMap.load(ROOT / "atpid_control" / selection._SHIPPED))
+    ),
 }
 
 
