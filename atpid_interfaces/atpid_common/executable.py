@@ -15,7 +15,9 @@ def run_executable(module: str) -> int:
         try:
             if interrupt.received:
                 return DONE
-            return int(importlib.import_module(module).main())
+            loaded = importlib.import_module(module)
+            # the exception is lost where it is raised in a callback of the interpreter, such as a finaliser
+            return DONE if interrupt.received else int(loaded.main())
         except BaseException:
             # a library that is being loaded may turn KeyboardInterrupt into an error of its own
             if interrupt.received:

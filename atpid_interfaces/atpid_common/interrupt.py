@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 from types import FrameType
 from typing import Any
 
@@ -24,7 +23,7 @@ class Interrupt:
 
     def __init__(self) -> None:
         """Do nothing yet."""
-        self._received = threading.Event()
+        self._received = False  # not a threading.Event: a signal in the middle of its `set` would wait for itself
         self._deferred = False
         self._before: list[Any] = []
         self._hook_before = sys.unraisablehook
@@ -32,7 +31,7 @@ class Interrupt:
     @property
     def received(self) -> bool:
         """Whether a signal has come."""
-        return self._received.is_set()
+        return self._received
 
     def defer(self) -> None:
         """From now on a signal only sets `received`."""
@@ -46,7 +45,7 @@ class Interrupt:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         already = self.received
-        self._received.set()
+        self._received = True
         if not self._deferred and not already:
             # what is torn while it is made, such as a compiler's object, may fail when it is deleted
             sys.unraisablehook = lambda _: None

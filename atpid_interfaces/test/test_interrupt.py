@@ -109,3 +109,26 @@ def test_a_module_that_does_not_load_keeps_its_traceback(tmp_path):
     done = subprocess.run([sys.executable, "-c", MAIN], capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 1
     assert "ImportError: broken" in done.stderr
+
+
+BURST = """
+import sys
+from atpid_common.interrupt import Interrupt
+with Interrupt() as interrupt:
+    interrupt.defer()
+    print("ready", flush=True)
+    sys.stdin.readline()
+    print(interrupt.received, flush=True)
+"""
+
+
+def test_signals_that_interrupt_one_another_are_all_taken():
+    process = subprocess.Popen(
+        [sys.executable, "-c", BURST], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    for number in SIGNALS * 2000:
+        process.send_signal(number)
+    printed, said = process.communicate("\n", timeout=60.0)
+    assert (process.returncode, printed, said) == (0, "True\n", "")

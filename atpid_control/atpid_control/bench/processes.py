@@ -21,7 +21,7 @@ _ERROR = "error: "  # begins the line with which a node refuses its input
 #: What starts a process: it is sent SIGTERM if the bench is killed, so that no node is left alone.
 _START = ("setpriv", "--pdeathsig", "TERM")
 #: And a node: both signals wait until it handles them, so that neither is lost nor a traceback while Python starts.
-_START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", *_START)
+START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", *_START)
 
 
 class NodeProcess:
@@ -37,7 +37,7 @@ class NodeProcess:
             sink = stack.enter_context(log.open("wb")) if log else None
             try:
                 self._process = subprocess.Popen(
-                    [*(_START_NODE if name.endswith("_node") else _START), *command],
+                    [*(START_NODE if name.endswith("_node") else _START), *command],
                     stdin=subprocess.DEVNULL,
                     stdout=sink,
                     stderr=subprocess.STDOUT,

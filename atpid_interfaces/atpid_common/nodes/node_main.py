@@ -7,13 +7,16 @@ import gc
 import inspect
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
 from typing import Protocol, cast
 
 import rclpy
+import rclpy.logging
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -46,7 +49,10 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
     with Interrupt() as interrupt:
         try:
             # rclpy's own handlers shut the context down in another thread, under a callback that is publishing
-            rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
+            with _rcl_silent():
+                rclpy.init(
+                    args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO
+                )
             node = make()
             interrupt.defer()
             with claim(node.get_fully_qualified_name()):
@@ -64,6 +70,15 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
         finally:
             interrupt.defer()
             _end(node)
+
+
+@contextmanager
+def _rcl_silent() -> Iterator[None]:
+    """Keep rcl from logging what it raises as well: bad arguments are reported in one line."""
+    rclpy.logging.set_logger_level("rcl", LoggingSeverity.FATAL)
+    yield
+    if rclpy.logging.get_logger_level("rcl") == LoggingSeverity.FATAL:  # not set by --log-level
+        rclpy.logging.set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
 def _refuse(error: object, status: int) -> int:
