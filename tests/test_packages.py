@@ -75,11 +75,7 @@ def imported(files: Iterable[Path]) -> set[str]:
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 found.add(node.module.partition(".")[0])
-<<<<<<< HEAD
     return found - set(sys.stdlib_module_names) - {"_typeshed"}  # of type checkers only
-=======
-    return found - set(sys.stdlib_module_names) - {"_typeshed"}  # of the type checker alone
->>>>>>> f22b5da (Packages: dependencies as the merged nodes have them; the installation's tests read the launch files as they are now)
 
 
 def started(files: Iterable[Path]) -> set[str]:
