@@ -18,13 +18,17 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+import yaml
 from ament_index_python.packages import get_package_prefix
 from graph_runs import in_lockstep, scene_file
 
 from atpid_control.bagread import open_bag
 from atpid_control.launching import launch_files
 from atpid_control.launching.launch_files import START
+from atpid_control.launching.replay_parameters import OPTIONS, parameter_file
+from atpid_control.launching.values import LaunchArgumentError
 from atpid_control.recording import verify
+from atpid_control.replay import compare
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "atpid_control" / "launch"
@@ -134,6 +138,8 @@ def test_what_a_launch_file_names_exists(name):
     assert named["node"] and named["node"] <= scripts
     assert all((ROOT / package / "config" / file).is_file() for package, file in named["config"])
     used = {word for words in named["text"] | named["texts"] | named["LaunchConfiguration"] for word in words}
+    if name == "replay":
+        used |= {"bag", *OPTIONS}
     assert used == {argument.name for argument in ARGUMENTS[name]}
 
 
@@ -145,6 +151,20 @@ def test_a_signal_before_python_starts_ends_a_node_quietly(package, node, number
     at_once = ["sh", "-c", f'kill -{int(number)} $$; exec "$0"', executable]
     done = subprocess.run([*START.split(), *at_once], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_replay_gets_the_parameters_of_the_bag(tmp_path, capfd):
+    """What replay.launch.py does before its nodes start; it needs no `launch`."""
+    file = parameter_file({"bag": str(BAG), "rate": "0.0", "record": str(tmp_path / "again"), "scene": "", "map": ""})
+    document = yaml.safe_load(Path(file).read_text())
+    kept = yaml.safe_load(open_bag(BAG).files["parameters.yaml"])["/selector_node"]["ros__parameters"]
+    selector = document["/**/selector_node"]["ros__parameters"]
+    assert {key: selector[key] for key in kept if key not in ("scene", "map")} == {
+        key: value for key, value in kept.items() if key not in ("scene", "map")
+    }
+    assert document["/**/replay_node"]["ros__parameters"]["rate"] == 0.0
+    with pytest.raises(LaunchArgumentError, match=r"replay.launch.py: .*nothere: no such bag"):
+        parameter_file({"bag": "nothere"})
 
 
 @needs_launch
@@ -232,12 +252,23 @@ def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
     """The folder's name is text: nothing of it is evaluated."""
     in_lockstep(short_scene, tmp_path / "out")
     record = tmp_path / "it's' + str(print('evaluated')) + '$(env HOME) \"x\""
-    with launched(
-        "replay", tmp_path, bag="out/bag", scene="scene.yaml", map=HEIGHT_MAP, rate="0", record=record
-    ) as launch:
+    with launched("replay", tmp_path, bag="out/bag", rate="0", record=record) as launch:
         assert launch.end() == 0, launch.text
         assert launch.errors == [] and "evaluated" not in launch.text.replace(str(record), "")
     assert verify(record).messages
+    found = compare(open_bag(tmp_path / "out/bag"), open_bag(record))
+    assert [one.agreeing for one in found] == [one.recorded for one in found] == [60, 60]
+
+
+@pytest.mark.slow
+@needs_launch
+def test_a_bag_that_cannot_be_replayed_ends_the_launch_before_a_node_starts(tmp_path):
+    shutil.copytree(BAG, tmp_path / "bag")
+    (tmp_path / "bag" / "bag_0.mcap").write_bytes(b"torn")
+    with launched("replay", tmp_path, bag="bag") as launch:
+        assert launch.end() == 1, launch.text
+        assert len(launch.errors) == 1 and "not a bag" in launch.errors[0]
+        assert "process started" not in launch.text and "Traceback" not in launch.text
 
 
 @pytest.mark.slow

@@ -10,13 +10,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from launch import LaunchContext, LaunchDescription
+from launch import LaunchContext, LaunchDescription, Substitution
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from atpid_control.launching.arguments import Argument, ParameterFile, check, check_names
+from atpid_control.launching.replay_parameters import parameter_file
 from atpid_control.launching.supervision import supervision
 
 PACKAGE = "atpid_control"
@@ -41,6 +42,20 @@ def text(argument: str) -> ParameterValue:
 def texts(*arguments: str) -> ParameterValue:
     """Return launch arguments as a parameter that is a list of texts."""
     return ParameterValue([[LaunchConfiguration(argument)] for argument in arguments], value_type=list[str])
+
+
+class ReplayParameters(Substitution):
+    """The parameter file for the replay of the bag that the launch arguments name."""
+
+    def __init__(self) -> None:
+        """Write nothing yet."""
+        super().__init__()
+        self._path = ""
+
+    def perform(self, context: LaunchContext) -> str:
+        """Write it, for the first of the nodes, and return its path."""
+        self._path = self._path or parameter_file(context.launch_configurations)
+        return self._path
 
 
 def _declared(argument: Argument) -> DeclareLaunchArgument:

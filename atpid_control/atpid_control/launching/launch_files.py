@@ -37,12 +37,8 @@ STAND = (
 
 REPLAY = (
     Argument("bag", "folder of the bag to play", existing_bag),
-    Argument(
-        "scene",
-        "scene file of the run; python -m atpid_control.recording extract BAG writes the one in the bag",
-        existing_file,
-    ),
-    _MAP,
+    Argument("scene", "scene file; not given: the one kept in the bag", existing_file, ""),
+    Argument("map", "height map; not given: the one kept in the bag", existing_file, ""),
     Argument(
         "rate",
         "speed relative to the recording, from 0 to 1000; 0: as fast as the loop answers",

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the documentation gives in place of `ros2`, which the wheels do not have: stand, nodes, topics, lifecycle."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+import yaml
+from graph_runs import wait_until
+
+from atpid_control.bagread import open_bag
+from atpid_control.bench.domain import own_domain
+from atpid_control.recording.verify import find_file, verify
+
+WIRING = {
+    "backend": "simulated",
+    "rate": 1000.0,
+    "channels": ["support_displacement", "beam_displacement"],
+    "terminals": ["a", "b"],
+    "calibrations": ["laser_support.yaml", "laser_beam.yaml"],
+    "frequency": 5.47,
+}
+
+
+@pytest.fixture
+def domain():
+    """A ROS domain for the processes of one test."""
+    with own_domain() as number:
+        yield number
+
+
+class Running:
+    """A command that runs; what it prints is collected."""
+
+    def __init__(self, *words):
+        self.lines = []
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", *map(str, words)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )  # fmt: skip
+        self._reader = threading.Thread(target=self._read, name="reader")
+        self._reader.start()
+
+    def _read(self):
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def printed(self, words):
+        return any(words in line for line in list(self.lines))
+
+    def wait_for(self, words):
+        wait_until(lambda: self.printed(words) or self.process.poll() is not None)
+        assert self.printed(words), self.lines
+
+    def end(self, number=None):
+        """Send a signal, or none; return the exit status."""
+        if number is not None:
+            self.process.send_signal(number)
+        status = self.process.wait(60.0)
+        self._reader.join()
+        return status
+
+
+@pytest.fixture
+def start(domain):
+    """Start commands, and stop what is left of them."""
+    running = []
+
+    def begin(*words):
+        running.append(Running(*words))
+        return running[-1]
+
+    yield begin
+    for command in running:
+        if command.process.poll() is None:
+            command.end(signal.SIGTERM)
+        command._reader.join()
+
+
+def parameter_file(path, node, **values):
+    path.write_text(yaml.safe_dump({f"/**/{node}": {"ros__parameters": values}}))
+    return path
+
+
+@pytest.mark.timeout(300)
+def test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters(start, root, scenes, tmp_path):
+    labjack = parameter_file(tmp_path / "labjack.yaml", "labjack_node", **WIRING, expect_recorder=True)
+    limits = {"lowest": 0.017, "highest": 1.0, "speed": 0.3, "initial_height": 0.017}
+    motor = parameter_file(tmp_path / "motor.yaml", "motor_node", backend="simulated", **limits)
+    stand = start(
+        "atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path / "bag",
+        "--map", root / "atpid_control/config/maps/standard.npz", "--labjack-config", labjack, "--motor-config", motor,
+    )  # fmt: skip
+    stand.wait_for("simulated:1 streams 2 channels at 1000 Hz")
+    wait_until(lambda: find_file(tmp_path / "bag").stat().st_size > 60_000)
+    assert stand.end(signal.SIGINT) == 0, stand.lines
+    assert not stand.printed("Traceback")
+    assert verify(tmp_path / "bag").by_topic["/sensors/laser"] > 0
+    bag = open_bag(tmp_path / "bag")
+    nodes = ("labjack_node", "motor_node", "identifier_node", "selector_node")
+    assert {f"{node}.yaml" for node in nodes} <= set(bag.files)
+    document = yaml.safe_load(bag.files["labjack_node.yaml"])
+    assert document["/**/labjack_node"]["ros__parameters"]["frequency"] == 5.47
+    assert "started" in [event.kind for _, event in bag.messages("/events")]
+
+
+@pytest.mark.timeout(300)
+def test_a_node_of_the_stand_that_ends_ends_the_stand(start, scenes, tmp_path):
+    labjack = parameter_file(tmp_path / "labjack.yaml", "labjack_node", **(WIRING | {"calibrations": ["none.yaml"]}))
+    stand = start("atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path / "bag",
+                  "--labjack-config", labjack)  # fmt: skip
+    assert stand.end() == 2
+    assert stand.lines[-1].startswith("error: labjack_node ended with status 2")
+
+
+def test_a_bag_that_exists_is_refused_before_a_node_starts(start, scenes, tmp_path):
+    stand = start("atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path)
+    assert stand.end() == 2
+    (line,) = stand.lines
+    assert "exists already" in line
+
+
+@pytest.mark.timeout(300)
+def test_a_motor_is_configured_and_activated_by_hand(start, root):
+    file = root / "atpid_driver" / "config" / "motor.yaml"
+    given = ["--ros-args", "--params-file", file, "-p", "autostart:=false", "-p", "initial_height:=0.05"]
+    motor = start("atpid_driver.nodes.motor_node", *given)
+    configured = start("atpid_common.nodes.lifecycle", "/motor_node", "configure")
+    assert configured.end() == 0
+    assert configured.lines[-1] == "/motor_node: inactive"
+    state = start("atpid_common.nodes.echo", "/ceiling/state", "--once")
+    assert state.end() == 0
+    message = yaml.safe_load("\n".join(state.lines[:-1]))
+    assert state.lines[-1] == "---" and (message["mode"], message["height"]) == (1, 0.05)
+    again = start("atpid_common.nodes.lifecycle", "/motor_node", "configure")
+    assert again.end() == 2
+    assert again.lines[-1] == "error: /motor_node did not configure and is inactive; its log has the reason"
+    assert start("atpid_common.nodes.lifecycle", "/motor_node", "activate").end() == 0
+    assert motor.end(signal.SIGINT) == 0
+
+
+@pytest.mark.timeout(300)
+def test_the_messages_of_a_sensor_are_printed(start, root):
+    file = root / "atpid_driver" / "config" / "labjack.yaml"
+    given = ["--ros-args", "--params-file", file, "-p", "handshake:=false", "-p", "backend:=simulated"]
+    laser = start("atpid_driver.nodes.labjack_node", *given)
+    diagnostics = start("atpid_common.nodes.echo", "/diagnostics", "--once")
+    assert diagnostics.end() == 0
+    (status,) = yaml.safe_load("\n".join(diagnostics.lines[:-1]))["status"]
+    assert status["name"] == "labjack_node: acquisition"
+    data = start("atpid_common.nodes.echo", "/sensors/laser", "--field", "data")
+    data.wait_for("---")
+    assert data.end(signal.SIGINT) == 0
+    assert len(yaml.safe_load("\n".join(data.lines[: data.lines.index("---")]))) == 100
+    wrong = start("atpid_common.nodes.echo", "/sensors/laser", "--field", "volts")
+    assert wrong.end() == 2 and wrong.lines[-1].startswith("error: --field: given volts; ")
+    assert laser.end(signal.SIGINT) == 0
+
+
+@pytest.mark.timeout(300)
+def test_a_topic_nobody_publishes_is_waited_for_with_a_line(start):
+    echo = start("atpid_common.nodes.echo", "/nothere")
+    echo.wait_for("waiting for a publisher of /nothere")
+    assert echo.end(signal.SIGINT) == 0
+
+
+@pytest.mark.timeout(300)
+def test_a_replay_node_alone_says_what_it_waits_for(start, root):
+    bag = root / "bags" / "thesis_4_3_short"
+    replay = start("atpid_control.nodes.replay_node", "--ros-args", "-p", f"bag:={bag}", "-p", "rate:=0.0")
+    replay.wait_for("waiting for an answer on ceiling/command; not running: identifier_node, selector_node")
+    assert replay.end(signal.SIGINT) == 0
