@@ -112,8 +112,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         try:
             client = Client(given.node)
-            given.act(client, *(getattr(given, argument) for argument in given.arguments))
-            client.close()
+            try:
+                given.act(client, *(getattr(given, argument) for argument in given.arguments))
+            finally:
+                client.close()
         finally:
             rclpy.try_shutdown()
         return DONE
