@@ -38,6 +38,7 @@ class Client:
         self._executor.add_node(self._node)
         self._name, self._asked = name, AsyncParameterClient(self._node, name)
         if not self._asked.wait_for_services(PATIENCE):
+            self.close()
             raise ParamError(f"node {name}: not found within {PATIENCE:g} s; is it running, in this ROS_DOMAIN_ID?")
 
     def ask(self, call: Callable[[AsyncParameterClient], Any]) -> Any:
