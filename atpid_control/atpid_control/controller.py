@@ -103,10 +103,12 @@ class SelectingController:
         twin: predicts what the beam should do, to be compared with what it does; None: it is not compared.
         executor: where heights and twin are computed, one call at a time; None: inline.
         """
-        self._executor = executor or InlineExecutor()
+        executor = executor or InlineExecutor()
+        # a height that is only looked up comes with the answer, in real time as in lockstep
+        self._executor = executor if selector.simulates else InlineExecutor()
         self._hold, self._selector, self._limits = Hold(settings.hold), selector, limits
         self._retreat = Retreat(settings.step_back, limits[0])
-        self._reality = RealityCheck(twin, settings.drift.alarm(), self._executor) if twin is not None else None
+        self._reality = RealityCheck(twin, settings.drift.alarm(), executor) if twin is not None else None
         self._settings = settings
         self._computation: _Computation | None = None
         self._expected = math.nan  # amplitude of the beam at the height selected [m]

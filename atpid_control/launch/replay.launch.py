@@ -27,7 +27,7 @@ def generate_launch_description() -> LaunchDescription:
     return describe(
         __file__,
         REPLAY,
-        node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
+        node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml"), {"lockstep": True}]),
         node(
             "atpid_control",
             "selector_node",

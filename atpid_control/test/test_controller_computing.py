@@ -48,7 +48,7 @@ class Held(Executor):
 class Linear:
     """Height 19 times the amplitude, a tenth less with a margin."""
 
-    method = "direct"
+    method, simulates = "direct", True
 
     def __init__(self):
         self.asked, self.error = [], None
@@ -96,6 +96,14 @@ def test_every_estimate_is_answered_while_a_height_is_computed():
     assert (selected.sequence, selected.height, selected.reason) == (1, pytest.approx(0.285), "selected")
     assert loop.selector.asked == [0.015]
     assert loop.feed(0.015)[0].reason == "inside dead band"
+
+
+def test_a_height_that_is_only_looked_up_is_in_the_answer_that_asks_for_it():
+    selector = Linear()
+    selector.simulates = False
+    machine = SelectingController(SETTINGS, selector, (0.017, 1.0), None, Held())
+    estimate = Estimate(Quality.STEADY, 0.015, 1e-6, 5.49)
+    assert [machine.answer(0.05 * k, estimate, 0.017).command.sequence for k in range(5)] == [0, 0, 0, 1, 1]
 
 
 def test_inline_the_height_is_in_the_answer_that_asks_for_it():

@@ -127,7 +127,7 @@ def test_an_amplitude_outside_the_map_is_refused(stand: Stand) -> None:
 class Blocked:
     """A selector that answers when the test lets it."""
 
-    method = "lookup"
+    method, simulates = "lookup", False
 
     def __init__(self) -> None:
         self.begun, self.proceed = threading.Event(), threading.Event()

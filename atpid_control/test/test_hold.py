@@ -113,7 +113,7 @@ def test_contradictory_settings_are_refused_in_one_line(changes):
 class Linear:
     """Height 19 times the amplitude, up to 0.05 m."""
 
-    method = "lookup"
+    method, simulates = "lookup", False
 
     def __init__(self):
         self.asked = 0

@@ -74,7 +74,7 @@ def _all_parameters(
 ) -> Parameters:
     """Return the parameters of the four nodes; what depends on this machine is this machine's."""
     run = {"scene": str(scene.absolute()), "lockstep": True}
-    identifier = dict(chosen[IDENTIFIER.name])
+    identifier = chosen[IDENTIFIER.name] | {"lockstep": True}
     if identifier.get("scene"):
         identifier["scene"] = run["scene"]
     selector = chosen[SELECTOR.name] | run | {"map": str(height_map.absolute()) if height_map else ""}

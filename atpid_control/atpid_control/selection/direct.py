@@ -28,7 +28,7 @@ _LATER = 0.37
 class DirectSelector:
     """Computes the optimum on all cores; with a margin, the height that is best in the worst case."""
 
-    method = "direct"
+    method, simulates = "direct", True
 
     def __init__(self, scene: Scene, uncertainty: Uncertainty | None = None, workers: int | None = None) -> None:
         """Take the system of a scene, and the ceiling's range and speed where it is controlled."""

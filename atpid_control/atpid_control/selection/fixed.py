@@ -11,7 +11,7 @@ from atpid_control.selection.protocol import Selection
 class FixedSelector:
     """Always the same height."""
 
-    method = "fixed"
+    method, simulates = "fixed", False
 
     def __init__(self, height: float) -> None:
         """Take the height [m]."""

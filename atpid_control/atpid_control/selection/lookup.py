@@ -14,7 +14,7 @@ from atpid_sim.scene import Scene
 class LookupSelector:
     """Reads heights off a map; for a margin it takes the lowest height over the amplitude's error bar."""
 
-    method = "lookup"
+    method, simulates = "lookup", False
 
     def __init__(self, scene: Scene, height_map: HeightMap) -> None:
         """Raise MapError where the map was made for another system."""

@@ -34,7 +34,7 @@ Start = tuple[float, float]  # amplitude of the beam [m], height [m]
 class PcaSelector:
     """The thesis's algorithm; `stages` of the result shows every iteration."""
 
-    method = "pca"
+    method, simulates = "pca", True
 
     def __init__(self, scene: Scene, gravity: bool = True) -> None:
         """Take the system of a scene; without gravity all models are computed as if there were none (Fig. 4.43)."""

@@ -46,6 +46,11 @@ class HeightSelector(Protocol):
         """Name in the registry: lookup, pca, direct, search or fixed."""
         ...
 
+    @property
+    def simulates(self) -> bool:
+        """Whether a selection is computed by simulation, which takes longer than the loop can wait."""
+        ...
+
     def select(
         self,
         amplitude: float,

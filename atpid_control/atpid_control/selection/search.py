@@ -81,7 +81,7 @@ _TRAVEL = 1.0
 class SearchSelector:
     """The search, made on a simulated plant; `stages` of the result shows every step."""
 
-    method = "search"
+    method, simulates = "search", True
 
     def __init__(self, scene: Scene, plan: Plan | None = None) -> None:
         """Take the plant of a scene, and the ceiling's range and speed where it is controlled."""
