@@ -18,7 +18,7 @@ from rclpy.node import Node
 from std_msgs.msg import Empty
 
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import EVENTS
+from atpid_common.nodes.messages import EVENTS, time_of
 from atpid_common.nodes.supervision import Supervision
 
 TIMEOUT = 0.2
@@ -124,11 +124,16 @@ def test_silence_and_its_end_are_events_and_in_the_diagnostics_at_once(stand: St
 
 def test_silence_after_the_end_of_a_run_is_right(stand: Stand) -> None:
     stand.send()
-    stand.runs.publish(Event(kind=Event.FINISHED))
+    finished = Event(kind=Event.FINISHED)
+    finished.header.stamp = time_of(1_000_000_000)
+    stand.runs.publish(finished)
     stand.until(lambda: not stand.supervision.stale.running)
     stand.let_time_pass()
     assert Event.STALE not in stand.kinds()
-    stand.send()
+    for stamp_ns in (None, 950_000_000, 1_000_000_001):  # the answers to its last samples come after the event
+        stand.supervision.stale.received("estimates", stamp_ns)
+        assert not stand.supervision.stale.running
+    stand.supervision.stale.received("estimates", 1_050_000_000)
     stand.until(lambda: Event.STALE in stand.kinds())
 
 
@@ -146,7 +151,7 @@ def test_messages_queued_while_the_process_was_held_up_are_received_first(stand:
 
 def test_three_missing_messages_are_silence_where_they_are_rare(stand: Stand) -> None:
     stand.send()
-    stand.supervision.stale.received("estimates", 5.0 * TIMEOUT)
+    stand.supervision.stale.received("estimates", period=5.0 * TIMEOUT)
     stand.let_time_pass()
     assert stand.kinds() == []
 

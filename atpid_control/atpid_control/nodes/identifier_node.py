@@ -89,8 +89,8 @@ class IdentifierNode(Node):
             self._excitation.publish(Excitation(header=block.header, handshake=True, **_fields(Estimate())))
             return
         scans = scans_of(block)
-        self._supervision.stale.received(LASER, scans / block.rate if block.rate > 0.0 else 0.0)
         last_ns = last_stamp(block)
+        self._supervision.stale.received(LASER, last_ns, scans / block.rate if block.rate > 0.0 else 0.0)
         received_ns = self.get_clock().now().nanoseconds
         try:
             estimate, self.complaint = self._identify(block, last_ns), ""

@@ -160,8 +160,8 @@ class SelectorNode(Node):
         if message.handshake:
             self._publish(message, Command(reason="handshake"))
             return
-        self._supervision.stale.received(ESTIMATES, self._block)
         now = nanoseconds_of(message.header.stamp)
+        self._supervision.stale.received(ESTIMATES, now, self._block)
         if self._start_ns is None:
             # the first stamp is that of the first block's last sample
             self._start_ns = now - round(self._block * 1e9)

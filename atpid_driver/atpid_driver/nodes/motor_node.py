@@ -142,7 +142,7 @@ class MotorNode(MotorLife):
         handshake = command.handshake
         if not handshake:
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
-            self._supervision.stale.received(COMMANDS, (self._stamp - before) * 1e-9 if before else 0.0)
+            self._supervision.stale.received(COMMANDS, self._stamp, (self._stamp - before) * 1e-9 if before else 0.0)
             self._latencies.add(info.get("received_timestamp", 0) - self._stamp)
             self._move(command, info)
         reading = self._read()

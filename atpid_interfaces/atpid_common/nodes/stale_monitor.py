@@ -24,6 +24,8 @@ from atpid_common.nodes.parameters import Publish
 GRACE = 0.05
 #: Messages that may be missing one after the other before that is silence.
 MISSING = 3
+#: Stamps of one instant may differ by rounding [ns].
+SAME_INSTANT = 10_000
 #: Longest time-out, whatever the period [s]: that between the last block of a run and the first of the next is none.
 LONGEST = 10.0
 
@@ -54,6 +56,7 @@ class StaleMonitor:
         self._node, self._publish, self._changed = node, publish, changed
         self.timeout, self._enabled = timeout, enabled
         self._topics: dict[str, _Topic] = {}
+        self._ended_ns: int | None = None  # stamp of the last sample of a run that has ended [ns]
 
     def watch(self, name: str, consequence: str) -> None:
         """Monitor a topic; `consequence` ends the event's text: what the node does without the messages."""
@@ -64,14 +67,16 @@ class StaleMonitor:
             topic.timer = self._node.create_timer(self.timeout, lambda: self._expired(topic), clock=steady)
             topic.timer.cancel()
 
-    def received(self, name: str, period: float = 0.0) -> None:
-        """Take note of a message that is no handshake; `period` [s] is the expected one, where it is known.
+    def received(self, name: str, stamp_ns: int | None = None, period: float = 0.0) -> None:
+        """Take note of a message that is no handshake.
 
-        Three missing messages are silence where that is longer than the time-out.
+        stamp_ns: of the last sample it stands for [ns]; None: it stands for none. period: expected from one message to
+        the next, where it is known [s]; three missing messages are silence where that is longer than the time-out.
         """
         topic = self._topics[name]
-        if topic.timer is None:
+        if topic.timer is None or self._belongs_to_ended_run(stamp_ns):
             return
+        self._ended_ns = None
         silence, topic.last = time.monotonic() - topic.last, time.monotonic()
         topic.waited = False
         self._wait(topic.timer, max(self.timeout, min(MISSING * period, LONGEST)) - GRACE)
@@ -80,8 +85,16 @@ class StaleMonitor:
             self._publish(Event.INFO, Event.RESUMED, f"{name}: messages again after {silence:.2f} s", silence)
             self._changed()
 
-    def pause(self) -> None:
-        """Expect no further messages: a run has ended. The next message begins anew."""
+    def end(self, stamp_ns: int) -> None:
+        """Expect no further messages: a run has ended with the sample at `stamp_ns` [ns].
+
+        Its last messages may still be on their way; the first with a later stamp begins anew.
+        """
+        self._ended_ns = stamp_ns
+        self.cancel()
+
+    def cancel(self) -> None:
+        """Stop the timers."""
         for topic in self._topics.values():
             topic.stale = False
             if topic.timer is not None:
@@ -108,6 +121,9 @@ class StaleMonitor:
             text,
             {f"{topic.name} age [s]": f"{now - topic.last:.2f}" for topic in self._received()},
         )
+
+    def _belongs_to_ended_run(self, stamp_ns: int | None) -> bool:
+        return self._ended_ns is not None and (stamp_ns is None or stamp_ns <= self._ended_ns + SAME_INSTANT)
 
     def _received(self) -> Iterable[_Topic]:
         return (topic for topic in self._topics.values() if topic.last)

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
-from atpid_common.nodes.messages import EVENTS
+from atpid_common.nodes.messages import EVENTS, nanoseconds_of
 from atpid_common.nodes.parameters import Publish
 from atpid_common.nodes.qos_monitor import QosMonitor
 from atpid_common.nodes.stale_monitor import StaleMonitor
@@ -48,7 +48,7 @@ class Supervision:
     def on_event(self, event: Event) -> None:
         """Expect no further messages after the end of a run."""
         if event.kind == Event.FINISHED:
-            self.stale.pause()
+            self.stale.end(nanoseconds_of(event.header.stamp))
 
     def report(self) -> None:
         """Publish diagnostics now: something has changed."""
@@ -57,7 +57,7 @@ class Supervision:
 
     def close(self) -> None:
         """Stop the timers."""
-        self.stale.pause()
+        self.stale.cancel()
         if self._diagnostics is not None:
             self._diagnostics.cancel()
 
