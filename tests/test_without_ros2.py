@@ -33,34 +33,38 @@ def domain():
 
 
 class Running:
-    """A command that runs; what it prints is collected."""
+    """A command that runs; what it prints on standard output and error is collected."""
 
     def __init__(self, *words):
-        self.lines = []
+        self.lines, self.errors = [], []
         self.process = subprocess.Popen(
             [sys.executable, "-m", *map(str, words)],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )  # fmt: skip
-        self._reader = threading.Thread(target=self._read, name="reader")
-        self._reader.start()
+        pipes = ((self.process.stdout, self.lines), (self.process.stderr, self.errors))
+        self._readers = [threading.Thread(target=self._read, args=pipe, name="reader") for pipe in pipes]
+        for reader in self._readers:
+            reader.start()
 
-    def _read(self):
-        for line in self.process.stdout:
-            self.lines.append(line.rstrip("\n"))
+    def _read(self, pipe, lines):
+        with pipe:
+            for line in pipe:
+                lines.append(line.rstrip("\n"))
 
     def printed(self, words):
-        return any(words in line for line in list(self.lines))
+        return any(words in line for line in [*self.lines, *self.errors])
 
     def wait_for(self, words):
         wait_until(lambda: self.printed(words) or self.process.poll() is not None)
-        assert self.printed(words), self.lines
+        assert self.printed(words), (self.lines, self.errors)
 
     def end(self, number=None):
         """Send a signal, or none; return the exit status."""
         if number is not None:
             self.process.send_signal(number)
-        status = self.process.wait(60.0)
-        self._reader.join()
+        status = self.process.wait(200.0)
+        for reader in self._readers:
+            reader.join()
         return status
 
 
@@ -75,9 +79,7 @@ def start(domain):
 
     yield begin
     for command in running:
-        if command.process.poll() is None:
-            command.end(signal.SIGTERM)
-        command._reader.join()
+        command.end(signal.SIGTERM if command.process.poll() is None else None)
 
 
 def parameter_file(path, node, **values):
@@ -96,7 +98,7 @@ def test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters(start, roo
     )  # fmt: skip
     stand.wait_for("simulated:1 streams 2 channels at 1000 Hz")
     wait_until(lambda: find_file(tmp_path / "bag").stat().st_size > 60_000)
-    assert stand.end(signal.SIGINT) == 0, stand.lines
+    assert stand.end(signal.SIGINT) == 0, stand.errors
     assert not stand.printed("Traceback")
     assert verify(tmp_path / "bag").by_topic["/sensors/laser"] > 0
     bag = open_bag(tmp_path / "bag")
@@ -113,13 +115,13 @@ def test_a_node_of_the_stand_that_ends_ends_the_stand(start, scenes, tmp_path):
     stand = start("atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path / "bag",
                   "--labjack-config", labjack)  # fmt: skip
     assert stand.end() == 2
-    assert stand.lines[-1].startswith("error: labjack_node ended with status 2")
+    assert stand.errors[-1].startswith("error: labjack_node ended with status 2")
 
 
 def test_a_bag_that_exists_is_refused_before_a_node_starts(start, scenes, tmp_path):
     stand = start("atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path)
     assert stand.end() == 2
-    (line,) = stand.lines
+    (line,) = stand.errors
     assert "exists already" in line
 
 
@@ -137,7 +139,7 @@ def test_a_motor_is_configured_and_activated_by_hand(start, root):
     assert state.lines[-1] == "---" and (message["mode"], message["height"]) == (1, 0.05)
     again = start("atpid_common.nodes.lifecycle", "/motor_node", "configure")
     assert again.end() == 2
-    assert again.lines[-1] == "error: /motor_node did not configure and is inactive; its log has the reason"
+    assert again.errors[-1] == "error: /motor_node did not configure and is inactive; its log has the reason"
     assert start("atpid_common.nodes.lifecycle", "/motor_node", "activate").end() == 0
     assert motor.end(signal.SIGINT) == 0
 
@@ -156,7 +158,7 @@ def test_the_messages_of_a_sensor_are_printed(start, root):
     assert data.end(signal.SIGINT) == 0
     assert len(yaml.safe_load("\n".join(data.lines[: data.lines.index("---")]))) == 100
     wrong = start("atpid_common.nodes.echo", "/sensors/laser", "--field", "volts")
-    assert wrong.end() == 2 and wrong.lines[-1].startswith("error: --field: given volts; ")
+    assert wrong.end() == 2 and wrong.errors[-1].startswith("error: --field: given volts; ")
     assert laser.end(signal.SIGINT) == 0
 
 

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
-from collections.abc import Sequence
-from typing import Any
+import time
+from collections.abc import Callable, Sequence
 
 import rclpy
 from lifecycle_msgs.msg import Transition
@@ -27,33 +28,50 @@ TRANSITIONS = {
     "cleanup": Transition.TRANSITION_CLEANUP,
 }
 TURN = 0.1  # how soon a signal is noticed [s]
+ANSWER = 2.0  # how long a node may take to answer before it is asked again [s]
 
 
 class TransitionRefusedError(InputError):
     """The node did not make the transition; its log has the reason."""
 
 
-class _Caller:
-    """Calls services of one node until Ctrl-C."""
+class _Lifecycle:
+    """The lifecycle services of one node; every wait ends with KeyboardInterrupt after a signal."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, interrupt: Interrupt, name: str) -> None:
-        self._node, self._executor, self._interrupt, self._name = node, executor, interrupt, name
+        self._executor, self._interrupt = executor, interrupt
+        self._change = node.create_client(ChangeState, f"{name}/change_state")
+        self._get = node.create_client(GetState, f"{name}/get_state")
 
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Return the answer of NODE/`service`; raise KeyboardInterrupt where none comes before a signal."""
-        client = self._node.create_client(kind, f"{self._name}/{service}")
-        with announced(f"waiting for the service {client.srv_name}"):
-            self._until(client.service_is_ready)
-        answer = client.call_async(request)
-        with announced(f"waiting for the answer of {client.srv_name}"):
-            self._until(answer.done)
-        return answer.result()
+    def state(self) -> str:
+        """Return the node's state; asked again where no answer comes, since discovery may lose the first ones."""
+        while True:
+            answer = self._get.call_async(GetState.Request())
+            if self._spin(answer.done, ANSWER):
+                return str(answer.result().current_state.label)
 
-    def _until(self, happened: Any) -> None:
-        while not happened():
+    def change(self, transition: str) -> bool:
+        """Make a transition; return whether the node made it."""
+        before, request = self.state(), ChangeState.Request(transition=Transition(id=TRANSITIONS[transition]))
+        while True:
+            answer = self._change.call_async(request)
+            if self._spin(answer.done, ANSWER):
+                return bool(answer.result().success)
+            if self.state() != before:  # made, and the answer was lost
+                return True
+
+    def wait(self) -> None:
+        """Wait for both services."""
+        self._spin(lambda: self._change.service_is_ready() and self._get.service_is_ready(), math.inf)
+
+    def _spin(self, happened: Callable[[], bool], seconds: float) -> bool:
+        """Spin until something has happened, or for `seconds` [s]; return whether it has."""
+        deadline = time.monotonic() + seconds
+        while not happened() and time.monotonic() < deadline:
             if self._interrupt.received:
                 raise KeyboardInterrupt
             self._executor.spin_once(timeout_sec=TURN)
+        return happened()
 
 
 def change(name: str, transition: str) -> int:
@@ -64,10 +82,10 @@ def change(name: str, transition: str) -> int:
         node, executor = Node("lifecycle_caller", start_parameter_services=False), SingleThreadedExecutor()
         executor.add_node(node)
         try:
-            caller = _Caller(node, executor, interrupt, name)
-            request = ChangeState.Request(transition=Transition(id=TRANSITIONS[transition]))
-            done = caller.call(ChangeState, "change_state", request).success
-            state = caller.call(GetState, "get_state", GetState.Request()).current_state.label
+            lifecycle = _Lifecycle(node, executor, interrupt, name)
+            with announced(f"waiting for the lifecycle services of {name}"):
+                lifecycle.wait()
+            done, state = lifecycle.change(transition), lifecycle.state()
         finally:
             executor.shutdown()
             node.destroy_node()
