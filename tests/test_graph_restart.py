@@ -86,7 +86,6 @@ def graph(scenes, tmp_path):
         rclpy.try_shutdown()
 
 
-@pytest.mark.timeout(300)
 def test_a_simulated_motor_that_is_started_again_does_not_move_the_ceiling(graph):
     running, watch = graph(**STEADY)
     running.until(watch.settled)
@@ -102,7 +101,6 @@ def test_a_simulated_motor_that_is_started_again_does_not_move_the_ceiling(graph
     assert min(reported) == pytest.approx(height, abs=1e-6)
 
 
-@pytest.mark.timeout(300)
 def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph, tmp_path):
     running, watch = graph(**SHORT)
     running.until(watch.settled)

@@ -23,7 +23,7 @@ from graph_runs import scene_file, wait_until
 
 from atpid_driver.emulator import missing_tools
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]  # of the build and of all packages' tests
 COLCON = [sys.executable, "-m", "colcon"]
 IMPORT_ALL = """
 import importlib, pkgutil, sys
@@ -104,8 +104,8 @@ def test_no_empty_folder_is_installed(workspace: Path) -> None:
 
 
 def test_colcon_test_runs_the_tests_and_counts_them(workspace: Path) -> None:
-    command = [*COLCON, "test", "--return-code-on-test-failure", "--pytest-args", "-m", "'not slow'"]
-    run(command, workspace, environment())
+    fast = environment() | {"PYTEST_ADDOPTS": "-m 'not slow'"}
+    run([*COLCON, "test", "--return-code-on-test-failure"], workspace, fast)
     *files, _, summary = run([*COLCON, "test-result", "--all"], workspace, environment()).splitlines()
     counts = {file.split("/")[1]: int(file.split()[1]) for file in files}
     assert counts.keys() == set(PACKAGES)

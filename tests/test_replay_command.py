@@ -33,7 +33,6 @@ def parameters_of(files, node):
     return parameters_in(yaml.safe_load(files.parameters.read_text()), node)
 
 
-@pytest.mark.timeout(300)
 def test_a_bag_of_older_definitions_gives_its_own_commands(old, tmp_path, capfd):
     assert main(["replay", str(old), "--out", str(tmp_path / "out")]) == 0
     printed, reported = capfd.readouterr()
@@ -50,7 +49,6 @@ def test_a_bag_of_older_definitions_gives_its_own_commands(old, tmp_path, capfd)
     verify(tmp_path / "out" / "bag")
 
 
-@pytest.mark.timeout(300)
 def test_other_parameters_than_the_bags_give_other_commands(old, tmp_path, capfd):
     """With a dead band as wide as the change of the excitation the ceiling stays where it is."""
     changed = older(BAG, tmp_path / "bag", lambda text: text, with_parameters(BAG, dead_band=0.5))

@@ -56,7 +56,7 @@ class Loop:
         self.statuses += array.status
 
     def until(self, condition, act=lambda: None):
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 100.0
         while not condition():
             assert time.monotonic() < end, "the event waited for did not come"
             act()
@@ -85,7 +85,7 @@ class Loop:
 
     def set(self, name, value):
         client = self.peer.create_client(SetParameters, "selector_node/set_parameters")
-        assert client.wait_for_service(timeout_sec=30.0)
+        assert client.wait_for_service(timeout_sec=100.0)
         answer = client.call_async(SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()]))
         self.until(answer.done)
         return answer.result().results[0]
@@ -147,7 +147,7 @@ def test_after_the_end_of_a_run_nothing_is_expected(make):
 def test_silence_ends_a_search_with_the_reason(make):
     loop = make()
     client = ActionClient(loop.peer, SearchHeight, "selector_node/search")
-    assert client.wait_for_server(timeout_sec=30.0)
+    assert client.wait_for_server(timeout_sec=100.0)
     sent = client.send_goal_async(SearchHeight.Goal(step=0.1, dwell=2.0, lowest=0.1, highest=0.9))
     loop.until(sent.done)
     result = sent.result().get_result_async()
@@ -221,7 +221,7 @@ def test_each_estimate_is_answered_while_a_height_is_computed(make, monkeypatch)
     select = loop.selector._controller._inner._selector.select
 
     def slow(*arguments, **named):
-        assert proceed.wait(60.0)
+        assert proceed.wait(100.0)
         return select(*arguments, **named)
 
     monkeypatch.setattr(loop.selector._controller._inner._selector, "select", slow)

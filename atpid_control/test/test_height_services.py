@@ -54,11 +54,11 @@ class Stand:
 
     def begin(self, method: str, **request: float) -> Future:
         service = self.client.create_client(SelectHeight, f"selector_node/{method}")
-        assert service.wait_for_service(timeout_sec=30.0)
+        assert service.wait_for_service(timeout_sec=100.0)
         return service.call_async(SelectHeight.Request(**request))
 
     def until(self, condition: Callable[[], Any]) -> None:
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 100.0
         while not condition():
             assert time.monotonic() < end, "the answer waited for did not come"
             self.executor.spin_once(timeout_sec=0.02)
@@ -134,7 +134,7 @@ class Blocked:
 
     def select(self, *_: float, **__: float) -> Any:
         self.begun.set()
-        assert self.proceed.wait(60.0)
+        assert self.proceed.wait(100.0)
         raise ZeroDivisionError("a defect")
 
 

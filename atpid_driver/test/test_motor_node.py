@@ -169,7 +169,7 @@ def test_commands_that_stay_away_stop_the_ceiling_where_it_is(stand: Stand) -> N
 
 
 def test_before_the_first_command_and_after_a_run_no_commands_are_expected(stand: Stand) -> None:
-    node = stand.motor(stale_timeout=10.0)
+    node = stand.motor(stale_timeout=1000.0)
     stand.handshake()
     runs = stand.peer.create_publisher(Event, "events", 10)
     stand.until(lambda: runs.get_subscription_count() == 2)
@@ -177,7 +177,7 @@ def test_before_the_first_command_and_after_a_run_no_commands_are_expected(stand
     stand.command(0.5, 1.0)
     stand.until(lambda: node._supervision.stale.running)
     runs.publish(Event(kind=Event.FINISHED))
-    stand.until(lambda: not node._supervision.stale.running, limit=9.0)
+    stand.until(lambda: not node._supervision.stale.running)
     stand.until(lambda: stand.states[-1].height == 0.5)
 
 

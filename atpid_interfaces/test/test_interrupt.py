@@ -130,5 +130,5 @@ def test_signals_that_interrupt_one_another_are_all_taken():
     assert process.stdout.readline() == "ready\n"
     for number in SIGNALS * 2000:
         process.send_signal(number)
-    printed, said = process.communicate("\n", timeout=60.0)
+    printed, said = process.communicate("\n", timeout=100.0)
     assert (process.returncode, printed, said) == (0, "True\n", "")

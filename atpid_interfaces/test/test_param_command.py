@@ -37,7 +37,7 @@ class Stand:
     def run(self, *arguments: str) -> tuple[int, str, str]:
         command = [sys.executable, "-m", "atpid_common.nodes.param", *arguments]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 100.0
         while process.poll() is None:
             assert time.monotonic() < end, "the command does not end"
             self.executor.spin_once(timeout_sec=0.02)

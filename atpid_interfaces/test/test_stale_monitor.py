@@ -52,7 +52,7 @@ class Stand:
         self.until(lambda: self.runs.get_subscription_count() == 1 + enabled)
 
     def until(self, condition: Callable[[], Any]) -> None:
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + 100.0
         while not condition():
             assert time.monotonic() < end, "the event waited for did not come"
             self.executor.spin_once(timeout_sec=0.02)
@@ -128,13 +128,14 @@ def test_silence_after_the_end_of_a_run_is_right(stand: Stand) -> None:
     finished.header.stamp = time_of(1_000_000_000)
     stand.runs.publish(finished)
     stand.until(lambda: not stand.supervision.stale.running)
+    before = stand.kinds().count(Event.STALE)  # of a machine too busy for the end to come in time
     stand.let_time_pass()
-    assert Event.STALE not in stand.kinds()
+    assert stand.kinds().count(Event.STALE) == before
     for stamp_ns in (None, 950_000_000, 1_000_000_001):  # the answers to its last samples come after the event
         stand.supervision.stale.received("estimates", stamp_ns)
         assert not stand.supervision.stale.running
     stand.supervision.stale.received("estimates", 1_050_000_000)
-    stand.until(lambda: Event.STALE in stand.kinds())
+    stand.until(lambda: stand.kinds().count(Event.STALE) > before)
 
 
 def test_messages_queued_while_the_process_was_held_up_are_received_first(stand: Stand) -> None:
