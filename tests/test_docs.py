@@ -48,6 +48,17 @@ RUN = {
         r"ros2 launch atpid_control replay\.launch\.py": "test_a_replay_is_recorded_where_record_says",
     },
     "tests/test_replay.py": {r"ros2 run atpid_control replay_node": "test_ctrl_c_ends_a_replay_quietly"},
+    "tests/test_replay_command.py": {
+        r"python -m atpid_control replay ": "test_a_bag_of_older_definitions_gives_its_own_commands"
+    },
+    "tests/test_without_ros2.py": {
+        r"python -m atpid_control stand ": "test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters",
+        r"python -m atpid_common\.nodes\.lifecycle ": "test_a_motor_is_configured_and_activated_by_hand",
+        r"python -m atpid_driver\.nodes\.motor_node": "test_a_motor_is_configured_and_activated_by_hand",
+        r"python -m atpid_common\.nodes\.echo ": "test_the_messages_of_a_sensor_are_printed",
+        r"python -m atpid_driver\.nodes\.labjack_node": "test_the_messages_of_a_sensor_are_printed",
+        r"python -m atpid_control\.nodes\.replay_node": "test_a_replay_node_alone_says_what_it_waits_for",
+    },
     "atpid_interfaces/test/test_param_command.py": {
         r"python -m atpid_common\.nodes\.param (set|get|describe)": "test_a_parameter_is_read_set_and_described",
     },
@@ -101,7 +112,8 @@ NOT_RUN = {
     r"python -m serial\.tools\.miniterm": "needs a board",
     r"python -m nidaqmx installdriver$": "installs NI's driver",
     r"python -m atpid_(sim|control)( |\.)(tradeoff|extremes|sweep|seeds|figures \w)": "minutes; their parts have tests",
-    r"ros2 launch$": "a name in a sentence",
+    r"(ros2( launch| run)?|python -m PACKAGE\.nodes\.NODE .*|ros2 run PACKAGE NODE .*)$": "a name in a sentence",
+    r"ros2 lifecycle set NODE configure": "the wheels have no ros2",
     r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag (info|play))": "the wheels have no ros2",
     r"ros2 param (set|describe|load)": "the wheels have no ros2",
 }
@@ -111,7 +123,8 @@ FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-inst
 MADE_OR_GIVEN = {
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
-    "summary.json", "report.html", "overview.png", "grain.png", "tradeoff.json", "tradeoff.md", "tradeoff.png",
+    "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
+    "tradeoff.md", "tradeoff.png",
     "scene.yaml", "stdint.h",
 }  # fmt: skip
 _FILE = re.compile(
