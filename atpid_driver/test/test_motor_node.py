@@ -128,6 +128,16 @@ def test_lifecycle_by_a_manager(stand: Stand) -> None:
         stand.until(lambda mode=mode: stand.states[-1].mode == mode)  # type: ignore[misc]
 
 
+def test_an_impossible_transition_is_refused_and_the_node_lives_on(stand: Stand) -> None:
+    node = stand.motor()
+    stand.handshake()
+    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP, 250):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert not stand.call(ChangeState, "motor_node/change_state", request).success
+    assert node._active
+    assert stand.ask(0.2, 1.0).mode == CeilingState.MOVING
+
+
 def test_an_exception_in_a_transition_is_logged_and_the_node_lives_on(stand: Stand, monkeypatch: Any) -> None:
     node = stand.motor(autostart=False)
     monkeypatch.setattr(node._actuator, "connect", lambda now: 1 / 0)

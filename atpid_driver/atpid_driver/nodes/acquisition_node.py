@@ -14,12 +14,13 @@ from typing import Any
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
+from atpid_common.nodes.lifecycle_node import EnduringLifecycleNode
 from atpid_common.nodes.messages import BLOCKS, STATES, time_of
 from atpid_common.nodes.parameters import Row
 from atpid_common.nodes.recorder_watch import RecorderWatch
@@ -32,7 +33,7 @@ from atpid_driver.nodes.blocks import Layout, sample_block
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
-class AcquisitionNode(LifecycleNode):
+class AcquisitionNode(EnduringLifecycleNode):
     """Publishes what one device measures, in SI units, on one topic. An InputError for a parameter that cannot be."""
 
     def __init__(self, name: str, topic: str, rows: tuple[Row, ...], *, in_loop: bool, **kwargs: Any) -> None:

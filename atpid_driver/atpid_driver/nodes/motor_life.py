@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
+from atpid_common.nodes.lifecycle_node import EnduringLifecycleNode
 from atpid_driver.motor import MotorError
 
 _WAYS = {
@@ -17,7 +18,7 @@ _WAYS = {
 }
 
 
-class MotorLife(LifecycleNode):
+class MotorLife(EnduringLifecycleNode):
     """A lifecycle node whose transitions are `_configure`, `_activate`, `_deactivate` and `_let_go` of its subclass."""
 
     def __init__(self, name: str, **kwargs: Any) -> None:
