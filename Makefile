@@ -54,9 +54,11 @@ test-install: setup ## build a clone as a ROS user does, remove it and run what 
 	@$(IN_WORKSPACE) exec python -m pytest -q tests/test_installation.py
 
 .PHONY: coverage
-coverage: setup ## run all tests with coverage.py: table on the screen, pages in out/coverage
+coverage: setup ## run the tests with coverage.py: table on the screen, pages in out/coverage
+# Left out: what runs an installed copy, and a process that may write no file, coverage.py's own included.
 	@$(IN_WORKSPACE) python -m coverage erase && \
-	{ $(patsubst python,python -m coverage run,$(PYTEST)); status=$$?; \
+	{ $(patsubst python,python -m coverage run,$(PYTEST)) --ignore tests/test_installation.py \
+	      --deselect tests/test_outputs.py::test_a_disk_that_fills_up_costs_no_point_of_a_map; status=$$?; \
 	  python -m coverage combine -q && python -m coverage html -q -d out/coverage && python -m coverage report --skip-covered; exit $$status; }
 
 .PHONY: figures

@@ -18,6 +18,8 @@ NOT_INSTALLED = (
     "CHANGELOG.rst", "CMakeLists.txt", "QUALITY_DECLARATION.md", "README.md", "__main__.py", "pytest.ini", "setup.cfg",
     "setup.py",
 )  # fmt: skip
+#: Variables of pytest, of coverage.py and of a colcon workspace that this shell has sourced begin so.
+UNWANTED = ("PYTEST_", "COVERAGE_", "COLCON_")
 _MODULES = ("atpid_common", "atpid_sim", "atpid_driver", "atpid_control")
 _SHARED = ("action", "config", "firmware", "launch", "msg", "srv")
 
@@ -74,7 +76,7 @@ def differences(package: str, prefix: Path) -> list[str]:
 
 def environment() -> dict[str, str]:
     """Return this environment without the built workspace of the repository and without pytest's own variables."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST_", "COLCON_"))}
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(UNWANTED)}
     own = f"{ROOT / 'ros2_ws'}{os.sep}"
     for name in ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", "PYTHONPATH"):
         kept[name] = os.pathsep.join(part for part in kept.get(name, "").split(os.pathsep) if not part.startswith(own))

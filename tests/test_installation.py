@@ -136,7 +136,8 @@ def test_every_executable_starts_and_ends(
     removed: Path, shell: dict[str, str], inputs: Path, recorded: Path, tmp_path: Path, graph: rclpy.node.Node
 ) -> None:
     install = removed / "install"
-    assert {(path.parent.name, path.name) for path in install.glob("*/lib/atpid_*/*")} == set(EXECUTABLES)
+    found = {(path.parent.name, path.name) for path in install.glob("*/lib/atpid_*/*")}
+    assert found == {*EXECUTABLES, ("atpid_control", "replay_files")}
     processes = {}
     try:
         for (package, name), (file, *values) in EXECUTABLES.items():
@@ -163,6 +164,14 @@ def test_the_bench_makes_its_report(recorded: Path) -> None:
     page = next(recorded.rglob("report.html")).read_text()
     for name in ("page.css", "page.js"):
         assert (ROOT / "atpid_control/atpid_control/report/data" / name).read_text().strip()[-60:] in page
+
+
+def test_the_files_of_a_replay_are_written(
+    removed: Path, shell: dict[str, str], recorded: Path, tmp_path: Path
+) -> None:
+    program = removed / "install/atpid_control/lib/atpid_control/replay_files"
+    run([program, recorded / "bag", "--out", tmp_path / "replay"], tmp_path, shell)
+    assert list((tmp_path / "replay").iterdir())
 
 
 @pytest.mark.parametrize("name", ["bench", "replay", "stand"])
