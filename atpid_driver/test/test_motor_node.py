@@ -135,7 +135,6 @@ def test_an_impossible_transition_is_refused_and_the_node_lives_on(stand: Stand)
         request = ChangeState.Request(transition=Transition(id=transition))
         assert not stand.call(ChangeState, "motor_node/change_state", request).success
     assert node._active
-    assert stand.ask(0.2, 1.0).mode == CeilingState.MOVING
 
 
 def test_an_exception_in_a_transition_is_logged_and_the_node_lives_on(stand: Stand, monkeypatch: Any) -> None:
@@ -179,7 +178,7 @@ def test_commands_that_stay_away_stop_the_ceiling_where_it_is(stand: Stand) -> N
 
 
 def test_before_the_first_command_and_after_a_run_no_commands_are_expected(stand: Stand) -> None:
-    node = stand.motor(stale_timeout=1000.0)
+    node = stand.motor(stale_timeout=60.0)
     stand.handshake()
     runs = stand.peer.create_publisher(Event, "events", 10)
     stand.until(lambda: runs.get_subscription_count() == 2)
