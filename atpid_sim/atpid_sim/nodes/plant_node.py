@@ -35,6 +35,9 @@ from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
 from atpid_sim.stream import PlantLike, Stream, stamp_ns
 
+#: Between two blocks that are late: the ceiling's answers are received in between [s].
+CATCH_UP = 1e-3
+
 PARAMETERS = (
     Row("scene", "", "scene file (docs/scenes.md)"),
     Row("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
@@ -81,7 +84,7 @@ class PlantNode(Node):
             recorder=expect_recorder,
             blocked=lambda: "" if is_alone(self) else "another node of this name to leave",
         )
-        self._pace_timer = self.create_timer(self.stream.block_seconds / 5.0, self._pace, clock=steady)
+        self._pace_timer = self.create_timer(self.stream.block_seconds, self._pace, clock=steady)
         self._pace_timer.cancel()
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
@@ -121,7 +124,7 @@ class PlantNode(Node):
         if self._lockstep:
             self._next_block()
         else:
-            self._pace_timer.reset()
+            self._wait_for_block()
 
     def waiting_for(self) -> str:
         """What the handshake still lacks, in words; empty: nothing."""
@@ -150,7 +153,10 @@ class PlantNode(Node):
     def _pace(self) -> None:
         """Publish the block that is due; one a call, so that the ceiling's answers are received in between."""
         lag = self._lag()
-        if lag < 0.0 or self._leaving.status is not None:
+        if self._leaving.status is not None:
+            return
+        if lag < 0.0:  # by rounding
+            self._wait_for_block()
             return
         self._worst_lag = max(self._worst_lag, lag)
         if lag > self.stream.block_seconds >= self._behind:
@@ -158,6 +164,13 @@ class PlantNode(Node):
             self._publish_event(Event.WARNING, Event.BEHIND, text, lag)
         self._behind = lag
         self._next_block()
+        if self._leaving.status is None:
+            self._wait_for_block()
+
+    def _wait_for_block(self) -> None:
+        """Set the timer to when the next block is due: waking up more often costs the loop time."""
+        self._pace_timer.timer_period_ns = round(max(CATCH_UP, -self._lag()) * 1e9)
+        self._pace_timer.reset()
 
     def _lag(self) -> float:
         """How long ago the next block's last sample was due [s]; negative: not due yet."""
