@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from atpid_control import hold, identification
-from atpid_control.controller import Controller, ControlSettings, ProfileController, SelectingController
+from atpid_control.controller import Controller, ControlSettings, SelectingController
+from atpid_control.profile_controller import ProfileController
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.step_back import StepBack
 from atpid_control.watch import DriftSettings, RumbleSettings, SteadyTwin

@@ -8,8 +8,6 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numpy as np
-
 from atpid_control.computation import InlineExecutor
 from atpid_control.hold import OFF_RESONANCE, Estimate, Hold, Quality, Verdict
 from atpid_control.hold import Settings as HoldSettings
@@ -55,7 +53,7 @@ class Controller(Protocol):
         """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
         ...
 
-    def hear(self, kind: str) -> None:
+    def on_event(self, kind: str) -> None:
         """Take note of an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
         ...
 
@@ -145,9 +143,9 @@ class SelectingController:
         self._command = replace(self._command, reason=verdict.reason)
         return self._checked(time, estimate, height)
 
-    def hear(self, kind: str) -> None:
-        """See `Controller.hear`."""
-        self._retreat.hear(kind)
+    def on_event(self, kind: str) -> None:
+        """See `Controller.on_event`."""
+        self._retreat.on_event(kind)
 
     def _computed(self, verdict: Verdict, estimate: Estimate, height: float) -> _Computation | None:
         """Begin a selection where the verdict asks for one; return the one that is done and still right, if any."""
@@ -246,34 +244,9 @@ class SelectingController:
         )
 
     def _refuse(self, key: str, text: str, estimate: Estimate) -> Answer:
-        """Say a refusal once: again only after an estimate has been accepted or the reason has changed."""
+        """Report a refusal once: again only after an estimate has been accepted or the reason has changed."""
         said, self._refusal = self._refusal == key, key
         if said:
             return Answer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
         return Answer(self._command, "refused", f"the ceiling stays: {text}", value)
-
-
-class ProfileController:
-    """Sends the heights a scene prescribes, for scenes whose ceiling no controller moves."""
-
-    def hear(self, kind: str) -> None:
-        """Nothing moves this ceiling but the scene."""
-
-    def configure(self, settings: ControlSettings) -> None:
-        """Nothing moves this ceiling but the scene."""
-
-    def __init__(self, heights: tuple[tuple[float, float], ...]) -> None:
-        """Take the points (t [s], h [m]), straight in between."""
-        self._times, self._heights = zip(*heights, strict=True)
-        self._command = Command(method="fixed")
-
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
-        """See `Controller.answer`."""
-        del estimate, height
-        target = float(np.interp(time, self._times, self._heights))
-        if target != self._command.height:
-            self._command = replace(
-                self._command, sequence=self._command.sequence + 1, height=target, reason="prescribed by the scene"
-            )
-        return Answer(self._command)

@@ -62,7 +62,7 @@ class Retreat:
         """Step back by other settings from the next estimate on."""
         self._settings = settings
 
-    def hear(self, kind: str) -> None:
+    def on_event(self, kind: str) -> None:
         """Take note of an event: `rumble`, or `calm` when that has ended."""
         if kind not in ("rumble", "calm"):
             return

@@ -202,7 +202,7 @@ def test_a_rumble_is_left_while_a_height_is_computed():
     loop.executor.compute()
     high = loop.feed(0.015, beam=0.1)[0].height
     loop.feed(*[0.015] * 4, beam=0.1)
-    loop.controller.hear("rumble")
+    loop.controller.on_event("rumble")
     loop.feed(*[0.014, 0.0139], beam=0.1)
     assert len(loop.executor.waiting) == 1
     (lower,) = loop.feed(0.0139, beam=0.1)

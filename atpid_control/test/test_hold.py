@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from atpid_control.controller import ControlSettings, ProfileController, SelectingController
+from atpid_control.controller import ControlSettings, SelectingController
 from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
+from atpid_control.profile_controller import ProfileController
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_control.step_back import StepBack
 from atpid_control.watch import DriftSettings
@@ -180,12 +181,12 @@ def stepped(machine, count, height, swing=lambda _: 0.12):
 def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_lasts():
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
-    machine.hear("rumble")
+    machine.on_event("rumble")
     assert stepped(machine, 10, height=0.1) == [high] * 10  # on its way
     lower = high - 0.1 * (high - 0.017)
     assert stepped(machine, 3, height=high) == pytest.approx([high, high, lower])
     assert stepped(machine, 3, height=lower)[-1] == pytest.approx(lower - 0.1 * (lower - 0.017))
-    machine.hear("calm")
+    machine.on_event("calm")
     stays = machine.answer(1.0, steady(0.015), lower).command.height
     assert stepped(machine, 10, height=stays) == [stays] * 10
 
@@ -195,14 +196,14 @@ def test_what_calms_down_or_is_as_predicted_is_left_alone(swing):
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     stepped(machine, 8, high, swing)
-    machine.hear("rumble")
+    machine.on_event("rumble")
     assert stepped(machine, 30, high, lambda k: swing(k + 8)) == [high] * 30
 
 
 def test_the_beam_may_settle_before_it_counts():
     machine, _ = controller(settle=5)
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
-    machine.hear("rumble")
+    machine.on_event("rumble")
     assert stepped(machine, 8, high)[-2] == high
     assert stepped(machine, 1, high)[-1] < high
 
@@ -210,7 +211,7 @@ def test_the_beam_may_settle_before_it_counts():
 def test_a_step_back_is_said_with_the_new_height():
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
-    machine.hear("rumble")
+    machine.on_event("rumble")
     said = [machine.answer(1.0, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, 0.12), high) for _ in range(3)][-1]
     assert (said.kind, said.value) == ("step_back", said.command.height)
     assert said.command.sequence == 2

@@ -158,7 +158,7 @@ def test_a_block_without_the_channel_is_answered_and_said_once(stand: Stand) -> 
         answer = stand.ask(sample_block(first, {"temperature": np.zeros(50)}))
         assert answer.quality == Excitation.NONE
         assert nanoseconds_of(answer.header.stamp) == stamp_ns(START, first + 49, RATE)
-    assert "support_displacement" in node.complaint and "temperature" in node.complaint
+    assert "support_displacement" in node.last_error and "temperature" in node.last_error
 
 
 def test_from_the_beam_alone_through_the_closed_damper(stand: Stand) -> None:

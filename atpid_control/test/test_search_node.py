@@ -37,7 +37,7 @@ class Inner:
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         return Answer(Command(sequence=1, height=0.3))
 
-    def hear(self, kind: str) -> None:
+    def on_event(self, kind: str) -> None:
         raise AssertionError(kind)
 
     def configure(self, settings: ControlSettings) -> None:

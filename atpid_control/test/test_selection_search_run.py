@@ -35,7 +35,7 @@ class Inner:
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         return Answer(self.command)
 
-    def hear(self, kind: str) -> None:
+    def on_event(self, kind: str) -> None:
         self.heard.append(kind)
 
 
@@ -139,9 +139,9 @@ def test_a_ceiling_that_does_not_come_ends_it() -> None:
 
 def test_rumble_met_while_searching_is_not_passed_on(loop: Loop) -> None:
     loop.controller.begin(PLAN)
-    loop.controller.hear("rumble")
+    loop.controller.on_event("rumble")
     loop.until_done()
-    loop.controller.hear("rumble")
+    loop.controller.on_event("rumble")
     assert loop.controller._inner.heard == ["rumble"]  # type: ignore[attr-defined]
 
 

@@ -61,21 +61,21 @@ def test_without_a_rumble_it_never_steps(estimates):
 def test_a_beam_as_expected_is_left_alone_whatever_the_watch_says(swings):
     machine = retreat()
     for swing in swings:
-        machine.hear("calm")
-        machine.hear("rumble")
+        machine.on_event("calm")
+        machine.on_event("rumble")
         assert not machine.watch(swing, 0.1, True)
 
 
 def test_the_ceiling_has_to_stand_and_the_beam_to_have_settled():
     machine = retreat()
-    machine.hear("rumble")
+    machine.on_event("rumble")
     assert steps(machine, [0.15] * 50, standing=False) == []
     assert steps(machine, [0.15] * 7) == [6]  # 4 to settle, 3 that count
 
 
 def test_while_it_fades_nothing_is_counted_and_nothing_forgotten():
     machine = retreat(settle=0, count=12)
-    machine.hear("rumble")
+    machine.on_event("rumble")
     swelling, fading = [0.15 + 0.01 * k for k in range(8)], [0.2 - 0.01 * k for k in range(5)]
     assert steps(machine, swelling) == []
     assert steps(machine, fading) == []
@@ -87,9 +87,9 @@ def test_short_bursts_that_come_back_are_a_rumble():
     steps(machine, [0.1] * 10)
     for burst in range(2):
         assert steps(machine, [0.15, 0.16]) == []
-        machine.hear("rumble")
+        machine.on_event("rumble")
         assert bool(steps(machine, [0.12, 0.1])) == (burst == 1)
-        machine.hear("calm")
+        machine.on_event("calm")
 
 
 @pytest.mark.parametrize(

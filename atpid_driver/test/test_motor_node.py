@@ -245,7 +245,7 @@ def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(s
 def test_a_namesake_that_comes_later_is_told_but_stops_nothing(stand: Stand) -> None:
     node = stand.motor()
     stand.handshake()
-    node._born -= 60.0
+    node._namesakes.born -= 60.0
     other = Node("motor_node", context=stand.context)
     stand.until(lambda: stand.events)
     assert "this one stays" in stand.events[0].text

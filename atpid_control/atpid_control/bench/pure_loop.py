@@ -100,7 +100,7 @@ def run_loop(
         before = watch.state.rumbling
         rumbling = watch.push(reading.first_index, reading.rate, beam, estimate.frequency).rumbling
         if rumbling != before:
-            controller.hear("rumble" if rumbling else "calm")
+            controller.on_event("rumble" if rumbling else "calm")
         answer = controller.answer(last, _decisive(estimate), reached)
         ceiling.send(answer.command, last)
         _note(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))

@@ -56,7 +56,7 @@ class IdentifierNode(Node):
         self.done: Future = Future()
         self._height = math.nan
         self._progress = _Progress()
-        self.complaint = ""  # what was last wrong with a block, one sentence
+        self.last_error = ""  # what was last wrong with a block, one sentence
         self._make_topics(timeout, from_beam=inverse is not None)
         self.parameters.follow(_settings, self._configure, self._events.publish)
 
@@ -93,15 +93,15 @@ class IdentifierNode(Node):
         self._supervision.stale.received(LASER, last_ns, scans / block.rate if block.rate > 0.0 else 0.0)
         received_ns = self.get_clock().now().nanoseconds
         try:
-            estimate, self.complaint = self._identify(block, last_ns), ""
+            estimate, self.last_error = self._identify(block, last_ns), ""
         except IdentificationError as error:
-            self._complain(str(error))
+            self._log_once(str(error))
             estimate = Estimate()
         message = Excitation(**_fields(estimate))
         message.header.stamp, message.header.frame_id = time_of(last_ns), block.header.frame_id
         # before the estimate, so that the node that answers it has received the rumble first
         self._watch(block, estimate, message)
-        self._tell_change(estimate, message)
+        self._publish_change(estimate, message)
         self._excitation.publish(message)
         self._progress.add(block, estimate)
         self._progress.received.add(received_ns - last_ns)
@@ -121,31 +121,31 @@ class IdentifierNode(Node):
         )
 
     def _watch(self, block: SampleBlock, estimate: Estimate, message: Excitation) -> None:
-        """Say when the beam begins to rumble, and when it is calm again."""
+        """Publish an event when the beam begins to rumble, and when it is regular again."""
         beam = channel_of(block, self._names[1])
         if beam is None:
             return
         before = self._rumble.state
         after = self._rumble.push(block.first_index, block.rate, beam, estimate.frequency)
         if after.rumbling != before.rumbling:
-            self._tell(*_rumble_event(after), message)
+            self._publish_event(*_rumble_event(after), message)
 
-    def _complain(self, text: str) -> None:
-        if text != self.complaint:
+    def _log_once(self, text: str) -> None:
+        if text != self.last_error:
             self.get_logger().error(text)
-        self.complaint = text
+        self.last_error = text
 
-    def _tell_change(self, estimate: Estimate, message: Excitation) -> None:
-        """Say a change once, when it has become steady again: then its size is known."""
+    def _publish_change(self, estimate: Estimate, message: Excitation) -> None:
+        """Publish a change once, when it has become steady again: then its size is known."""
         if estimate.changed and estimate.quality == Quality.STEADY:
             text = f"excitation is now {estimate.amplitude:.5f} m at {estimate.frequency:.3f} Hz"
-            self._tell(Event.INFO, Event.EXCITATION_CHANGED, estimate.amplitude, text, message)
+            self._publish_event(Event.INFO, Event.EXCITATION_CHANGED, estimate.amplitude, text, message)
 
-    def _tell(self, severity: int, kind: str, value: float, text: str, message: Excitation) -> None:
+    def _publish_event(self, severity: int, kind: str, value: float, text: str, message: Excitation) -> None:
         self._events.publish(severity, kind, text, value, message.header.stamp)
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        return [self._progress.status(self, self.complaint)]
+        return [self._progress.status(self, self.last_error)]
 
     def _stay_alone(self) -> None:
         """Leave where another node of this name works already."""
@@ -181,15 +181,15 @@ class _Progress:
         self.blocks += 1
         self._rate, self._latest, self._device = block.rate, estimate, block.header.frame_id
 
-    def status(self, node: Node, complaint: str) -> DiagnosticStatus:
+    def status(self, node: Node, last_error: str) -> DiagnosticStatus:
         poor = self._latest.quality == Quality.POOR
         values = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing,
                   "quality": self._latest.quality.name, "amplitude [m]": self._latest.amplitude,
-                  "frequency [Hz]": self._latest.frequency, "last error": complaint or "none"}  # fmt: skip
+                  "frequency [Hz]": self._latest.frequency, "last error": last_error or "none"}  # fmt: skip
         latency = self.received.values("sample to block") | self.answered.values("sample to estimate")
         text = "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
-        level = DiagnosticStatus.ERROR if complaint else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
-        return status(node, "identification", level, complaint or text, values | latency, self._device or "none")
+        level = DiagnosticStatus.ERROR if last_error else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
+        return status(node, "identification", level, last_error or text, values | latency, self._device or "none")
 
 
 def _settings(value: Value) -> tuple[Settings, RumbleSettings, float]:

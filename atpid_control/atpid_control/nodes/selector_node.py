@@ -154,7 +154,7 @@ class SelectorNode(Node):
     def _on_event(self, event: Event) -> None:
         self._supervision.on_event(event)
         if event.header.frame_id != self.get_name():
-            self._controller.hear(event.kind)
+            self._controller.on_event(event.kind)
 
     def _on_excitation(self, message: Excitation) -> None:
         if message.handshake:

@@ -173,10 +173,10 @@ class SearchingController:
         if self.run is not None and not self.run.done:
             self.run.watch(time, beam)
 
-    def hear(self, kind: str) -> None:
-        """See `Controller.hear`: a search meets rumble on purpose, so while it runs that is not passed on."""
+    def on_event(self, kind: str) -> None:
+        """See `Controller.on_event`: a search meets rumble on purpose, so while it runs that is not passed on."""
         if kind != "rumble" or self.run is None or self.run.done:
-            self._inner.hear(kind)
+            self._inner.on_event(kind)
 
     def configure(self, settings: ControlSettings) -> None:
         """See `Controller.configure`."""

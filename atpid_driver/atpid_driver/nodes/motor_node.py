@@ -24,7 +24,6 @@ from atpid_common.latency import Latencies
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import nanoseconds_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.single_instance import namesakes
 from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor import (
     CommandStaleError,
@@ -40,11 +39,12 @@ from atpid_driver.motor import (
 from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT
 from atpid_driver.nodes.motor_diagnostics import status_of
 from atpid_driver.nodes.motor_life import MotorLife
+from atpid_driver.nodes.motor_messages import state_of
+from atpid_driver.nodes.motor_namesakes import Namesakes
 from atpid_driver.nodes.motor_parameters import declare
 from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
 RETRY = 1.0
-NEWCOMER = 3.0  # discovery takes this long at most: a node of this name seen within it was there before [s]
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
 COMMANDS, STATE = "ceiling/command", "ceiling/state"
@@ -62,8 +62,8 @@ class MotorNode(MotorLife):
         except MotorError:
             self.leave_graph()
             raise
-        self._connected = self._active = self._doubled = False
-        self._born = time.monotonic()
+        self._connected = self._active = False
+        self._namesakes = Namesakes(self)
         self._stamp = 0
         self._initial: float | None = None
         self._recover_after = 0.0
@@ -111,7 +111,7 @@ class MotorNode(MotorLife):
         self.get_logger().info(f"connected to {self.identity.name} {self.identity.version}; motor off")
 
     def _activate(self) -> None:
-        if self._doubled:
+        if self._namesakes.stands_still:
             raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
         self._actuator.activate(self._now())
         self._active = True
@@ -130,7 +130,7 @@ class MotorNode(MotorLife):
         """Configure until something answers, then activate once: a refused motor waits for a person."""
         if not self._connected:
             self.trigger_configure()
-        if self._connected and not self._doubled:
+        if self._connected and not self._namesakes.stands_still:
             self.destroy_timer(self._starter)
             self.trigger_activate()
         elif self._starter.timer_period_ns < RETRY * 1e9:
@@ -228,21 +228,7 @@ class MotorNode(MotorLife):
         return reading
 
     def _publish(self, reading: Reading, header: Header, *, handshake: bool = False) -> None:
-        self._states.publish(
-            CeilingState(
-                header=header,
-                handshake=handshake,
-                mode=int(reading.mode),
-                homed=reading.homed,
-                faults=int(reading.faults),
-                fault=in_words(reading.faults),
-                height=reading.height,
-                target=reading.target,
-                velocity=reading.velocity,
-                speed=reading.speed,
-                sequence=reading.sequence,
-            )
-        )
+        self._states.publish(state_of(reading, header, handshake=handshake))
 
     # -- watching --------------------------------------------------------------------------------------------------
 
@@ -257,27 +243,11 @@ class MotorNode(MotorLife):
         return [status_of(self, self._actuator, reading, self._last_error, self._latencies)]
 
     def _watch_namesakes(self) -> None:
-        """Stand still while a node of this name that was here before, on whatever machine, is in the graph.
-
-        One that comes later stands still itself; so of two that start together neither moves. One that was killed
-        stays in the graph for some seconds: once it is gone an automatic start goes on.
-        """
-        doubled = namesakes(self) > 0
-        newcomer = time.monotonic() - self._born < NEWCOMER
-        name = self.get_fully_qualified_name()
-        if doubled and not self._doubled and newcomer:
-            self._tell(
-                Event.ALARM,
-                Event.DUPLICATE,
-                nan,
-                f"{name} is already running in this ROS graph: motor off until it is gone",
-            )
-            self._withdraw()
-        elif doubled and not self._doubled:
-            self._tell(
-                Event.WARNING, Event.DUPLICATE, nan, f"another {name} was started in this ROS graph; this one stays"
-            )
-        self._doubled = doubled and (newcomer or self._doubled)
+        found = self._namesakes.look()
+        if found is not None:
+            self._tell(found.severity, Event.DUPLICATE, nan, found.text)
+            if found.severity == Event.ALARM:
+                self._withdraw()
 
     def _withdraw(self) -> None:
         if self._active:
