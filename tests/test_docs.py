@@ -88,7 +88,7 @@ RUN = {
         r"python -m atpid_driver reading ": "test_readings_are_taken_from_the_device",
     },
     "atpid_driver/test/test_acquisition_load.py": {
-        r"python -m atpid_driver load ": "test_nothing_is_lost_at_full_rate"
+        r"python -m atpid_driver load ": "test_every_scan_at_full_rate_arrives_or_is_counted"
     },
     "atpid_driver/test/test_acquisition_node.py": {
         r"ros2 run atpid_driver labjack_node": "test_interrupted_the_process_leaves_cleanly"

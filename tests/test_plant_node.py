@@ -137,6 +137,16 @@ def test_a_plant_that_fails_alarms_and_ends_with_status_3(graph):
     assert peer.events[1].text == plant.failure
 
 
+def test_in_real_time_the_plant_wakes_once_for_each_block(graph, monkeypatch):
+    wakes = []
+    pace = PlantNode._pace
+    monkeypatch.setattr(PlantNode, "_pace", lambda node: wakes.append(node.stream.computed_ticks) or pace(node))
+    plant, _, spin = graph(Oscillator, lockstep=False)
+    spin(plant.done.done)
+    assert plant.done.result() == 0
+    assert len(wakes) <= 2 * plant.stream.blocks  # a timer may be a moment early; polling woke five times a block
+
+
 def test_a_machine_too_slow_for_real_time_is_said_once_and_nothing_is_left_out(graph):
     plant, peer, spin = graph(lambda scene: Oscillator(scene, seconds_a_block=0.07), lockstep=False)
     spin(plant.done.done)

@@ -190,6 +190,14 @@ def test_an_existing_folder_is_never_written_over(tmp_path: Path) -> None:
         BagWriter(tmp_path / "file" / "run", new_run())
 
 
+def test_files_of_one_name_are_all_kept(tmp_path: Path) -> None:
+    for folder, text in {"a": "left", "b": "right", "c": "left"}.items():
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "motor.yaml").write_text(text)
+    run = new_run(tmp_path / "a" / "motor.yaml", [tmp_path / folder / "motor.yaml" for folder in "abc"])
+    assert run.files == {"scene.yaml": b"left", "motor.yaml": b"left", "motor-2.yaml": b"right"}
+
+
 def test_configuration_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="cannot be read"):
         new_run(tmp_path / "missing.yaml")

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Both devices at full rate through real nodes, briefly; `python -m atpid_driver load` is the long run."""
+"""Both devices at full rate through real nodes, briefly: every scan arrives or is counted as dropped.
+
+That none is dropped depends on what else the machine does; `python -m atpid_driver load` measures it.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,16 @@ from atpid_driver.cli import main
 
 
 @pytest.mark.slow
-def test_nothing_is_lost_at_full_rate(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["load", "--seconds", "4", "--json"]) == 0
+def test_every_scan_at_full_rate_arrives_or_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    status = main(["load", "--seconds", "4", "--json"])
     result = json.loads(capsys.readouterr().out)
-    assert result["lost"] == 0
     laser, acceleration = result["topics"]["sensors/laser"], result["topics"]["sensors/accelerometer"]
     assert (laser["channels"], laser["rate"]) == (2, 50_000.0)
     assert (acceleration["channels"], acceleration["rate"]) == (3, 12_800.0)
     for tally in (laser, acceleration):
         assert tally["gaps"] == []
-        assert tally["invalid"] == 0
+        assert tally["lost"] == 0
+        assert tally["invalid"] == tally["channels"] * tally["dropped"]
         assert tally["scans"] == tally["next_index"] >= 2.0 * tally["rate"]
+    assert result["lost"] == laser["dropped"] + acceleration["dropped"]
+    assert status == (1 if result["lost"] else 0)

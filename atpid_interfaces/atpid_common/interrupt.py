@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SIGINT and SIGTERM of a process that must end in order."""
+"""SIGINT, SIGTERM and SIGHUP of a process that must end in order."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import sys
 from types import FrameType
 from typing import Any
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: What asks a process to end. SIGHUP: the terminal was closed or the connection to it broke, while a motor may move.
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupt:
-    """Handles SIGINT and SIGTERM while it is entered.
+    """Handles SIGINT, SIGTERM and SIGHUP while it is entered; a SIGHUP that `nohup` had ignored stays ignored.
 
     At first a signal raises KeyboardInterrupt, so that loading and compiling can be stopped; after `defer` it only
     sets `received`, so that neither the loop nor an orderly end is torn.
 
-    A process may be started with both blocked, as the launch files start nodes, so that none arrives before there is a
+    A process may be started with them blocked, as the launch files start nodes, so that none arrives before there is a
     handler. Entering unblocks them; one that was pending then only sets `received`.
     """
 
@@ -38,9 +39,9 @@ class Interrupt:
         self._deferred = True
 
     def ignore_further(self) -> None:
-        """Ignore both from now on and after leaving: one that arrives while Python ends would change the status."""
-        self._before = [signal.SIG_IGN for _ in _SIGNALS]
-        for number in _SIGNALS:
+        """Ignore them from now on and after leaving: one that arrives while Python ends would change the status."""
+        self._before = [signal.SIG_IGN for _ in ENDING_SIGNALS]
+        for number in ENDING_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
@@ -53,14 +54,17 @@ class Interrupt:
 
     def __enter__(self) -> Interrupt:
         """Install the handlers."""
-        self._before = [signal.signal(number, self._handle) for number in _SIGNALS]
+        self._before = [signal.getsignal(number) for number in ENDING_SIGNALS]
+        for number, before in zip(ENDING_SIGNALS, self._before, strict=True):
+            if number != signal.SIGHUP or before != signal.SIG_IGN:
+                signal.signal(number, self._handle)
         self._deferred, deferred = True, self._deferred
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING_SIGNALS)
         self._deferred = deferred
         return self
 
     def __exit__(self, *_: object) -> None:
         """Put the former handlers back."""
         sys.unraisablehook = self._hook_before
-        for number, before in zip(_SIGNALS, self._before, strict=True):
+        for number, before in zip(ENDING_SIGNALS, self._before, strict=True):
             signal.signal(number, before)

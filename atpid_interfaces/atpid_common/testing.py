@@ -65,6 +65,11 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         pytest.exit(f"{package.name} is tested inside the repository, whose scenes/ and bags/ its tests use", 4)
 
 
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Give the session's ROS domain back."""
+    DOMAIN_HOLDER.close()
+
+
 def claim_domain() -> tuple[int, socket.socket]:
     """Return a ROS domain nobody on this machine uses, and the socket that keeps it for this session.
 

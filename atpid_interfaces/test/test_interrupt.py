@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SIGINT and SIGTERM while a process loads, works and ends."""
+"""SIGINT, SIGTERM and SIGHUP while a process loads, works and ends."""
 
 import os
 import signal
@@ -10,7 +10,7 @@ import pytest
 
 from atpid_common.interrupt import Interrupt
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 SLOW_MODULE = """
 import sys
@@ -57,6 +57,16 @@ def test_the_former_handlers_come_back():
     assert [signal.getsignal(number) for number in SIGNALS] == before
 
 
+def test_what_nohup_ignores_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interrupt() as interrupt:
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert not interrupt.received
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.parametrize("reaction", ["raise", "raise ImportError('not loaded')", "sys.exit(7)"])
 @pytest.mark.parametrize("number", SIGNALS)
 def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path, number, reaction):
@@ -76,11 +86,11 @@ def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path, number, reac
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_that_came_before_python_had_started_ends_quietly(tmp_path, number):
-    """The launch files start nodes with both signals blocked."""
+    """The launch files start nodes with these signals blocked."""
     (tmp_path / "slow_module.py").write_text("print('loaded')")
     start = f"import os, signal; os.kill(os.getpid(), {int(number)}); "
     done = subprocess.run(
-        ["env", "--block-signal=INT", "--block-signal=TERM", sys.executable, "-c", start + MAIN],
+        ["env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", sys.executable, "-c", start + MAIN],
         capture_output=True, text=True, cwd=tmp_path,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
@@ -90,7 +100,7 @@ def test_a_signal_that_came_before_python_had_started_ends_quietly(tmp_path, num
 def test_blocked_signals_arrive_once_there_is_a_handler(tmp_path, number):
     (tmp_path / "slow_module.py").write_text(f"import os; os.kill(os.getpid(), {int(number)}); print('too far')")
     done = subprocess.run(
-        ["env", "--block-signal=INT", "--block-signal=TERM", sys.executable, "-c", MAIN],
+        ["env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", sys.executable, "-c", MAIN],
         capture_output=True, text=True, cwd=tmp_path,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
+from atpid_common.interrupt import ENDING_SIGNALS
 from atpid_control.bench.errors import BenchError, NodeDiedError
 
 #: How long a node may take to leave after SIGINT, and after SIGTERM, before it is killed [s].
@@ -20,8 +21,8 @@ _LAST_WORDS = 3
 _ERROR = "error: "  # begins the line with which a node refuses its input
 #: What starts a process: it is sent SIGTERM if the bench is killed, so that no node is left alone.
 _START = ("setpriv", "--pdeathsig", "TERM")
-#: And a node: both signals wait until it handles them, so that neither is lost nor a traceback while Python starts.
-START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", *_START)
+#: And a node: these signals wait until it handles them, so that none is lost or a traceback while Python starts.
+START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", *_START)
 
 
 class NodeProcess:
@@ -111,12 +112,13 @@ class Processes:
 
     def stop(self) -> None:
         """Stop one after the other; a second Ctrl-C must not leave half of them behind."""
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        before = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS}
         try:
             for node in self.nodes:
                 node.stop()
         finally:
-            signal.signal(signal.SIGINT, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
     def check(self, except_for: str) -> None:
         """Raise NodeDiedError, naming it and its last words, if any node but `except_for` has ended."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and SIGTERM of a command that has to leave everything in order."""
+"""Ctrl-C, SIGTERM and SIGHUP of a command that has to leave everything in order."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from atpid_common.interrupt import ENDING_SIGNALS
+
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end the run alike, nodes stopped and bag closed, in a shell's background jobs too."""
+    """Let each of them end the run alike, nodes stopped and bag closed, in a shell's background jobs too."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, interrupt) for number in ENDING_SIGNALS}
     try:
         yield
     finally:

@@ -6,9 +6,10 @@ from __future__ import annotations
 from atpid_control.launching.arguments import Argument, ParameterFile, choice
 from atpid_control.launching.values import existing_bag, existing_file, new_folder, number
 
-#: What starts a node. SIGINT and SIGTERM are blocked until the node handles them, so that Ctrl-C while Python starts is
-#: neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it does not move the ceiling alone.
-START = "env --block-signal=INT --block-signal=TERM setpriv --pdeathsig TERM"
+#: What starts a node. SIGINT, SIGTERM and SIGHUP are blocked until the node handles them, so that Ctrl-C while Python
+#: starts is neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it
+#: does not move the ceiling alone.
+START = "env --block-signal=INT --block-signal=TERM --block-signal=HUP setpriv --pdeathsig TERM"
 
 _BAG = Argument("bag", "folder of the bag to make; not given: run-<id> in the current folder", new_folder, "")
 _MAP = Argument("map", "height map; not given: the one the scene names", existing_file, "")

@@ -6,10 +6,11 @@ from __future__ import annotations
 import platform
 import secrets
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain, count
 from pathlib import Path
 
 from atpid_control.recording.errors import BagError
@@ -45,13 +46,23 @@ def new_run(
 ) -> RunInfo:
     """Return the description of a run that begins now; raise BagError for a file that cannot be read."""
     created = datetime.now(timezone.utc)
-    attached = {path.name: _read(path) for path in files}
+    attached: dict[str, bytes] = {}
     if scene is not None:
-        attached = {SCENE: _read(scene), **attached}
+        attached[SCENE] = _read(scene)
         facts = {"scene": scene.name, **facts}
+    for path in files:
+        content = _read(path)
+        if attached.get(path.name) != content:
+            attached[_free_name(path, attached)] = content
     identity = run_id or f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
     machine = {"python": platform.python_version(), "machine": platform.machine()}
     return RunInfo(identity, commit or commit_of(Path(__file__)), created, {**facts, **machine}, attached)
+
+
+def _free_name(path: Path, taken: Collection[str]) -> str:
+    """Return the file's own name, numbered where a file of another folder already has it."""
+    names = chain([path.name], (f"{path.stem}-{number}{path.suffix}" for number in count(2)))
+    return next(name for name in names if name not in taken)
 
 
 def commit_of(path: Path) -> str:
