@@ -16,6 +16,7 @@ from atpid_common.cache import cache_root
 
 _HERE = Path(__file__).parent
 _KERNELS = ("engine", "contact", "peers")
+_SHARED = ("kernel.py", "outcome.py", "system.py")
 
 
 def use_own_cache() -> None:
@@ -31,7 +32,8 @@ def use_own_cache() -> None:
 def sources_digest() -> str:
     """Return 16 hex digits of the sources of all kernels."""
     digest = hashlib.sha256()
-    for path in sorted(path for name in _KERNELS for path in (_HERE / name).glob("*.py")):
+    files = [path for name in _KERNELS for path in (_HERE / name).glob("*.py")]
+    for path in sorted([*files, *(_HERE / name for name in _SHARED)]):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

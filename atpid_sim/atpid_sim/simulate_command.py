@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from atpid_sim.run import FIDELITIES
+from atpid_sim.integration import FIDELITIES
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulate import Result, simulate
 

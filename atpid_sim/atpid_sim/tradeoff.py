@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed against accuracy on one scene: every rung, method and tolerance against one converged reference."""
+"""Speed against accuracy on one scene: every fidelity, method and tolerance against one converged reference."""
 
 from __future__ import annotations
 
@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim import peaks
-from atpid_sim.contact import contact_of
-from atpid_sim.contact.ids import IMPACT
-from atpid_sim.engine import state
+from atpid_sim.engine import columns
+from atpid_sim.fidelity import complete_fidelity
+from atpid_sim.integration import Integration, Observation, sample_series
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.peers import PEERS, PeerError, PeerResult, run_peer
-from atpid_sim.run import drive_table, half_peak_to_peak, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import Scene
-from atpid_sim.simulate import advance, warm_up
 
 Array = NDArray[np.float64]
 
@@ -78,27 +76,25 @@ class Reference:
     beam: Array
 
 
-class _Run:
-    """One rung at one tolerance on a scene, ready to be timed."""
+class _Timed:
+    """A scene at one fidelity and tolerance, ready to be timed."""
 
-    def __init__(self, scene: Scene, rung: str, rtol: float) -> None:
-        self._scene = scene
-        self._table = drive_table(scene, scene.steady_window)
-        self._stepper = stepper_of(scene, rung, rtol)
-        warm_up(self._stepper)
+    def __init__(self, scene: Scene, fidelity: str, rtol: float) -> None:
+        self._integration = Integration(scene, fidelity, rtol)
+        self._integration.warm_up()
 
-    def go(self, times: Array | None = None, disturbance: float = 0.0) -> tuple[float, Array, float, float]:
+    def run(self, times: Array | None = None, disturbance: float = 0.0) -> tuple[float, Array, float, float]:
         """Return amplitude [m], the series at evenly spaced `times` (n,), the ledger's residual, the time taken [s]."""
-        out = np.zeros((state.ROWS, 0 if times is None else len(times)))
-        sampling = (0.0, 1.0) if times is None else (float(times[0]), float(times[1] - times[0]))
-        y, n = initial_state(self._scene, disturbance)
-        first = y.copy()
-        budget = 10 * step_budget(self._scene)
+        integration, window = self._integration, self._integration.scene.steady_window
+        table, limit = integration.table, 10 * integration.step_limit
+        if times is None:
+            observation = Observation(window)
+        else:
+            observation = Observation(window, float(times[0]), float(times[1] - times[0]), sample_series(len(times)))
         begin = time.thread_time()
-        advance(self._stepper, self._table, y, n, self._scene.steady_window, sampling, out, _NO_LOG, budget)
+        run = integration.run(observation, table, limit, disturbance)
         wall = time.thread_time() - begin
-        ledger = ledger_of(self._scene, self._table, first, y, int(n[state.MODE]))
-        return half_peak_to_peak(y), out[:, : n[state.SAMPLE]], ledger.residual, wall
+        return run.amplitude, run.samples, run.ledger.residual, wall
 
 
 def reference_of(scene: Scene) -> Reference:
@@ -106,31 +102,26 @@ def reference_of(scene: Scene) -> Reference:
     begin, end = scene.steady_window
     count = int((end - begin) * scene.frequency_hz * _POINTS)
     times = begin + np.arange(count) * (end - begin) / count
-    rung = _finest(scene)
-    amplitude, series, _, _ = _Run(scene, rung, REFERENCE).go(times)
-    other = _Run(scene, rung, _CONTROL).go()[0]
+    fidelity = complete_fidelity(scene)
+    amplitude, series, _, _ = _Timed(scene, fidelity, REFERENCE).run(times)
+    other = _Timed(scene, fidelity, _CONTROL).run()[0]
     agreement = abs(other / amplitude - 1.0)
     spread = None
     if agreement > 1e-3:
-        run = _Run(scene, rung, 1e-7)
-        values = sorted([amplitude, *(run.go(None, d)[0] for d in _ENSEMBLE)])
+        timed = _Timed(scene, fidelity, 1e-7)
+        values = sorted([amplitude, *(timed.run(None, d)[0] for d in _ENSEMBLE)])
         spread = values[0], statistics.median(values), values[-1]
-    return Reference(amplitude, agreement, spread, times, series[state.S_BEAM])
-
-
-def _finest(scene: Scene) -> str:
-    """Return the rung without a model error on this scene."""
-    return "impact" if contact_of(scene).law == IMPACT else "soft"
+    return Reference(amplitude, agreement, spread, times, series[columns.S_BEAM])
 
 
 def measure(scene: Scene, reference: Reference, patience: float = PATIENCE) -> Iterator[Point]:
     """Yield one point after another: the rungs, then the peers from loose to fine until their patience ends."""
-    if _finest(scene) == "soft":
+    if complete_fidelity(scene) == "soft":
         for rtol in SOFT:
-            yield _rung(scene, "soft", rtol, reference)
-    yield _rung(scene, "impact", scene.tolerance, reference)
-    yield _rung(scene, "simplified", scene.tolerance, reference)
-    converged = _Run(scene, _finest(scene), REFERENCE)
+            yield _at_fidelity(scene, "soft", rtol, reference)
+    yield _at_fidelity(scene, "impact", scene.tolerance, reference)
+    yield _at_fidelity(scene, "simplified", scene.tolerance, reference)
+    converged = _Timed(scene, complete_fidelity(scene), REFERENCE)
     for method in PEERS:
         for tolerance in PEER_TOLERANCES[method]:
             try:
@@ -200,20 +191,20 @@ def _kept(point: Point, points: list[Point]) -> float:
     return max([point.amplitude_error, *(error for error in finer if math.isfinite(error))])
 
 
-def _rung(scene: Scene, rung: str, rtol: float, reference: Reference) -> Point:
-    run = _Run(scene, rung, rtol)
+def _at_fidelity(scene: Scene, fidelity: str, rtol: float, reference: Reference) -> Point:
+    timed = _Timed(scene, fidelity, rtol)
     try:
-        amplitude, series, residual, wall = run.go(reference.times)
+        amplitude, series, residual, wall = timed.run(reference.times)
     except NumericalFailure as error:
-        return Point(rung, rtol, math.nan, math.nan, math.nan, math.nan, None, str(error))
+        return Point(fidelity, rtol, math.nan, math.nan, math.nan, math.nan, None, str(error))
     repeats = _REPEATS if wall < 0.1 else 3
-    wall = statistics.median(run.go()[3] for _ in range(repeats))
+    wall = statistics.median(timed.run()[3] for _ in range(repeats))
     off = abs(amplitude / reference.amplitude - 1.0)
-    apart = _apart(series[state.S_BEAM], reference)
-    return Point(rung, rtol, wall, amplitude, off, apart, abs(residual), "")
+    apart = _apart(series[columns.S_BEAM], reference)
+    return Point(fidelity, rtol, wall, amplitude, off, apart, abs(residual), "")
 
 
-def _peer(scene: Scene, method: str, tolerance: float, reference: Reference, converged: _Run) -> Point:
+def _peer(scene: Scene, method: str, tolerance: float, reference: Reference, converged: _Timed) -> Point:
     result = run_peer(scene, method, tolerance)
     walls = [result.wall_s]
     while len(walls) < 5 and sum(walls) < 0.5:
@@ -226,7 +217,7 @@ def _peer(scene: Scene, method: str, tolerance: float, reference: Reference, con
     return Point(method, tolerance, wall, result.amplitude, error, apart, abs(result.energy_residual), note)
 
 
-def _error_as_read(result: PeerResult, reference: Reference, converged: _Run) -> float:
+def _error_as_read(result: PeerResult, reference: Reference, converged: _Timed) -> float:
     """Return the amplitude's error, with the reference read as the peer is.
 
     Between evenly spaced points a contact at the turn is interpolated over, which alone can cost 2e-6 of the amplitude:
@@ -236,8 +227,8 @@ def _error_as_read(result: PeerResult, reference: Reference, converged: _Run) ->
     times, *own_rows = own[:, :-1]  # the last may end a shorter step
     if len(times) < 3 or not np.allclose(np.diff(times), times[1] - times[0], rtol=1e-6, atol=0.0):
         return abs(result.amplitude / reference.amplitude - 1.0)
-    series = converged.go(times)[1]
-    rows = series[[state.S_BEAM, state.S_RATE, state.S_ACCELERATION]]
+    series = converged.run(times)[1]
+    rows = series[[columns.S_BEAM, columns.S_VELOCITY, columns.S_ACCELERATION]]
     return abs(peaks.half_peak_to_peak(times, *own_rows) - peaks.half_peak_to_peak(times, *rows)) / reference.amplitude
 
 
@@ -245,6 +236,3 @@ def _apart(beam: Array, reference: Reference) -> float:
     """Return the largest distance of a beam (n,) [m] from the reference's, over the amplitude."""
     length = min(len(beam), len(reference.beam))
     return float(np.max(np.abs(beam[:length] - reference.beam[:length]), initial=0.0)) / reference.amplitude
-
-
-_NO_LOG = np.zeros((0, state.COLUMNS))

@@ -17,7 +17,7 @@ from atpid_sim.tradeoff import (
     Point,
     Reference,
     _error_as_read,
-    _Run,
+    _Timed,
     answers,
     measure,
     reference_of,
@@ -96,7 +96,7 @@ def test_an_exact_hit_does_not_stretch_the_axis(reference: Reference, lowest: fl
 def test_a_peer_is_not_charged_for_how_its_motion_is_read() -> None:
     """Here a contact lies at the turn: read between 64 points a period, the amplitude is 2e-6 off for anybody."""
     scene = load_scene(SCENES / "sticking.yaml")
-    reference, converged = reference_of(scene), _Run(scene, "soft", REFERENCE)
+    reference, converged = reference_of(scene), _Timed(scene, "soft", REFERENCE)
     result = run_peer(scene, "odeint", 1e-8)
     assert abs(result.amplitude / reference.amplitude - 1.0) > 1e-6
     assert _error_as_read(result, reference, converged) < 2e-7

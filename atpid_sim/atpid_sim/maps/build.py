@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from atpid_sim.batch import on_all_cores
+from atpid_sim.integration import rtol_of
 from atpid_sim.maps.best import best_height
 from atpid_sim.maps.cluster import on_cluster
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.height_map import FORMAT, HeightMap
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.maps.journal import Journal, Point
-from atpid_sim.maps.rig import Rig
+from atpid_sim.maps.response import DamperResponse
 from atpid_sim.scene import Scene, SceneError
 
 Progress = Callable[[int, int], None]
@@ -47,7 +48,7 @@ def build_map(
     use instead of this machine's cores. Raises MapError, NumericalFailure.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
-    identity, tolerance = identity_of(scene), max(scene.tolerance, _FINEST)
+    identity, tolerance = identity_of(scene), max(rtol_of(scene), _FINEST)
     purpose = {"format": FORMAT, "system": identity, "tolerance": tolerance}
     wanted = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
     with ExitStack() as stack:
@@ -86,9 +87,9 @@ def _compute(scene: Scene, points: list[Point], tolerance: float, workers: int |
     return on_all_cores(best, points, workers)
 
 
-def _rig(scene: Scene, fraction: float, tolerance: float) -> Rig:
+def _rig(scene: Scene, fraction: float, tolerance: float) -> DamperResponse:
     try:
-        return Rig(scene.with_(mass_fraction=fraction), tolerance)
+        return DamperResponse(scene.with_(mass_fraction=fraction), tolerance)
     except SceneError as error:
         raise MapError(f"mass fraction {fraction:g}: {error}") from None
 

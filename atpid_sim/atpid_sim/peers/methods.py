@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import BDF, LSODA, RK45, ODEintWarning, OdeSolver, Radau, odeint
 
-from atpid_sim.engine import drive
+from atpid_sim.engine import columns
 from atpid_sim.peers import stepping, tableaux
 from atpid_sim.peers.rhs import slope
 from atpid_sim.peers.task import POINTS, Array, PeerError, Task, Track
@@ -48,7 +48,7 @@ def _run_scipy(task: Task, solver_class: type[OdeSolver], rtol: float) -> Track:
     # the last two states only watch: they must not steer the step
     atol = np.array([_ABSOLUTE * rtol] * 4 + [1e6] * 2)
     for row in task.rows:
-        q, length = task.packed(row), float(row[drive.END] - row[drive.START])
+        q, length = task.packed(row), float(row[columns.END] - row[columns.START])
         at = task.instants(row)
         solver = solver_class(partial(_slope_of, q), 0.0, track.final, length, rtol=rtol, atol=atol)
         found = [_Instant(0.0, track.final)] if len(at) else []
@@ -83,7 +83,7 @@ def _odeint(task: Task, rtol: float) -> Track:
     atol = np.array([_ABSOLUTE * rtol] * 4 + [1e6] * 2)
     for row in task.rows:
         q, inside = task.packed(row), task.inside(row)
-        at = task.instants(row) if inside else np.array([0.0, row[drive.END] - row[drive.START]])
+        at = task.instants(row) if inside else np.array([0.0, row[columns.END] - row[columns.START]])
         with warnings.catch_warnings():
             # what it has to say is in its message, which the result carries
             warnings.simplefilter("ignore", ODEintWarning)
@@ -102,7 +102,7 @@ def _odeint(task: Task, rtol: float) -> Track:
 
 def _points(tau: Array, states: Array, q: Array) -> Array:
     accelerations = [slope(t, state, q)[1] for t, state in zip(tau, states.T, strict=True)]
-    return np.column_stack([q[drive.START] + tau, states[0], states[1], accelerations, states[2]])
+    return np.column_stack([q[columns.START] + tau, states[0], states[1], accelerations, states[2]])
 
 
 def _embedded(tableau: tableaux.Tableau) -> Method:
@@ -117,7 +117,7 @@ def _embedded(tableau: tableaux.Tableau) -> Method:
             )
             track.steps += tried
             track.keep(task, row, kept[:fill], inside)
-            track.watch(task, row, float(row[drive.END] - row[drive.START]), y)
+            track.watch(task, row, float(row[columns.END] - row[columns.START]), y)
         track.evaluations = track.steps * len(tableau.weights)
         track.message = "" if track.steps < _BUDGET else f"gave up after {_BUDGET} steps"
         track.final = y
@@ -128,7 +128,7 @@ def _embedded(tableau: tableaux.Tableau) -> Method:
 
 def _classical(task: Task, step: float) -> Track:
     y, track = task.start.copy(), Track([], task.start)
-    total = float(task.rows[-1, drive.END] - task.rows[0, drive.START]) / step
+    total = float(task.rows[-1, columns.END] - task.rows[0, columns.START]) / step
     if total > _BUDGET:
         raise PeerError(f"step: given {step:g} s, {total:.3g} steps; allowed: at most {_BUDGET} steps")
     stride = max(1, int(task.period / POINTS / step))
@@ -138,7 +138,7 @@ def _classical(task: Task, step: float) -> Track:
         count, fill = stepping.classical_row(task.packed(row), step, y, stride, kept, 0)
         track.steps += count
         track.keep(task, row, kept[:fill], inside)
-        track.watch(task, row, float(row[drive.END] - row[drive.START]), y)
+        track.watch(task, row, float(row[columns.END] - row[columns.START]), y)
     track.evaluations = 4 * track.steps
     track.final = y
     return track

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_sim.engine import drive
+from atpid_sim.engine import columns, drive
 from atpid_sim.peaks import between, half_peak_to_peak
 from atpid_sim.peers.methods import PEERS
 from atpid_sim.peers.rhs import mechanical_energy
@@ -81,8 +81,8 @@ def _result(task: Task, method: str, tolerance: float, wall: float, track: Track
 
 
 def _residual(task: Task, final: Array) -> float:
-    first = drive.support_displacement(task.rows, float(task.rows[0, drive.START]))
-    last = drive.support_displacement(task.rows, float(task.rows[-1, drive.END]))
+    first = drive.support_displacement(task.rows, float(task.rows[0, columns.START]))
+    last = drive.support_displacement(task.rows, float(task.rows[-1, columns.END]))
     gained = mechanical_energy(final, last, task.system) - mechanical_energy(task.start, first, task.system)
     given = abs(final[4]) or mechanical_energy(task.start, first, task.system)
     return float(abs(gained - final[5]) / abs(given))

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The response of a beam with its damper at a height, by the path on which the ceiling approached it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.engine import columns, drive
+from atpid_sim.engine.state import State
+from atpid_sim.fidelity import complete_fidelity
+from atpid_sim.integration import Integration, Observation, impact_log, sample_series
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.scene import Scene
+from atpid_sim.system import System
+
+Array = NDArray[np.float64]
+Path = tuple[tuple[float, float], ...]
+
+#: Period-to-period variation up to which a motion counts as regular [-].
+_REGULAR = 0.02
+
+_NO_SAMPLES, _NO_IMPACTS = sample_series(0), impact_log(0)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Duration of one evaluation, in periods of the excitation."""
+
+    settle: float  # from the end of the ceiling's travel to the window [periods]
+    window: float  # in which the amplitude is taken [periods]
+
+
+@dataclass(frozen=True)
+class Response:
+    """The beam's motion in a window."""
+
+    amplitude: float  # half peak-to-peak [m]
+    variation: float  # largest change of the beam between periods of the same parity, over the amplitude [-]
+
+    @property
+    def regular(self) -> bool:
+        """Whether the motion repeats, each period or each second one."""
+        return self.variation <= _REGULAR
+
+
+class DamperResponse:
+    """A system at one excitation frequency; every call is a run of its own, safe from several threads.
+
+    Raises NumericalFailure where a run does not end as it should.
+    """
+
+    def __init__(self, scene: Scene, rtol: float | None = None) -> None:
+        """Take beam, grain, contact, gravity and frequency from a scene; its ceiling and amplitude are not used.
+
+        rtol: relative tolerance of the integrator, by default that of the scene. The fidelity leaves out nothing of the
+        contact law: near the best height a model error can change the motion altogether.
+        """
+        self._integration = Integration(scene, complete_fidelity(scene), rtol)
+        self.system: System = self._integration.system
+        self.frequency = scene.frequency_hz
+        self.period = 1.0 / self.frequency
+
+    @property
+    def diameter(self) -> float:
+        """Height of the closed damper [m]."""
+        return 2.0 * self.system.radius
+
+    @property
+    def decay_periods(self) -> float:
+        """Time constant of the closed damper's free decay, in periods."""
+        s = self.system
+        return 2.0 * (s.beam_mass + s.grain_mass) / max(s.damping, 1e-12) * self.frequency
+
+    def settling(self) -> float:
+        """Return how many periods the transient of a change of height lasts: five time constants, from 24 to 240."""
+        return min(max(5.0 * self.decay_periods, 24.0), 240.0)
+
+    def closed_amplitude(self, amplitude: float) -> float:
+        """Return the beam's steady amplitude with the damper closed [m]: beam and grain as one mass."""
+        return abs(self._phasor(amplitude))
+
+    def ballistic_clearance(self, amplitude: float) -> float:
+        """Return the distance a grain flies in half a period at the bare beam's top speed [m], without gravity.
+
+        That is the first guess of the PCA (thesis Eq. 4.30) less 2 r and the fall; best clearances lie at 0.4 to 0.9
+        of it at every amplitude and mass of the grain.
+        """
+        s, w = self.system, 2.0 * math.pi * self.frequency
+        bare = (
+            amplitude
+            * abs(complex(s.stiffness, s.damping * w))
+            / abs(complex(s.stiffness - s.beam_mass * w * w, s.damping * w))
+        )
+        return math.pi * bare
+
+    def _phasor(self, amplitude: float) -> complex:
+        s, w = self.system, 2.0 * math.pi * self.frequency
+        mass = s.beam_mass + s.grain_mass
+        drive_force = complex(s.stiffness, s.damping * w) * amplitude
+        return drive_force / complex(s.stiffness - mass * w * w, s.damping * w)
+
+    def closed_state(self, amplitude: float) -> State:
+        """Return the steady state of the closed damper at phase zero of the support's sine, grain on the floor."""
+        s, w = self.system, 2.0 * math.pi * self.frequency
+        phasor = self._phasor(amplitude)
+        rest = (s.beam_mass + s.grain_mass) * s.gravity / s.stiffness
+        return State.resting(phasor.imag - rest, w * phasor.real)
+
+    def follow(self, amplitude: float, path: Path, timing: Timing) -> Response:
+        """Return the response in the window after the ceiling has followed the path ((t [s], h [m]), ...).
+
+        The run starts in the closed damper's steady state at time zero, the ceiling at the path's first height.
+        """
+        strobe = sample_series(int(timing.window))
+        begin = path[-1][0] + timing.settle * self.period
+        state = self.closed_state(amplitude)
+        self.advance(amplitude, state, path, begin, begin + timing.window * self.period, samples=strobe)
+        size, beam = state.amplitude, strobe[columns.S_BEAM]
+        variation = max(float(np.ptp(beam[parity::2])) for parity in (0, 1)) / size if size > 0.0 else 0.0
+        return Response(size, variation)
+
+    def advance(
+        self,
+        amplitude: float,
+        state: State,
+        path: Path,
+        begin: float,
+        end: float,
+        *,
+        phase: float = 0.0,
+        samples: Array = _NO_SAMPLES,
+        rate: float = 0.0,
+        impacts: Array = _NO_IMPACTS,
+    ) -> None:
+        """Advance a state in place from its time to `end` [s] while the ceiling follows the path.
+
+        The beam's range is taken anew from `begin` [s] on, where `samples` (6, n) begin too, at `rate` [Hz], 0: one a
+        period; `impacts` (capacity, 3) is filled. phase: of the support's sine at time zero [rad]. Raises
+        NumericalFailure.
+        """
+        rows = drive.harmonic_rows([(0.0, amplitude)], self.frequency, end)
+        rows[:, columns.PHASE] += phase
+        rows = drive.cut(drive.between(rows, state.time, end), [begin])
+        state.restart_observation()
+        spacing = 1.0 / rate if rate > 0.0 else self.period
+        observation = Observation((begin, end), begin, spacing, samples, impacts)
+        outcome = self._integration.advance(state, drive.with_ceiling(rows, path), observation)
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(f"{outcome.sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
+
+    def opened(self, amplitude: float, height: float, timing: Timing, travel: float = 0.0) -> Response:
+        """Return the response at a height [m] reached from the closed damper in `travel` seconds (0: at once)."""
+        path = ((0.0, height),) if travel == 0.0 else ((0.0, self.diameter), (travel, height))
+        return self.follow(amplitude, path, timing)
