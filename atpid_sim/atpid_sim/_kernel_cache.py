@@ -15,7 +15,7 @@ from pathlib import Path
 from atpid_common.cache import cache_root
 
 _HERE = Path(__file__).parent
-_KERNELS = ("engine", "contact", "peers")
+_KERNELS = ("engine", "contact", "baselines")
 _SHARED = ("kernel.py", "outcome.py", "system.py")
 
 

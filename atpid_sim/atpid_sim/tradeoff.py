@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim import peaks
+from atpid_sim.baselines import BASELINES, BaselineError, BaselineResult, run_baseline
 from atpid_sim.engine import columns
 from atpid_sim.fidelity import complete_fidelity
 from atpid_sim.integration import Integration, Observation, sample_series
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.peers import PEERS, PeerError, PeerResult, run_peer
 from atpid_sim.scene import Scene
 
 Array = NDArray[np.float64]
@@ -30,12 +30,12 @@ _CONTROL = 1e-11
 _ENSEMBLE = tuple(float(d) for d in np.linspace(-1e-6, 1e-6, 64))
 #: Points a period at which trajectories are compared.
 _POINTS = 64
-#: A method that took longer than this at one tolerance is not asked for the next finer one [s].
+#: A method that took longer than this at one tolerance is not run at finer ones [s].
 PATIENCE = 5.0
 _REPEATS = 15
 
 SOFT = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 1e-8, 1e-9, 1e-10)
-PEER_TOLERANCES = {
+BASELINE_TOLERANCES = {
     "odeint": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10),
     "lsoda": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
     "rk45": (1e-4, 1e-6),
@@ -45,7 +45,7 @@ PEER_TOLERANCES = {
     "rkf45": (1e-4, 1e-6, 1e-8, 1e-10),
     "rk4": (1e-4, 3e-5, 1e-5, 3e-6),
 }
-#: Our rungs, and scipy's LSODA: its solver class, as `solve_ivp` runs it, and its older loop, compiled itself.
+#: Our fidelity levels, and scipy's LSODA: its solver class, as `solve_ivp` runs it, and its older, compiled loop.
 OURS = ("soft", "impact", "simplified")
 LSODA = ("lsoda", "odeint")
 
@@ -115,18 +115,18 @@ def reference_of(scene: Scene) -> Reference:
 
 
 def measure(scene: Scene, reference: Reference, patience: float = PATIENCE) -> Iterator[Point]:
-    """Yield one point after another: the rungs, then the peers from loose to fine until their patience ends."""
+    """Yield one point after another: the fidelity levels, then each baseline from loose to fine until too slow."""
     if complete_fidelity(scene) == "soft":
         for rtol in SOFT:
             yield _at_fidelity(scene, "soft", rtol, reference)
     yield _at_fidelity(scene, "impact", scene.tolerance, reference)
     yield _at_fidelity(scene, "simplified", scene.tolerance, reference)
     converged = _Timed(scene, complete_fidelity(scene), REFERENCE)
-    for method in PEERS:
-        for tolerance in PEER_TOLERANCES[method]:
+    for method in BASELINES:
+        for tolerance in BASELINE_TOLERANCES[method]:
             try:
-                point = _peer(scene, method, tolerance, reference, converged)
-            except PeerError:
+                point = _baseline(scene, method, tolerance, reference, converged)
+            except BaselineError:
                 return
             yield point
             if point.time_s > patience:
@@ -186,7 +186,7 @@ def _best(points: list[Point]) -> float | None:
 
 
 def _kept(point: Point, points: list[Point]) -> float:
-    """Return the largest error of a point and its method's finer ones; one that says it failed misleads nobody."""
+    """Return the largest error of a point and its method's finer ones; failed runs are ignored."""
     finer = (p.amplitude_error for p in points if p.method == point.method and p.tolerance < point.tolerance)
     return max([point.amplitude_error, *(error for error in finer if math.isfinite(error))])
 
@@ -204,11 +204,11 @@ def _at_fidelity(scene: Scene, fidelity: str, rtol: float, reference: Reference)
     return Point(fidelity, rtol, wall, amplitude, off, apart, abs(residual), "")
 
 
-def _peer(scene: Scene, method: str, tolerance: float, reference: Reference, converged: _Timed) -> Point:
-    result = run_peer(scene, method, tolerance)
+def _baseline(scene: Scene, method: str, tolerance: float, reference: Reference, converged: _Timed) -> Point:
+    result = run_baseline(scene, method, tolerance)
     walls = [result.wall_s]
     while len(walls) < 5 and sum(walls) < 0.5:
-        walls.append(run_peer(scene, method, tolerance).wall_s)
+        walls.append(run_baseline(scene, method, tolerance).wall_s)
     note = result.message or ("grain left the container" if result.escaped else "")
     sound = len(result.times) > 1 and math.isfinite(result.amplitude)
     error = _error_as_read(result, reference, converged) if sound else math.nan
@@ -217,11 +217,11 @@ def _peer(scene: Scene, method: str, tolerance: float, reference: Reference, con
     return Point(method, tolerance, wall, result.amplitude, error, apart, abs(result.energy_residual), note)
 
 
-def _error_as_read(result: PeerResult, reference: Reference, converged: _Timed) -> float:
-    """Return the amplitude's error, with the reference read as the peer is.
+def _error_as_read(result: BaselineResult, reference: Reference, converged: _Timed) -> float:
+    """Return the amplitude's error, with the reference sampled as the baseline is.
 
     Between evenly spaced points a contact at the turn is interpolated over, which alone can cost 2e-6 of the amplitude:
-    more than many a peer is off. So the converged run is read at the same points, and the reading cancels.
+    more than the error of many a baseline. So the converged run is sampled at the same points, and that error cancels.
     """
     own = np.array([result.times, result.beam, result.beam_velocity, result.beam_acceleration])
     times, *own_rows = own[:, :-1]  # the last may end a shorter step
