@@ -81,6 +81,16 @@ class Plant:
         self.height = float(scene.ceiling.heights[0][1])
 
     @property
+    def fidelity(self) -> str:
+        """Fidelity level of the simulation."""
+        return self._integration.fidelity
+
+    @property
+    def rtol(self) -> float:
+        """Relative tolerance of the integrator."""
+        return self._integration.rtol
+
+    @property
     def time(self) -> float:
         """Time reached [s]."""
         return self._state.time

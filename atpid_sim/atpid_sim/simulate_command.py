@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
     parser.add_argument(
-        "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="rung; default: cheapest that fits"
+        "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="fidelity level; default: cheapest that fits"
     )
     parser.add_argument(
         "--rtol", type=tolerance, default=None, metavar="R", help="relative tolerance of the integration"
@@ -60,7 +60,7 @@ def _simulate(scene: Scene, fidelity: str, rtol: float | None) -> Result:
     try:
         return simulate(scene, fidelity, rtol)
     except ValueError as error:
-        # a rung that cannot take the scene is the user's choice of words, not a mistake in the program
+        # a fidelity that cannot take the scene is a user's error, not a defect of the program
         raise error if isinstance(error, SceneError) else SceneError(str(error)) from None
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from atpid_sim.contact import contact_of, restitution_of
 from atpid_sim.engine import columns
-from atpid_sim.integration import Integration, Observation, impact_log
+from atpid_sim.integration import Integration, Observation, drive_table, impact_log
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import scene_from_mapping
 from atpid_sim.system import reduced_mass, system_of
@@ -41,13 +41,13 @@ def scene_of(contact, **changes):
 def ran(scene, fidelity="soft", rtol=1e-9, prepare=None):
     """State, counters and impact log after a run; `prepare(y, n)` may change the start."""
     integration = Integration(scene, fidelity, rtol)
-    state, log = integration.initial_state(), impact_log(1000)
+    table, state, log = drive_table(scene), integration.initial_state(), impact_log(1000)
     if prepare:
         prepare(state.y, state.n)
     first = state.copy()
-    outcome = integration.advance(state, integration.table, Observation(scene.steady_window, impacts=log), 10_000_000)
+    outcome = integration.advance(state, table, Observation(scene.steady_window, impacts=log), 10_000_000)
     assert outcome == Outcome.DONE, outcome.sentence
-    ledger = integration.ledger(first, state, integration.table)
+    ledger = integration.ledger(first, state, table)
     return state.y, state.n, log[: state.n[columns.IMPACTS]], ledger
 
 
