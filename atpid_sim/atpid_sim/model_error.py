@@ -27,9 +27,12 @@ _PASSING, _HEAVY = 4.0, 4.0
 _SHALLOW, _DEEP = -60.0, 10.0
 
 
-def impact_error(scene: Scene) -> float:
-    """Return the relative amplitude error to expect of instantaneous impacts, at most 1."""
-    amplitude = undamped_amplitude(scene)
+def impact_error(scene: Scene, undamped: float | None = None) -> float:
+    """Return the relative amplitude error to expect of instantaneous impacts, at most 1.
+
+    undamped: amplitude of the closed damper [m], computed where it is not given.
+    """
+    amplitude = undamped_amplitude(scene) if undamped is None else undamped
     if not amplitude > 0.0:
         return 1.0
     more = max(1.0, _HEAVY * scene.grain.mass_fraction)
@@ -38,9 +41,9 @@ def impact_error(scene: Scene) -> float:
     return min(1.0, more * _IMPACT * _depth(scene, _omega(scene) * amplitude) / amplitude)
 
 
-def closed_error(scene: Scene) -> float:
-    """Return the relative amplitude error to expect of the closed damper as one mass, at most 1."""
-    amplitude = undamped_amplitude(scene)
+def closed_error(scene: Scene, undamped: float | None = None) -> float:
+    """Return the relative amplitude error to expect of the closed damper as one mass, at most 1; see `impact_error`."""
+    amplitude = undamped_amplitude(scene) if undamped is None else undamped
     law, p = contact_of(scene)
     push = scene.grain_mass * (_omega(scene) ** 2 * amplitude + scene.gravity)
     return min(1.0, _CLOSED * static_overlap(law, p, push, 1e-3) / amplitude) if amplitude > 0.0 else 1.0

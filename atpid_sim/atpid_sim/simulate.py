@@ -92,12 +92,12 @@ def simulate(
     """
     if height is not None:
         scene = scene.with_(height=height)
-    choice = choose(scene, fidelity)
+    undamped = undamped_amplitude(scene)
+    choice = choose(scene, fidelity, undamped=undamped)
     integration = Integration(scene, choice.fidelity, rtol)
     integration.warm_up()
     run, wall = _steady(integration)
     amplitude, last = run.amplitude, run.last
-    undamped = undamped_amplitude(scene, integration.table)
     verdict = trust.judge(integration, amplitude, last.steps) if check else trust.unchecked()
     return Result(
         amplitude=amplitude,
