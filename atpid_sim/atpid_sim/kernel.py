@@ -14,4 +14,6 @@ from numba import njit
 from atpid_sim import kernel_cache as kernel_cache  # before any kernel is made: where it is kept
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
+#: For what a library calls from Python at every evaluation: releasing the lock each time takes 5 % of a run by odeint.
+callback = njit(cache=True, error_model="numpy")
 inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -29,7 +29,7 @@ from atpid_sim.engine.columns import (
     OMEGA,
     PHASE,
 )
-from atpid_sim.kernel import kernel
+from atpid_sim.kernel import callback, kernel
 from atpid_sim.system import System
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def powers(x, v, z, w, drive, q):  # type: ignore[no-untyped-def]
     return beam, grain, given, work
 
 
-@kernel
+@callback
 def slope(tau, y, q):  # type: ignore[no-untyped-def]
     """dy/dt (6,) at local time tau [s] of the row packed in q."""
     out = np.empty(6)
