@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.bagread import Bag, open_bag
+from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bench.domain import own_domain
 from atpid_control.bench.graph import parameters_for, write_parameters
 from atpid_control.bench.lockstep import run_lockstep

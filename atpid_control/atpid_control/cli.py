@@ -12,7 +12,7 @@ COMMANDS = {
     "bench": ("atpid_control.bench.command", "run a scene through the whole node graph: bag, summary and report"),
     "stand": ("atpid_control.stand_command", "run the test stand: hardware nodes, identifier, selector and recorder"),
     "seeds": ("atpid_control.bench.seeds", "run scenes through the loop with many noises, without the node graph"),
-    "replay": ("atpid_control.replay.command", "play a bag through identifier and selector again, and compare"),
+    "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),
     "report": ("atpid_control.report.command", "make the report of a bag: an HTML page and pictures"),
     "select": ("atpid_control.select_command", "select the ceiling height for a scene's excitation"),
     "calibrate-beam": (

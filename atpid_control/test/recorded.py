@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.recording import Qos, new_run
-from atpid_control.recording.definitions import message_type
-from atpid_control.recording.session import Session
-from atpid_control.recording.topics import DEFAULT, parse
+from atpid_control.bags import Qos, new_run
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.session import Session
+from atpid_control.bags.topics import DEFAULT, parse
 from atpid_sim.instrument import laser_of
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene, load_scene

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from recorded import block, make
 
-from atpid_control.bagread import open_bag
+from atpid_control.bags import Qos, new_run
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.session import Session
+from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bench.latency import STAGES, in_words, latency_of
-from atpid_control.recording import Qos, new_run
-from atpid_control.recording.session import Session
-from atpid_control.recording.topics import DEFAULT, parse
 
 START, RATE, SCANS = 1_700_000_000_123_456_789, 1000.0, 50
 MS = 1_000_000

@@ -17,15 +17,15 @@ from mcap.reader import make_reader
 from recorded import SHORT, block, make, record
 from rosbags.rosbag2 import Reader
 
-from atpid_control.recording import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
-from atpid_control.recording import __main__ as command
-from atpid_control.recording.cdr import block_shape, event_kind, header, is_handshake, truth_shape
-from atpid_control.recording.completeness import Continuity
-from atpid_control.recording.definitions import message_type
-from atpid_control.recording.order import StampOrder
-from atpid_control.recording.qos import as_yaml, from_yaml
-from atpid_control.recording.topics import DEFAULT, parse
-from atpid_control.recording.writer import Sink
+from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
+from atpid_control.bags.cdr import block_shape, event_kind, header, is_handshake, truth_shape
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.order import StampOrder
+from atpid_control.bags.qos import as_yaml, from_yaml
+from atpid_control.bags.session import Continuity
+from atpid_control.bags.topics import DEFAULT, parse
+from atpid_control.bags.writer import Sink
+from atpid_control.commands import recording as command
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 
@@ -306,7 +306,7 @@ import sys
 for name in ("rclpy", "ament_index_python", "atpid_interfaces", "std_msgs", "builtin_interfaces"):
     sys.modules[name] = None
 from pathlib import Path
-from atpid_control.bagread import open_bag
+from atpid_control.bags.read import open_bag
 messages = list(open_bag(Path(sys.argv[1])).messages("/excitation"))
 assert len(messages) == 40 and messages[-1][1].header.stamp.sec == 1
 """

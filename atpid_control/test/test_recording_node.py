@@ -36,11 +36,11 @@ from rosbags.typesys import Stores, get_typestore
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATUS, time_of
 from atpid_common.nodes.parameters import ParameterError
-from atpid_control.bagread import open_bag
+from atpid_control.bags import BagError, repair, verify
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.verify import find_file, records
+from atpid_control.bags.writer import Sink
 from atpid_control.nodes.recorder_node import RecorderNode
-from atpid_control.recording import BagError, repair, verify
-from atpid_control.recording.verify import find_file, records
-from atpid_control.recording.writer import Sink
 
 TOPICS: dict[str, type[Any]] = {
     "sensors/laser": SampleBlock,

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from recorded import block
 
-from atpid_control.bagread import open_bag
-from atpid_control.recording import BagError, BagWriter, new_run
-from atpid_control.recording import __main__ as command
-from atpid_control.recording.support import support_series
+from atpid_control.bags import BagError, BagWriter, new_run
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.support import support_series
+from atpid_control.commands import recording as command
 from atpid_sim.run import drive_table, undamped_amplitude
 from atpid_sim.scene import load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml

@@ -16,10 +16,10 @@ import pytest
 from numpy.typing import NDArray
 from recorded import SHORT, block, record
 
-from atpid_control.bagread import open_bag
+from atpid_control.bags import BagError, BagWriter, new_run
+from atpid_control.bags.read import open_bag
 from atpid_control.bench.outdir import MARKER
 from atpid_control.cli import main
-from atpid_control.recording import BagError, BagWriter, new_run
 from atpid_control.report import Stage, read_run, report, stages
 from atpid_control.report.charts import thinned
 from atpid_control.report.comparison import closed_by_simulation

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bagread import open_bag
+from atpid_control.bags.read import open_bag
 from atpid_control.beam_calibration.errors import CalibrationError
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from atpid_common.latency import percentile
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag
 from atpid_control.identification.stamps import last_stamp_ns
 
 #: Stages of the loop, from the last sample of a block on.

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag
 from atpid_control.bench.latency import in_words, latency_of
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed, beside

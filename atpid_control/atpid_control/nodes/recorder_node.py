@@ -26,12 +26,12 @@ from atpid_common.nodes.messages import STATUS, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_control.bags import BagError, Qos, check_new, new_run
+from atpid_control.bags.session import Session
+from atpid_control.bags.topics import DEFAULT, Topic, parse
+from atpid_control.bags.writer import CHUNK, COMPRESSIONS
 from atpid_control.nodes.parameter_keeper import ParameterKeeper
 from atpid_control.nodes.wire import DEPTH, class_of, in_words, subscription_qos
-from atpid_control.recording import BagError, Qos, check_new, new_run
-from atpid_control.recording.session import Session
-from atpid_control.recording.topics import DEFAULT, Topic, parse
-from atpid_control.recording.writer import CHUNK, COMPRESSIONS
 from atpid_sim.scene import load_scene
 
 TURN = 0.05  # between two checks whether the run has ended [s]

@@ -27,10 +27,10 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.playback import Item, load_playback
+from atpid_control.bags.topics import BLOCK
 from atpid_control.nodes.wire import class_of
-from atpid_control.recording.errors import BagError
-from atpid_control.recording.playback import Item, load_playback
-from atpid_control.recording.topics import BLOCK
 
 TURN = 0.005  # how finely a paced replay is cut, and /clock with it [s]
 PATIENCE = 5.0  # how long an answer may take before a warning [s]

@@ -8,9 +8,9 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from atpid_control.recording import Qos
-from atpid_control.recording.definitions import split_name
-from atpid_control.recording.topics import Topic
+from atpid_control.bags import Qos
+from atpid_control.bags.definitions import split_name
+from atpid_control.bags.topics import Topic
 
 #: Messages kept per topic while the recorder is busy: 50 s of blocks at 20 a second.
 DEPTH = 1000

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bagread import Bag, open_bag
-from atpid_control.recording.errors import BagError
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.read import Bag, open_bag
 from atpid_sim.excitation import amplitude_at
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_motion
 from atpid_control.report.repetition import repeated
 from atpid_control.report.run import Array, Run, read_run

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_height, closed_motion
 from atpid_control.report.run import Array, Run, read_run
 from atpid_control.report.stages import Stage, measure, window_of

@@ -5,16 +5,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from atpid_control.recording import cdr
-from atpid_control.recording.completeness import Continuity
-from atpid_control.recording.errors import BagError
-from atpid_control.recording.order import StampOrder
-from atpid_control.recording.qos import Qos
-from atpid_control.recording.run_info import RunInfo
-from atpid_control.recording.topics import BLOCK, EVENT, TRUTH, Topic
-from atpid_control.recording.writer import CHUNK, BagWriter
+from atpid_control.bags import cdr
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.order import StampOrder
+from atpid_control.bags.qos import Qos
+from atpid_control.bags.run_info import RunInfo
+from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
+from atpid_control.bags.writer import CHUNK, BagWriter
 
 Offered = Callable[[str], tuple[Qos, ...]]
 
@@ -24,6 +24,27 @@ _STARTED, _FINISHED = "started", "finished"
 _SAME_INSTANT = 10_000
 #: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
 PATIENCE = 2.0
+
+
+@dataclass
+class Continuity:
+    """The scans of one stream; each block has to begin at the sample index where the one before ended."""
+
+    next_index: int | None = None
+    scans: int = 0  # received
+    lost: int = 0  # missing between blocks
+    gaps: int = 0  # times that scans were missing
+    dropped: int = 0  # what the device itself says it lost
+
+    def add(self, block: cdr.BlockShape) -> int:
+        """Take the next block; return how many scans are missing before it (0: none)."""
+        missing = 0 if self.next_index is None else max(0, block.first_index - self.next_index)
+        self.next_index = block.first_index + block.scans
+        self.scans += block.scans
+        self.lost += missing
+        self.gaps += missing > 0
+        self.dropped = block.dropped
+        return missing
 
 
 class Session:

@@ -9,9 +9,9 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.recording.decode import Decoder
-from atpid_control.recording.definitions import message_type
-from atpid_control.recording.errors import BagError
+from atpid_control.bags.decode import Decoder
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.errors import BagError
 
 
 class Converter:

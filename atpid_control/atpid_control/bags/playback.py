@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from atpid_control.bagread import Bag, Raw, open_bag
-from atpid_control.recording.cdr import block_shape, header
-from atpid_control.recording.convert import Converter
-from atpid_control.recording.definitions import message_type
-from atpid_control.recording.errors import BagError
-from atpid_control.recording.topics import BLOCK
+from atpid_control.bags.cdr import block_shape, header
+from atpid_control.bags.convert import Converter
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.read import Bag, Raw, open_bag
+from atpid_control.bags.topics import BLOCK
 
 #: The channel the identifier listens to: each block that has it is answered once.
 _ANSWERED = "support_displacement"

@@ -9,10 +9,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from atpid_control.bagread import open_bag
-from atpid_control.recording.errors import BagError, in_words
-from atpid_control.recording.support import write_support
-from atpid_control.recording.verify import repair, verify
+from atpid_control.bags.errors import BagError, in_words
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.support import write_support
+from atpid_control.bags.verify import repair, verify
 
 BAD_INPUT = 2
 
@@ -85,7 +85,3 @@ def _extract(bag: Path, out: Path) -> None:
         except OSError as error:
             raise BagError(f"{path}: cannot be written: {in_words(error)}") from None
         print(path)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from atpid_control.recording.qos import Qos
+from atpid_control.bags.qos import Qos
 
 FILE_NAME = "metadata.yaml"
 

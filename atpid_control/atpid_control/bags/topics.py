@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from atpid_control.recording.definitions import message_type
-from atpid_control.recording.errors import BagError
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.errors import BagError
 
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
 EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"

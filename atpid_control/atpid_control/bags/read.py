@@ -10,12 +10,12 @@ from typing import Any
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
-from atpid_control.recording import metadata
-from atpid_control.recording.convert import Converter
-from atpid_control.recording.decode import Decoder
-from atpid_control.recording.errors import BagError
-from atpid_control.recording.run_info import RESULT, RUN, SCENE
-from atpid_control.recording.verify import find_file, records
+from atpid_control.bags import metadata
+from atpid_control.bags.convert import Converter
+from atpid_control.bags.decode import Decoder
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.run_info import RESULT, RUN, SCENE
+from atpid_control.bags.verify import find_file, records
 
 
 @dataclass(frozen=True)

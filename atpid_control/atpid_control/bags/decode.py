@@ -8,7 +8,7 @@ from typing import Any
 from mcap.records import Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.recording.errors import BagError
+from atpid_control.bags.errors import BagError
 
 #: Encapsulations of plain CDR: big- and little-endian.
 _CDR = (b"\x00\x00", b"\x00\x01")

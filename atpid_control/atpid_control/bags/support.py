@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bagread import Bag
-from atpid_control.recording.errors import BagError, in_words
+from atpid_control.bags.errors import BagError, in_words
+from atpid_control.bags.read import Bag
 
 #: Channel with the support's displacement, and the columns written: those a scene looks for.
 CHANNEL, COLUMNS = "support_displacement", ("time", "support_displacement")

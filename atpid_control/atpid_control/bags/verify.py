@@ -19,13 +19,13 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import CompressionType, Writer
 from zstandard import ZstdError
 
-from atpid_control.recording import metadata
-from atpid_control.recording.decode import Decoder
-from atpid_control.recording.errors import BagError, in_words
-from atpid_control.recording.metadata import BagSummary, TopicSummary
-from atpid_control.recording.qos import from_yaml
-from atpid_control.recording.run_info import RESULT, RUN
-from atpid_control.recording.writer import CHUNK, LIBRARY
+from atpid_control.bags import metadata
+from atpid_control.bags.decode import Decoder
+from atpid_control.bags.errors import BagError, in_words
+from atpid_control.bags.metadata import BagSummary, TopicSummary
+from atpid_control.bags.qos import from_yaml
+from atpid_control.bags.run_info import RESULT, RUN
+from atpid_control.bags.writer import CHUNK, LIBRARY
 
 _MAGIC = b"\x89MCAP0\r\n"
 _TORN = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError, EOFError)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from atpid_control.recording.errors import TypeUnknownError
+from atpid_control.bags.errors import TypeUnknownError
 
 _SEPARATOR = "=" * 80
 _PRIMITIVES = {"bool", "byte", "char", "string", "wstring", "float32", "float64"} | {

@@ -9,16 +9,16 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from atpid_control.bagread import Bag, open_bag
+from atpid_control.bags.agreement import compare
+from atpid_control.bags.playback import load_playback
+from atpid_control.bags.read import Bag, open_bag
+from atpid_control.bags.replay_files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
 from atpid_control.bench import outdir
 from atpid_control.bench.domain import own_domain
 from atpid_control.bench.progress import shown
 from atpid_control.bench.realtime import run_realtime
 from atpid_control.bench.stopping import stoppable
-from atpid_control.recording.playback import load_playback
-from atpid_control.replay.agreement import compare
-from atpid_control.replay.arguments import add_files, rate
-from atpid_control.replay.files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
+from atpid_control.commands.replay_files import add_files, rate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag
 
 #: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.
 COMPARED = {

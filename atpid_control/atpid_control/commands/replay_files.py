@@ -7,13 +7,13 @@ It prints the path of the parameter file of identifier_node, selector_node, reco
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from atpid_common.cli import guarded
-from atpid_control.replay.arguments import add_files, rate
-from atpid_control.replay.files import write_replay_files
+from atpid_control.bags.replay_files import write_replay_files
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,6 +36,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
 
     return guarded(run)
+
+
+def add_files(parser: argparse.ArgumentParser) -> None:
+    """Declare the files that may take the place of those kept in the bag."""
+    parser.add_argument("--scene", type=Path, help="scene to use in place of the one kept in the bag")
+    parser.add_argument("--map", type=Path, help="height map to use in place of the one kept in the bag")
+
+
+def rate(text: str) -> float:
+    """Return a speed against the recording [-]; raise argparse's error where it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value <= 1000.0:
+        raise argparse.ArgumentTypeError(f"given {text}; allowed: 0 to 1000")
+    return value
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from itertools import chain, count
 from pathlib import Path
 
-from atpid_control.recording.errors import BagError
+from atpid_control.bags.errors import BagError
 
 #: Names of the metadata records in the MCAP file.
 RUN, RESULT = "atpid_run", "atpid_result"
