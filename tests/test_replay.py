@@ -25,7 +25,7 @@ from rosgraph_msgs.msg import Clock
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
 from atpid_control.bags import BagError, BagWriter, new_run, verify
 from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bench.graph import PARTS, parameters_for, parameters_in
+from atpid_control.graph.parts import PARTS, parameters_for, parameters_in
 from atpid_control.nodes.composition import node_class, run_lockstep
 from atpid_control.nodes.replay_node import ReplayNode
 

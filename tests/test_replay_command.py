@@ -15,9 +15,9 @@ from atpid_control.bags.agreement import compare
 from atpid_control.bags.playback import load_playback
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.replay_files import write_replay_files
-from atpid_control.bench.graph import parameters_in
 from atpid_control.cli import main
 from atpid_control.commands.replay import namespace_of
+from atpid_control.graph.parts import parameters_in
 from atpid_control.nodes.wire import class_of
 
 BAG = Path(__file__).resolve().parent.parent / "bags" / "thesis_4_3_short"

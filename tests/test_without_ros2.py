@@ -13,7 +13,7 @@ from graph_runs import wait_until
 
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.verify import find_file, verify
-from atpid_control.bench.domain import own_domain
+from atpid_control.graph.domain import own_domain
 
 WIRING = {
     "backend": "simulated",

@@ -14,9 +14,8 @@ import yaml
 
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
-from atpid_control.bench.graph import PARTS, Part
-from atpid_control.bench.processes import Processes
-from atpid_control.bench.stopping import stoppable
+from atpid_control.graph.parts import PARTS, Part
+from atpid_control.graph.processes import Processes, stoppable
 from atpid_sim.scene import load_scene
 
 TURN = 0.1  # between two checks whether all nodes run [s]

@@ -10,12 +10,13 @@ from types import SimpleNamespace
 import pytest
 
 from atpid_common.nodes.messages import time_of
-from atpid_control.bench import graph, outdir
+from atpid_control.bench import outdir
 from atpid_control.bench.command import stopped
-from atpid_control.bench.domain import is_quiet, named_domain, own_domain
-from atpid_control.bench.errors import BenchError, NodeDiedError
-from atpid_control.bench.processes import Processes
 from atpid_control.bench.summary import real_time_factor
+from atpid_control.graph import parts
+from atpid_control.graph.domain import is_quiet, named_domain, own_domain
+from atpid_control.graph.errors import BenchError, NodeDiedError
+from atpid_control.graph.processes import Processes
 from atpid_sim.scene import scene_from_mapping
 
 SCENE = {
@@ -114,19 +115,19 @@ def test_a_folder_with_other_peoples_files_is_left_alone(tmp_path):
 )
 def test_the_simulated_ceiling_gets_limits_and_speed_from_the_scene(ceiling, expected):
     scene = scene_from_mapping(SCENE | ({"ceiling": ceiling} if ceiling else {}))
-    found = graph.ceiling_parameters(scene)
+    found = parts.ceiling_parameters(scene)
     assert tuple(found.values()) == pytest.approx(expected)
     assert tuple(found) == ("lowest", "highest", "speed", "initial_height")
 
 
 def test_a_closed_damper_gets_a_range_with_some_width():
-    found = graph.ceiling_parameters(scene_from_mapping(SCENE | {"ceiling": {"height": 0.017}}))
+    found = parts.ceiling_parameters(scene_from_mapping(SCENE | {"ceiling": {"height": 0.017}}))
     assert found["highest"] > found["lowest"]
 
 
 def test_parameters_of_a_node_are_found_under_each_way_to_name_it():
     document = {"/**/a_node": {"ros__parameters": {"x": 1}}, "/**": {"ros__parameters": {"y": 2}}, "b_node": {}}
-    assert graph.parameters_in(document, "a_node") == {"x": 1, "y": 2}
+    assert parts.parameters_in(document, "a_node") == {"x": 1, "y": 2}
 
 
 def script(text):

@@ -13,7 +13,7 @@ import yaml
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.run_info import SCENE, commit_of
-from atpid_control.bench.graph import PARTS, Parameters, Part, parameters_in
+from atpid_control.graph.parts import PARTS, Parameters, Part, parameters_in
 
 PARAMETER_FILE = "parameters.yaml"
 #: No motor here: where the ceiling was comes from the bag as well.

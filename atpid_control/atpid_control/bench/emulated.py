@@ -13,8 +13,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from atpid_control.bench.errors import BenchError
-from atpid_control.bench.graph import PARTS, Parameters, Part, ceiling_parameters, parameters_for
+from atpid_control.graph.errors import BenchError
+from atpid_control.graph.parts import PARTS, Parameters, Part, ceiling_parameters, parameters_for
 from atpid_sim.scene import ControlledCeiling, Scene
 
 Commands = list[tuple[str, list[str]]]

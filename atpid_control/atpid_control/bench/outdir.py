@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from atpid_control.bench.errors import BenchError
+from atpid_control.graph.errors import BenchError
 
 #: Written first: it says that what lies beside it was made by the bench.
 MARKER = "bench.json"

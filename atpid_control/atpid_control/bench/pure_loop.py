@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bench.errors import BenchError
 from atpid_control.control_setup import controller_of, identification_settings, rumble_settings, selector_of
 from atpid_control.controller import Answer, Command
+from atpid_control.graph.errors import BenchError
 from atpid_control.hold import Estimate
 from atpid_control.identification import Estimate as Identified
 from atpid_control.identification import Identifier

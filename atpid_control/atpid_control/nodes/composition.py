@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
-from atpid_control.bench.errors import BenchError, NodeDiedError, PlantFailedError
+from atpid_control.graph.errors import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes as processes: started together, watched, and stopped one after the other so that the bag gets everything."""
+"""Nodes as processes: started together, watched, and stopped one after the other so that the bag is complete."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 
 from atpid_common.interrupt import ENDING_SIGNALS
-from atpid_control.bench.errors import BenchError, NodeDiedError
+from atpid_control.graph.errors import BenchError, NodeDiedError
 
 #: How long a node may take to leave after SIGINT, and after SIGTERM, before it is killed [s].
 _PATIENCE = 10.0
@@ -130,3 +130,18 @@ class Processes:
     def __getitem__(self, name: str) -> NodeProcess:
         """Return the node called `name`."""
         return next(node for node in self.nodes if node.name == name)
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Raise KeyboardInterrupt at SIGINT, SIGTERM and SIGHUP, in a shell's background jobs too, for an orderly end."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in ENDING_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,23 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The real-time bench: every node its own process, as on the stand, started together and stopped together."""
+"""Runs the graph: in lockstep, all nodes in this process, or in real time, each node a process as on the stand.
+
+Only nodes/ imports rclpy; it is imported when a run begins, so that this module is read and tested without it.
+"""
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from atpid_common.waiting import to_stderr
-from atpid_control.bench.errors import BenchError, PlantFailedError
-from atpid_control.bench.graph import PARTS
-from atpid_control.bench.processes import Processes
+from atpid_control.graph.errors import BenchError, PlantFailedError
+from atpid_control.graph.parts import PARTS, Parameters
+from atpid_control.graph.processes import Processes
 
 #: Five interpreters load their libraries, and after an update compile their kernels, before the first handshake [s].
 _START_PATIENCE = 180.0
 #: Data may stop for so long before the run is given up [s].
 _LOOP_PATIENCE = 20.0
 _FAILED = 3
+
+
+def run_lockstep(parameters: Parameters, progress: Callable[[float], None]) -> None:
+    """Run the graph until the plant has finished; `progress` is called with the simulated time [s].
+
+    The next block follows as soon as the loop has answered the last. Raises PlantFailedError where the plant fails,
+    BenchError where the loop stops.
+    """
+    from atpid_control.nodes import composition
+
+    composition.run_lockstep([(part.package, part.name) for part in PARTS], parameters, progress)
 
 
 def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
@@ -39,8 +52,8 @@ def run_realtime(
     once and with its reason, where a node ends early; PlantFailedError where the plant fails, BenchError where data
     stop. KeyboardInterrupt passes through after all nodes have been stopped and the bag is closed.
     """
-    # nodes/ alone imports rclpy; by name, so that this module can be read, tested and linted without it
-    watching = importlib.import_module("atpid_control.nodes.bench_watch").watching
+    from atpid_control.nodes.bench_watch import watching
+
     with Processes(commands, logs) as nodes, watching(to_stderr, namespace) as (watch, listen):
         last = nodes[source]
         elapsed, since = 0.0, time.monotonic()
