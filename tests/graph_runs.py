@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bench.maps import map_for
 from atpid_control.bench.running import commands_of, run_lockstep, run_realtime
 from atpid_control.graph.domain import own_domain
 from atpid_control.graph.parts import parameters_for, write_parameters
+from atpid_control.selection.map_cache import map_for
 from atpid_sim.scene import Scene, load_scene
 
 

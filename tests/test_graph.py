@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from graph_runs import decoded, in_lockstep, scene_file
 
-from atpid_control.bench.maps import map_for
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
+from atpid_control.selection.map_cache import map_for
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 

@@ -114,7 +114,7 @@ def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
         return None
     if args.map is not None:
         return Path(args.map)
-    from atpid_control.bench.maps import map_for
+    from atpid_control.selection.map_cache import map_for
 
     closed = 2.0 * scene.grain.radius
     given = getattr(scene.ceiling, "map", None)

@@ -6,14 +6,14 @@ from concurrent.futures import Executor, Future
 
 import pytest
 
-from atpid_control.computation import InlineExecutor, threaded
-from atpid_control.controller import ControlSettings, SelectingController
-from atpid_control.hold import Estimate, Quality, Settings
+from atpid_control.loop.computation import InlineExecutor, threaded
+from atpid_control.loop.controller import ControlSettings, SelectingController
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.hold import Estimate, HoldSettings, Quality
+from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
-from atpid_control.step_back import StepBack
-from atpid_control.watch import DriftSettings
 
-HOLD = Settings(
+HOLD = HoldSettings(
     dead_band=0.01,
     sigmas=4.0,
     steady_count=4,

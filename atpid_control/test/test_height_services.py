@@ -20,8 +20,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Empty
 
-from atpid_control.computation import threaded
-from atpid_control.hold import Estimate, Quality
+from atpid_control.loop.computation import threaded
+from atpid_control.loop.hold import Estimate, Quality
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.selection.request import Resonance

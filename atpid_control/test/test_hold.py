@@ -6,12 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from atpid_control.controller import ControlSettings, SelectingController
-from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
-from atpid_control.profile_controller import ProfileController
+from atpid_control.loop.controller import ControlSettings, SelectingController
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.errors import HoldError
+from atpid_control.loop.hold import Estimate, Hold, HoldSettings, Quality
+from atpid_control.loop.profile_controller import ProfileController
+from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
-from atpid_control.step_back import StepBack
-from atpid_control.watch import DriftSettings
 
 SETTINGS = {
     "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
@@ -20,7 +21,7 @@ SETTINGS = {
 
 
 def hold(**changes):
-    return Hold(Settings(**(SETTINGS | changes)))
+    return Hold(HoldSettings(**(SETTINGS | changes)))
 
 
 def steady(amplitude, std=1e-6, frequency=5.49):
@@ -129,7 +130,8 @@ class Linear:
 def controller(limits=(0.017, 1.0), settle=0):
     selector = Linear()
     step_back, drift = StepBack(0.1, settle, 3, 0.15, 0.05), DriftSettings(0.15, 0.02, 1e4)
-    return SelectingController(ControlSettings(Settings(**SETTINGS), step_back, drift, 0.0), selector, limits), selector
+    control = ControlSettings(HoldSettings(**SETTINGS), step_back, drift, 0.0)
+    return SelectingController(control, selector, limits), selector
 
 
 def answers(machine, estimates):

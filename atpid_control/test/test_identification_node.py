@@ -22,8 +22,8 @@ from rclpy.parameter import Parameter
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.parameters import ParameterError
 from atpid_control.identification import IdentificationError
+from atpid_control.loop.errors import WatchError
 from atpid_control.nodes.identifier_node import IdentifierNode, last_stamp
-from atpid_control.watch import WatchError
 from atpid_sim.scene import SceneError
 from atpid_sim.stream import stamp_ns
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from atpid_control.watch import DriftAlarm
-from atpid_control.watch.reality import RealityCheck
+from atpid_control.loop.drift import DriftAlarm
+from atpid_control.loop.twin import RealityCheck
 
 TONE = (0.015, 5.0)
 

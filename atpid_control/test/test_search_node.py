@@ -21,10 +21,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, time_of
-from atpid_control.controller import Answer, Command, ControlSettings
-from atpid_control.hold import Estimate, Quality
+from atpid_control.loop.controller import Answer, Command, ControlSettings
+from atpid_control.loop.hold import Estimate, Quality
+from atpid_control.loop.search_run import SearchingController
 from atpid_control.nodes.search_server import SearchServer
-from atpid_control.selection.search_run import SearchingController
 
 STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
 START = 1_700_000_000_000_000_000  # stamp of the first sample [ns]

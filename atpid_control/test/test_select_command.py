@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from atpid_control.bench import maps
 from atpid_control.cli import main
+from atpid_control.selection import map_cache as maps
 
 ROOT = Path(__file__).parents[2]
 SCENE = str(ROOT / "scenes" / "thesis_4_3.yaml")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.hold import Estimate, Quality
+from atpid_control.loop.hold import Estimate, Quality
 from atpid_control.selection import SelectionError
 from atpid_control.selection.request import Request, Resonance, resolved
 

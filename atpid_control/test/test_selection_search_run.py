@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from atpid_control.controller import Answer, Command, ControlSettings
-from atpid_control.hold import Estimate, Quality
+from atpid_control.loop.controller import Answer, Command, ControlSettings
+from atpid_control.loop.hold import Estimate, Quality
+from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
-from atpid_control.selection.search_run import SearchingController, SearchRun
 from atpid_sim.plant import Plant
 from atpid_sim.scene import load_scene
 

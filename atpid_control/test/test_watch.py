@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from atpid_control.watch import DriftAlarm, RumbleSettings, RumbleWatch, SteadyTwin, WatchError
-from atpid_control.watch.drift import run_length
-from atpid_control.watch.rumble import scatter_of
+from atpid_control.loop.drift import DriftAlarm, run_length
+from atpid_control.loop.errors import WatchError
+from atpid_control.loop.rumble import RumbleSettings, RumbleWatch, scatter_of
+from atpid_control.loop.twin import SteadyTwin
 from atpid_sim.plant import Plant
 from atpid_sim.scene import load_scene
 

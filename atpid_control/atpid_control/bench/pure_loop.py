@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.control_setup import controller_of, identification_settings, rumble_settings, selector_of
-from atpid_control.controller import Answer, Command
 from atpid_control.graph.errors import BenchError
-from atpid_control.hold import Estimate
 from atpid_control.identification import Estimate as Identified
 from atpid_control.identification import Identifier
-from atpid_control.watch import RumbleWatch
+from atpid_control.loop.controller import Answer, Command
+from atpid_control.loop.hold import Estimate
+from atpid_control.loop.rumble import RumbleWatch
+from atpid_control.loop.settings import controller_of, identification_settings, rumble_settings, selector_of
 from atpid_sim.plant import Plant
 from atpid_sim.scene import ControlledCeiling, Scene
 from atpid_sim.stream import Stream

@@ -19,11 +19,11 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from atpid_control.bench.maps import amplitudes_of, map_for
 from atpid_control.bench.pure_loop import LoopRun, controlled, run_loop
 from atpid_control.bench.rumbling import longest_rumble
 from atpid_control.graph.errors import BenchError
 from atpid_control.graph.parts import PARTS
+from atpid_control.selection.map_cache import amplitudes_of, map_for
 from atpid_sim.batch import cores
 from atpid_sim.display import counting
 from atpid_sim.excitation import amplitude_points

@@ -17,7 +17,7 @@ from atpid_control.identification.cramer_rao import cramer_rao
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.sine_fit import fit_sine
-from atpid_control.watch import RumbleSettings, RumbleWatch
+from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulate import trajectory

@@ -27,11 +27,11 @@ from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.control_setup import identification_settings, rumble_settings
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.identification.stamps import last_stamp_ns
+from atpid_control.loop.rumble import RumbleSettings, RumbleState, RumbleWatch
+from atpid_control.loop.settings import identification_settings, rumble_settings
 from atpid_control.nodes.identifier_parameters import TABLE, inverse_of
-from atpid_control.watch import RumbleSettings, RumbleState, RumbleWatch
 
 LASER = "sensors/laser"
 

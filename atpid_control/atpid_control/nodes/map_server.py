@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from atpid_common.errors import AtpidError, InputError
-from atpid_control.computation import threaded
+from atpid_control.loop.computation import threaded
 from atpid_control.nodes.search_server import concluded
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene

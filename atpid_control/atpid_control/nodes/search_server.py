@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
+from atpid_control.loop.search_run import Progress, SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
-from atpid_control.selection.search_run import Progress, SearchingController, SearchRun
 
 _BEAM = "beam_displacement"
 

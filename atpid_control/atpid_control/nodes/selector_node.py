@@ -32,17 +32,17 @@ from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.stale_monitor import MISSING
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.computation import InlineExecutor, threaded
-from atpid_control.control_setup import control_settings, controller_of, selector_of
-from atpid_control.controller import Answer, Command, Controller, ControlSettings
-from atpid_control.hold import Estimate, Quality
+from atpid_control.loop.computation import InlineExecutor, threaded
+from atpid_control.loop.controller import Answer, Command, Controller, ControlSettings
+from atpid_control.loop.hold import Estimate, Quality
+from atpid_control.loop.search_run import SearchingController
+from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.search_server import SearchServer
 from atpid_control.nodes.selector_parameters import TABLE
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.request import Resonance
-from atpid_control.selection.search_run import SearchingController
 from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.scene import ControlledCeiling
 

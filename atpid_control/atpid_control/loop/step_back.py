@@ -7,7 +7,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from atpid_control.hold import HoldError
+from atpid_control.loop.errors import HoldError
 
 #: A beam that swings less than this share of what it did so many estimates ago is calming down.
 _FALLING, _DECAY = 0.97, 8

@@ -14,13 +14,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
 
-from atpid_common.errors import InputError
+from atpid_control.loop.errors import HoldError
 
 OFF_RESONANCE = "frequency off resonance"
-
-
-class HoldError(InputError):
-    """Contradictory settings of the dead band and hold."""
 
 
 class Quality(IntEnum):
@@ -33,7 +29,7 @@ class Quality(IntEnum):
 
 
 @dataclass(frozen=True)
-class Settings:
+class HoldSettings:
     """What the hold needs to know; no value here has a physical default, the parameter file says them."""
 
     dead_band: float  # relative change of amplitude that moves nothing [-]
@@ -85,7 +81,7 @@ class Verdict:
 class Hold:
     """The dead band and hold: a state machine over estimates, without a clock of its own."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: HoldSettings) -> None:
         """Start with nothing selected."""
         self._settings = settings
         self._acted = math.nan
@@ -99,7 +95,7 @@ class Hold:
         """Amplitude the present height was selected for [m]; NaN: none yet."""
         return self._acted
 
-    def configure(self, settings: Settings, *, select_anew: bool = False) -> None:
+    def configure(self, settings: HoldSettings, *, select_anew: bool = False) -> None:
         """Judge by other settings from the next estimate on.
 
         select_anew: the height for the present amplitude is to be selected again, the dead band notwithstanding.
@@ -199,6 +195,6 @@ class Hold:
         self._falling = 0
 
 
-def _window(settings: Settings) -> deque[Estimate]:
+def _window(settings: HoldSettings) -> deque[Estimate]:
     """Return a place for as many estimates as a decision needs."""
     return deque(maxlen=max(settings.steady_count, settings.rising_count))

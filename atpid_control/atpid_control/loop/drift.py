@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from atpid_control.watch.settings_error import WatchError
+from atpid_control.loop.errors import WatchError
 
 #: What the sum runs past the threshold on average, in standard deviations (Siegmund).
 OVERSHOOT = 1.166

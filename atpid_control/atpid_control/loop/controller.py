@@ -8,13 +8,12 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from atpid_control.computation import InlineExecutor
-from atpid_control.hold import OFF_RESONANCE, Estimate, Hold, Quality, Verdict
-from atpid_control.hold import Settings as HoldSettings
+from atpid_control.loop.computation import InlineExecutor
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.hold import OFF_RESONANCE, Estimate, Hold, HoldSettings, Quality, Verdict
+from atpid_control.loop.step_back import Retreat, StepBack
+from atpid_control.loop.twin import RealityCheck, Twin
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
-from atpid_control.step_back import Retreat, StepBack
-from atpid_control.watch.drift import DriftSettings
-from atpid_control.watch.reality import RealityCheck, Twin
 
 #: A ceiling this close to where it was sent is there [m].
 _ARRIVED = 2e-3

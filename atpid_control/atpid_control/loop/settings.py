@@ -10,12 +10,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from atpid_control import hold, identification
-from atpid_control.controller import Controller, ControlSettings, SelectingController
-from atpid_control.profile_controller import ProfileController
+from atpid_control import identification
+from atpid_control.loop.controller import Controller, ControlSettings, SelectingController
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.hold import HoldSettings
+from atpid_control.loop.profile_controller import ProfileController
+from atpid_control.loop.rumble import RumbleSettings
+from atpid_control.loop.step_back import StepBack
+from atpid_control.loop.twin import SteadyTwin
 from atpid_control.selection import HeightSelector, make_selector
-from atpid_control.step_back import StepBack
-from atpid_control.watch import DriftSettings, RumbleSettings, SteadyTwin
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
@@ -39,7 +42,7 @@ def control_settings(value: Value, frequency: float) -> ControlSettings:
     Raises HoldError or WatchError where they contradict themselves.
     """
     return ControlSettings(
-        hold=hold.Settings(
+        hold=HoldSettings(
             dead_band=float(value("dead_band")),
             sigmas=float(value("sigmas")),
             steady_count=int(value("steady_count")),
