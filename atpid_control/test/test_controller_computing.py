@@ -6,10 +6,11 @@ from concurrent.futures import Executor, Future
 
 import pytest
 
+from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
 from atpid_control.loop.controller import ControlSettings, SelectingController
 from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import Estimate, HoldSettings, Quality
+from atpid_control.loop.hold import HoldSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
 
@@ -78,7 +79,9 @@ class Loop:
         """Return the commands that answer these amplitudes; the ceiling is at once where it is sent."""
         commands = []
         for amplitude in amplitudes:
-            estimate = Estimate(quality, amplitude, 1e-6, 5.49, beam)
+            estimate = Estimate(
+                quality=quality, amplitude=amplitude, amplitude_std=1e-6, frequency=5.49, beam_amplitude=beam
+            )
             commands.append(self.controller.answer(self.time, estimate, self.height).command)
             self.time += 0.05
             self.height = commands[-1].height if commands[-1].height > 0.0 else self.height
@@ -102,7 +105,7 @@ def test_a_height_that_is_only_looked_up_is_in_the_answer_that_asks_for_it():
     selector = Linear()
     selector.simulates = False
     machine = SelectingController(SETTINGS, selector, (0.017, 1.0), None, Held())
-    estimate = Estimate(Quality.STEADY, 0.015, 1e-6, 5.49)
+    estimate = Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49)
     assert [machine.answer(0.05 * k, estimate, 0.017).command.sequence for k in range(5)] == [0, 0, 0, 1, 1]
 
 
@@ -164,7 +167,9 @@ def test_no_height_is_reported_when_it_is_known():
     loop.selector.error = SelectionError("amplitude: given 1 m; allowed: up to 0.05 m")
     loop.feed(*[0.015] * 5)
     loop.executor.compute()
-    answer = loop.controller.answer(1.0, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49), 0.017)
+    answer = loop.controller.answer(
+        1.0, Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49), 0.017
+    )
     assert answer.kind == "refused" and "up to 0.05 m" in answer.text
 
 
@@ -218,7 +223,11 @@ def test_the_twin_does_not_hold_up_an_answer_and_its_comparison_comes_later():
     alarms = []
     for _ in range(400):
         loop.executor.compute()
-        answer = loop.controller.answer(loop.time, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, 0.2), loop.height)
+        answer = loop.controller.answer(
+            loop.time,
+            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=0.2),
+            loop.height,
+        )
         alarms += [answer.text] if answer.kind == "drift" else []
         while not loop.executor.waiting:
             loop.feed(0.015, beam=0.2)

@@ -6,10 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.controller import ControlSettings, SelectingController
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.errors import HoldError
-from atpid_control.loop.hold import Estimate, Hold, HoldSettings, Quality
+from atpid_control.loop.hold import Hold, HoldSettings
 from atpid_control.loop.profile_controller import ProfileController
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
@@ -25,11 +26,11 @@ def hold(**changes):
 
 
 def steady(amplitude, std=1e-6, frequency=5.49):
-    return Estimate(Quality.STEADY, amplitude, std, frequency)
+    return Estimate(quality=Quality.STEADY, amplitude=amplitude, amplitude_std=std, frequency=frequency)
 
 
 def transient(amplitude):
-    return Estimate(Quality.TRANSIENT, amplitude, 1e-4, 5.49)
+    return Estimate(quality=Quality.TRANSIENT, amplitude=amplitude, amplitude_std=1e-4, frequency=5.49)
 
 
 def feed(machine, estimates):
@@ -80,12 +81,24 @@ def test_a_falling_excitation_is_followed_at_once():
 @pytest.mark.parametrize(
     ("estimate", "reason"),
     [
-        (Estimate(Quality.NONE, math.nan, math.nan, math.nan), "no estimate"),
-        (Estimate(Quality.POOR, 0.015, 1e-3, 5.49), "poor estimate"),
-        (Estimate(Quality.STEADY, math.nan, 1e-6, 5.49), "estimate is not a number"),
-        (Estimate(Quality.STEADY, 0.015, math.inf, 5.49), "estimate is not a number"),
-        (Estimate(Quality.STEADY, -0.015, 1e-6, 5.49), "amplitude is not positive"),
-        (Estimate(Quality.STEADY, 0.03, 1e-6, 6.0), "frequency off resonance"),
+        (Estimate(quality=Quality.NONE, amplitude=math.nan, amplitude_std=math.nan, frequency=math.nan), "no estimate"),
+        (Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49), "poor estimate"),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=math.nan, amplitude_std=1e-6, frequency=5.49),
+            "estimate is not a number",
+        ),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=math.inf, frequency=5.49),
+            "estimate is not a number",
+        ),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=-0.015, amplitude_std=1e-6, frequency=5.49),
+            "amplitude is not positive",
+        ),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-6, frequency=6.0),
+            "frequency off resonance",
+        ),
     ],
 )
 def test_an_estimate_that_cannot_be_trusted_moves_nothing(estimate, reason):
@@ -99,7 +112,7 @@ def test_an_estimate_that_cannot_be_trusted_moves_nothing(estimate, reason):
 def test_trouble_interrupts_what_was_nearly_sure():
     machine = hold()
     feed(machine, [steady(0.015)] * 3)
-    machine.judge(Estimate(Quality.POOR, 0.015, 1e-3, 5.49))
+    machine.judge(Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49))
     assert feed(machine, [steady(0.015)] * 3) == []
 
 
@@ -161,7 +174,7 @@ def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once():
 
 def test_a_refusal_is_said_again_after_a_good_estimate():
     machine, _ = controller()
-    poor = Estimate(Quality.POOR, 0.015, 1e-3, 5.49)
+    poor = Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49)
     said = [answer.kind == "refused" for answer in answers(machine, [poor, poor, steady(0.015), poor, poor])]
     assert said == [True, False, False, True, False]
 
@@ -176,7 +189,10 @@ def test_heights_stay_in_the_ceilings_range():
 
 def stepped(machine, count, height, swing=lambda _: 0.12):
     """Return the heights after each of `count` steady estimates with the ceiling at `height`, the beam at swing(k)."""
-    estimates = [Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, swing(k)) for k in range(count)]
+    estimates = [
+        Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=swing(k))
+        for k in range(count)
+    ]
     return [machine.answer(1.0, estimate, height).command.height for estimate in estimates]
 
 
@@ -214,7 +230,14 @@ def test_a_step_back_is_said_with_the_new_height():
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.on_event("rumble")
-    said = [machine.answer(1.0, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, 0.12), high) for _ in range(3)][-1]
+    said = [
+        machine.answer(
+            1.0,
+            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=0.12),
+            high,
+        )
+        for _ in range(3)
+    ][-1]
     assert (said.kind, said.value) == ("step_back", said.command.height)
     assert said.command.sequence == 2
 

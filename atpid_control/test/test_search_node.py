@@ -21,12 +21,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, time_of
+from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.controller import Answer, Command, ControlSettings
-from atpid_control.loop.hold import Estimate, Quality
 from atpid_control.loop.search_run import SearchingController
 from atpid_control.nodes.search_server import SearchServer
 
-STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+STEADY = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.49)
 START = 1_700_000_000_000_000_000  # stamp of the first sample [ns]
 GOAL = {"step": 0.1, "dwell": 2.0, "lowest": 0.1, "highest": 0.9}
 

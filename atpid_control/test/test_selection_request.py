@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.loop.hold import Estimate, Quality
+from atpid_control.identification import Estimate, Quality
 from atpid_control.selection import SelectionError
 from atpid_control.selection.request import Request, Resonance, resolved
 
 RESONANCE = Resonance(5.47, 0.03)
-LATEST = Estimate(Quality.STEADY, 0.03, 1e-5, 5.5)
+LATEST = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.5)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,9 @@ def test_zero_stands_for_the_latest_estimate_and_the_resonance():
 
 def test_an_estimate_off_resonance_is_refused_as_in_the_loop():
     with pytest.raises(SelectionError, match=r"frequency: given 6\.5 Hz"):
-        resolved(Request(0.0), Estimate(Quality.STEADY, 0.03, 1e-5, 6.5), RESONANCE)
+        resolved(
+            Request(0.0), Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=6.5), RESONANCE
+        )
 
 
 def test_without_an_estimate_an_amplitude_is_needed():

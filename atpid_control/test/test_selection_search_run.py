@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.controller import Answer, Command, ControlSettings
-from atpid_control.loop.hold import Estimate, Quality
 from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
 from atpid_sim.plant import Plant
 from atpid_sim.scene import load_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
-STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+STEADY = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.49)
 PLAN = Plan(0.1, 2.0, 0.1, 0.9)
 
 

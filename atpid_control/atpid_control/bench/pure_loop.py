@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.graph.errors import BenchError
-from atpid_control.identification import Estimate as Identified
-from atpid_control.identification import Identifier
+from atpid_control.identification import Estimate, Identifier
 from atpid_control.loop.controller import Answer, Command
-from atpid_control.loop.hold import Estimate
 from atpid_control.loop.rumble import RumbleWatch
 from atpid_control.loop.settings import controller_of, identification_settings, rumble_settings, selector_of
 from atpid_sim.plant import Plant
@@ -35,7 +33,7 @@ class LoopRun:
 
     scene: Scene
     time: list[float] = field(default_factory=list)  # of the block's last scan [s]
-    estimates: list[Identified] = field(default_factory=list)
+    estimates: list[Estimate] = field(default_factory=list)
     answers: list[Answer] = field(default_factory=list)
     heights: list[float] = field(default_factory=list)  # of the ceiling at the block's last scan [m]
     rumbling: list[bool] = field(default_factory=list)  # as the watch says
@@ -101,7 +99,7 @@ def run_loop(
         rumbling = watch.push(reading.first_index, reading.rate, beam, estimate.frequency).rumbling
         if rumbling != before:
             controller.on_event("rumble" if rumbling else "calm")
-        answer = controller.answer(last, _decisive(estimate), reached)
+        answer = controller.answer(last, estimate, reached)
         ceiling.send(answer.command, last)
         _note(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))
     return run
@@ -114,14 +112,8 @@ def controlled(scene: Scene) -> ControlledCeiling:
     return scene.ceiling
 
 
-def _decisive(estimate: Identified) -> Estimate:
-    return Estimate(
-        int(estimate.quality), estimate.amplitude, estimate.amplitude_std, estimate.frequency, estimate.beam_amplitude
-    )
-
-
 def _note(
-    run: LoopRun, time: float, estimate: Identified, answer: Answer, height: float, rumbling: bool, beam: Array
+    run: LoopRun, time: float, estimate: Estimate, answer: Answer, height: float, rumbling: bool, beam: Array
 ) -> None:
     run.time.append(time)
     run.estimates.append(estimate)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an identification says: the fields of Excitation.msg, with its meanings and units."""
+"""Result of the identification: the fields of Excitation.msg, with its meanings and units."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ class Quality(IntEnum):
     STEADY = 1  # a steady tone: the estimate can be acted on
     TRANSIENT = 2  # amplitude or frequency is changing inside the window: the estimate is a mean over it
     POOR = 3  # a tone was fitted, but residual, harmonics, gaps or saturation make it untrustworthy
+
+    @classmethod
+    def _missing_(cls, _value: object) -> Quality:
+        """Return POOR for the value of a message that has none of these."""
+        return cls.POOR
 
 
 class Origin(IntEnum):

@@ -8,9 +8,10 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
 from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import OFF_RESONANCE, Estimate, Hold, HoldSettings, Quality, Verdict
+from atpid_control.loop.hold import OFF_RESONANCE, Hold, HoldSettings, Verdict
 from atpid_control.loop.step_back import Retreat, StepBack
 from atpid_control.loop.twin import RealityCheck, Twin
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError

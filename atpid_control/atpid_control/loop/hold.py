@@ -11,21 +11,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from enum import IntEnum
 from itertools import pairwise
 
+from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.errors import HoldError
 
 OFF_RESONANCE = "frequency off resonance"
-
-
-class Quality(IntEnum):
-    """Quality of an estimate, as in Excitation.msg."""
-
-    NONE = 0
-    STEADY = 1
-    TRANSIENT = 2
-    POOR = 3
 
 
 @dataclass(frozen=True)
@@ -54,17 +45,6 @@ class HoldSettings:
         for name, (given, fine, allowed) in limits.items():
             if not fine:
                 raise HoldError(f"{name}: given {given}; allowed: {allowed}")
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """The part of an Excitation message that decides."""
-
-    quality: int
-    amplitude: float  # [m]
-    amplitude_std: float  # [m]
-    frequency: float  # [Hz]
-    beam_amplitude: float = math.nan  # half peak-to-peak of the beam [m], NaN: not measured
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from atpid_control.identification import Estimate
 from atpid_control.loop.controller import Answer, Command, ControlSettings
-from atpid_control.loop.hold import Estimate
 
 
 class ProfileController:

@@ -14,7 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from atpid_common.errors import AtpidError
-from atpid_control.loop.hold import Estimate
+from atpid_control.identification import Estimate
 from atpid_control.nodes.background import computed
 from atpid_control.selection import HeightSelector, Selection
 from atpid_control.selection.request import Request, Resonance, resolved

@@ -32,9 +32,9 @@ from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.stale_monitor import MISSING
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
+from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
 from atpid_control.loop.controller import Answer, Command, Controller, ControlSettings
-from atpid_control.loop.hold import Estimate, Quality
 from atpid_control.loop.search_run import SearchingController
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices
@@ -166,7 +166,11 @@ class SelectorNode(Node):
             # the first stamp is that of the first block's last sample
             self._start_ns = now - round(self._block * 1e9)
         estimate = Estimate(
-            message.quality, message.amplitude, message.amplitude_std, message.frequency, message.beam_amplitude
+            quality=Quality(message.quality),
+            amplitude=message.amplitude,
+            amplitude_std=message.amplitude_std,
+            frequency=message.frequency,
+            beam_amplitude=message.beam_amplitude,
         )
         if estimate.quality == Quality.STEADY:
             self._latest = estimate

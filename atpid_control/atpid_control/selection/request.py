@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from atpid_control.loop.hold import Estimate
+from atpid_control.identification import Estimate
 from atpid_control.selection.protocol import SelectionError
 
 #: Most standard deviations a height can be asked to be safe for [-].
