@@ -131,7 +131,7 @@ def test_a_plant_that_fails_is_status_3_and_one_line(scenes, tmp_path, capsys, m
     def fails(*_):
         raise PlantFailedError("the plant stopped at 1 s: the grain left the container")
 
-    monkeypatch.setattr("atpid_control.bench.command.run_lockstep", fails)
+    monkeypatch.setattr("atpid_control.commands.bench.run_lockstep", fails)
     assert main(["bench", str(scenes / "thesis_4_3.yaml"), "--out", str(tmp_path)]) == 3
     assert capsys.readouterr().err == "error: the plant stopped at 1 s: the grain left the container\n"
 

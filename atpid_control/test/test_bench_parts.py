@@ -11,8 +11,8 @@ import pytest
 
 from atpid_common.nodes.messages import time_of
 from atpid_control.bench import outdir
-from atpid_control.bench.command import stopped
 from atpid_control.bench.summary import real_time_factor
+from atpid_control.commands.bench import stopped
 from atpid_control.graph import parts
 from atpid_control.graph.domain import is_quiet, named_domain, own_domain
 from atpid_control.graph.errors import BenchError, NodeDiedError

@@ -12,8 +12,9 @@ import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from atpid_control.figures import identification as figures
-from atpid_control.identification import compiled, showcase
+from atpid_control.identification import compiled
+from atpid_control.studies import figures_identification as figures
+from atpid_control.studies import identification as showcase
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "identification.md").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import pytest
 
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import Uncertainty
-from atpid_control.selection.study import margin_curve, pca_errors
+from atpid_control.studies.selection import margin_curve, pca_errors
 from atpid_sim.maps import Rig, Timing
 from atpid_sim.scene import Scene, load_scene
 

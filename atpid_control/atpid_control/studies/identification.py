@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from atpid_control.beam_calibration import fit_beam
 from atpid_control.identification import Estimate, Identifier, Settings
-from atpid_control.identification.classic import fft_bin, hann_parabola, jacobsen, plain_sine_fit
-from atpid_control.identification.cramer_rao import cramer_rao
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
+from atpid_control.studies.classic import fft_bin, hann_parabola, jacobsen, plain_sine_fit
+from atpid_control.studies.cramer_rao import cramer_rao
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulate import trajectory

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bench.pure_loop import LoopRun
+from atpid_control.studies.pure_loop import LoopRun
 from atpid_sim.maps import MapEntry
 
 Array = NDArray[np.float64]

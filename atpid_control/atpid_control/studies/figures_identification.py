@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from atpid_common import output
 from atpid_control.identification import Estimate, Quality
-from atpid_control.identification import showcase as data
+from atpid_control.studies import identification as data
 from atpid_sim.display import working
 from atpid_sim.figures.numbers import metadata_of
 
