@@ -14,11 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_control.selection.protocol import Selection, SelectionError
-from atpid_control.selection.registry import make_selector
+from atpid_control.selection.registry import make_selector, methods
 from atpid_sim.excitation import amplitude_at
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
-from atpid_sim.scene.ceiling import CONTROLLERS
 
 #: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
 #: is taken.
@@ -28,7 +27,8 @@ _AT_THE_END = 0.02
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE.yaml", help="the system and its excitation")
-    parser.add_argument("--method", required=True, choices=CONTROLLERS, help="how the height is selected")
+    choices = [name for name in methods() if name != "fixed"]
+    parser.add_argument("--method", required=True, choices=choices, help="how the height is selected")
     parser.add_argument("--map", type=Path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
     parser.add_argument("--amplitude-std", type=float, default=0.0, metavar="S", help="of the amplitude [m]; default 0")
     parser.add_argument(
@@ -110,10 +110,10 @@ def _selector(args: argparse.Namespace, scene: Scene) -> Any:
 
 
 def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
-    if args.method != "lookup":
-        return None
     if args.map is not None:
         return Path(args.map)
+    if args.method != "lookup":
+        return None
     from atpid_control.selection.map_cache import map_for
 
     closed = 2.0 * scene.grain.radius

@@ -40,7 +40,7 @@ from atpid_control.loop.settings import control_settings, controller_of, selecto
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.search_server import SearchServer
-from atpid_control.nodes.selector_parameters import TABLE
+from atpid_control.nodes.selector_parameters import table
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.request import Resonance
 from atpid_sim.nodes.scene_parameter import scene_given
@@ -58,7 +58,7 @@ class SelectorNode(Node):
     def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
         """Read scene and map; raise an AtpidError where they, or parameters, do not fit. `done`: exit status."""
         super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
-        self.parameters = LiveParameters(self, TABLE)
+        self.parameters = LiveParameters(self, table())
         self._scene = scene_given(self)
         self._block, self._lockstep = self._scene.recording.block, bool(self.parameters["lockstep"])
         self._method = self.parameters["method"] or getattr(self._scene.ceiling, "controller", "fixed")

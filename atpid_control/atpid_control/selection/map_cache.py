@@ -21,6 +21,7 @@ from atpid_sim.maps import HeightMap, MapError, Rig, best_height, build_map
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
+from atpid_sim.scene.ceiling import CONTROLLERS
 
 #: Amplitudes a map made here covers at least [m]; every scene of the thesis lies inside.
 _USUAL = (0.002, 0.08)
@@ -31,14 +32,16 @@ _CLOSE = 1.1
 
 
 def map_for(scene: Scene, cache: Path | None = None) -> Path | None:
-    """Return the map file for a scene that looks heights up; None for a scene that does not.
+    """Return the map file for a scene that looks heights up; for another method the one the scene names, if any.
 
     The scene's own map is taken or refused (MapError); else the shipped ones and those in `cache` (default: the user's
     cache folder) are tried, and where none fits one is made there, with progress shown on standard error.
     """
     ceiling = scene.ceiling
-    if not isinstance(ceiling, ControlledCeiling) or ceiling.controller != "lookup":
+    if not isinstance(ceiling, ControlledCeiling):
         return None
+    if ceiling.controller != "lookup":
+        return None if ceiling.controller in CONTROLLERS else ceiling.map
     if ceiling.map is not None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map

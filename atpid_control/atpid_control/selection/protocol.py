@@ -43,7 +43,7 @@ class HeightSelector(Protocol):
 
     @property
     def method(self) -> str:
-        """Name in the registry: lookup, pca, direct, search or fixed."""
+        """Name in the registry, or of the entry point."""
         ...
 
     @property
