@@ -16,13 +16,13 @@ from atpid_control.beam_calibration import (
     BeamFit,
     CalibrationError,
     Recording,
-    command,
     fit_beam,
     from_added_mass,
     from_known_mass,
     read_recording,
 )
 from atpid_control.beam_calibration.response import forced, free_columns
+from atpid_control.commands import calibrate_beam as command
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulate import trajectory
 
