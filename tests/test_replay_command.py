@@ -80,7 +80,7 @@ def test_what_cannot_be_as_it_was_is_listed_parameter_by_parameter(tmp_path):
     changed = older(BAG, tmp_path / "bag", lambda text: text, files)
     notes = write_replay_files(changed, tmp_path / "kept").notes
     assert "selector_node: dead_band is not in the bag, 0.01 is used" in notes
-    assert "selector_node: wisdom was 3 and is not known any more" in notes
+    assert "selector_node: wisdom was 3 and does not exist any more" in notes
 
 
 def test_a_bag_without_parameters_lists_those_that_are_used(tmp_path):

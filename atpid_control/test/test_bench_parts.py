@@ -134,7 +134,7 @@ def script(text):
     return [sys.executable, "-c", f"import signal\n{text}"]
 
 
-def test_a_node_that_dies_is_named_with_its_last_words_and_the_others_are_stopped(tmp_path):
+def test_a_node_that_dies_is_named_with_the_reason_and_the_others_are_stopped(tmp_path):
     commands = [
         ("plant_node", script("signal.pause()")),
         ("motor_node", script("print('hello'); raise SystemExit('error: no such port')")),
@@ -154,7 +154,7 @@ def test_nodes_are_asked_to_leave_before_they_are_killed(tmp_path):
     with Processes([("recorder_node", script(text))], tmp_path) as nodes:
         while "up" not in nodes["recorder_node"].log.read_text():
             assert nodes["recorder_node"].status is None
-    assert nodes["recorder_node"].last_words() == "up / closed"
+    assert nodes["recorder_node"].reason() == "up / closed"
     assert nodes["recorder_node"].status == 0
 
 

@@ -276,7 +276,7 @@ def test_metadata_that_tells_another_story_is_noticed_and_repaired(tmp_path: Pat
     small_bag(tmp_path / "run").close()
     path = tmp_path / "run" / "metadata.yaml"
     path.write_text(path.read_text().replace("message_count: 40", "message_count: 39"))
-    with pytest.raises(BagError, match="says 39 messages on /sensors/laser, the file holds 40"):
+    with pytest.raises(BagError, match="lists 39 messages on /sensors/laser, the file holds 40"):
         verify(tmp_path / "run")
     assert repair(tmp_path / "run").messages == 40
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_control.loop.errors import HoldError
-from atpid_control.loop.step_back import Retreat, StepBack
+from atpid_control.loop.step_back import StepBack, StepBackMonitor
 
 SETTINGS = StepBack(share=0.06, settle=4, count=3, excess=0.15, memory=0.05)
 LOWEST = 0.017
@@ -17,7 +17,7 @@ amplitudes = st.floats(1e-3, 0.1)
 
 
 def retreat(**changes):
-    return Retreat(StepBack(**(vars(SETTINGS) | changes)), LOWEST)
+    return StepBackMonitor(StepBack(**(vars(SETTINGS) | changes)), LOWEST)
 
 
 def steps(machine, swings, expected=0.1, standing=True):

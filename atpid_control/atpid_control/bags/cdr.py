@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The few fields a recorder must see in a serialised message, read in place: stamp, frame_id and sample indices.
+"""The few fields a recorder reads of a serialised message, in place: stamp, frame_id and sample indices.
 
 Layout (XCDR1, little-endian, alignment counted after the 4-byte encapsulation header):
 stamp.sec int32 at 4, stamp.nanosec uint32 at 8, frame_id length uint32 at 12, its characters with a final zero from 16.
@@ -26,7 +26,7 @@ class BlockShape(NamedTuple):
 
     first_index: int
     rate: float  # [Hz]
-    dropped: int  # since the start of the stream, as the device says
+    dropped: int  # since the start of the stream, by the device's count
     scans: int
 
 
@@ -46,7 +46,7 @@ def is_handshake(data: bytes) -> bool:
 
 
 class _Cursor:
-    """Walks over a message field by field."""
+    """Reads a message field by field."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self.data, self.at = data, at
@@ -62,7 +62,7 @@ class _Cursor:
         self.at = 4 + (self.at - 4 + size - 1) // size * size
         (value,) = struct.unpack_from("<" + form, self.data, self.at)
         self.at += size
-        return value  # type: ignore[no-any-return]  # struct returns what the letter says
+        return value  # type: ignore[no-any-return]  # the type is that of the format letter
 
     def text(self) -> str:
         """Return the next string."""

@@ -20,12 +20,12 @@ class Decoder:
     """Message types by schema id."""
 
     def __init__(self) -> None:
-        """Know no type yet."""
+        """Start without types."""
         self._store = get_typestore(Stores.EMPTY)
         self._names: dict[int, str] = {}
 
     def add(self, schema: Schema) -> None:
-        """Learn the types of one schema; raise BagError where it is not a ROS 2 message definition."""
+        """Register the types of one schema; raise BagError where it is not a ROS 2 message definition."""
         if schema.id in self._names:
             return
         if schema.encoding != "ros2msg":
@@ -45,7 +45,7 @@ class Decoder:
         name = self._names[schema_id]
         try:
             return self._deserialised(data, name)
-        except Exception as error:  # the generated code raises whatever the torn bytes lead it into
+        except Exception as error:  # the generated code raises many types of errors for damaged bytes
             raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
 
     def fields(self, name: str) -> dict[str, Any]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be wrong with a bag, each in one line: what was given, what is allowed, what to do."""
+"""Errors of bags, each in one line: what was given, what is allowed, what to do."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class TypeUnknownError(BagError):
 
 
 def in_words(error: OSError) -> str:
-    """Return why the operating system refused, in words a person can act on."""
+    """Return the reason of the operating system, and what to do about it."""
     known = {
         errno.ENOSPC: "the disk is full: free some space",
         errno.EDQUOT: "the disk quota is used up: free some space",

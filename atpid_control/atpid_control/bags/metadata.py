@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""metadata.yaml, version 9: what rosbag2 of Jazzy asks for before it opens a bag."""
+"""metadata.yaml, version 9: required by rosbag2 of Jazzy."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TopicSummary:
 
 @dataclass
 class BagSummary:
-    """What metadata.yaml says about a bag."""
+    """The contents of a bag's metadata.yaml."""
 
     file_name: str
     topics: dict[str, TopicSummary] = field(default_factory=dict)
@@ -49,7 +49,7 @@ class BagSummary:
 
 
 def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]:
-    """Return everything ROS 2 asks for, in its order; `custom` is the run's id, commit and the like."""
+    """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
     start = summary.start_ns or 0
     starting, duration = {"nanoseconds_since_epoch": start}, {"nanoseconds": max(0, summary.end_ns - start)}
     information = {

@@ -2,7 +2,7 @@
 """In lockstep: messages in the order of their stamps, whatever order they arrived in.
 
 Two runs with the same seed then give the same sequence of decoded messages, although DDS delivers topics side by side.
-A message is let go when every topic of the loop has been seen past its stamp by the hold-back.
+A message is written when every topic of the loop has passed its stamp by the hold-back.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from itertools import count
 from typing import NamedTuple
 
-#: How far behind the slowest topic of the loop messages are let go [ns]: ten blocks, for events that come late.
+#: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
 HOLD_BACK_NS = 500_000_000
 
 
 class Held(NamedTuple):
-    """A message that waits for its turn; compares by stamp, topic, sender and arrival."""
+    """A message that waits for its place; compares by stamp, topic, sender and arrival."""
 
     stamp_ns: int
     rank: int  # of the topic in the recorder's list
@@ -31,7 +31,7 @@ class StampOrder:
     """Sorts messages by (stamp, order of topics, sender, arrival)."""
 
     def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = HOLD_BACK_NS) -> None:
-        """Sort messages of `topics`; those in `loop` carry every stamp of the run and so tell how far it is."""
+        """Sort messages of `topics`; those in `loop` carry every stamp of the run and so show its progress."""
         self._ranks = {topic: rank for rank, topic in enumerate(topics)}
         self._loop, self._hold_back = loop, hold_back_ns
         self._newest: dict[str, int] = {}
@@ -49,7 +49,7 @@ class StampOrder:
             self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
 
     def ready(self) -> Iterator[Held]:
-        """Yield, in order, the messages that nothing can come before any more."""
+        """Yield, in order, the messages that no later one can precede."""
         if not self._newest:
             return
         limit = min(self._newest.values()) - self._hold_back

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag gives to play: topics, as messages of the definitions installed, and which blocks the loop answers."""
+"""The messages of a bag to play, by the definitions installed, and which blocks the loop answers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from atpid_control.bags.errors import BagError
 from atpid_control.bags.read import Bag, Raw, open_bag
 from atpid_control.bags.topics import BLOCK
 
-#: The channel the identifier listens to: each block that has it is answered once.
+#: The channel of the identifier: each block that has it is answered once.
 _ANSWERED = "support_displacement"
 
 
@@ -25,7 +25,7 @@ class Item:
     topic: str
     time_ns: int  # log time [ns]
     data: bytes
-    answer_ns: int | None  # stamp of the answer that follows: the block's last sample [ns]; None: nobody answers
+    answer_ns: int | None  # stamp of the answer that follows: the block's last sample [ns]; None: no answer
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def load_playback(path: Path, patterns: list[str]) -> Playback:
         raise BagError(
             f"{path}: no sensors topic with the channel {_ANSWERED}, so there is nothing to identify in this bag"
         )
-    notes = (_note(bag, kind, converter) for kind, converter in converters.items() if converter)
+    notes = (_conversion(bag, kind, converter) for kind, converter in converters.items() if converter)
     return Playback(bag, tuple(items), channels, tuple(notes))
 
 
@@ -103,7 +103,7 @@ def _converter(bag: Bag, kind: str) -> Converter | None:
     return None if converter.identical else converter
 
 
-def _note(bag: Bag, kind: str, converter: Converter) -> str:
+def _conversion(bag: Bag, kind: str, converter: Converter) -> str:
     differences = [f"{field} is not in the bag and keeps its default" for field in converter.missing]
     differences += [f"{field} is left out" for field in converter.dropped]
     commit = bag.run.get("commit", "unknown")

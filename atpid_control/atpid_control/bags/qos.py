@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quality of service as rosbag2 writes it: in words, with seconds and nanoseconds."""
+"""Quality of service as rosbag2 writes it: by names, with seconds and nanoseconds."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Raw:
 
 @dataclass
 class Bag:
-    """A bag in memory: serialised messages in the order of their log times, decoded when asked for."""
+    """A bag in memory: serialised messages in the order of their log times, decoded on demand."""
 
     path: Path
     types: dict[str, str] = field(default_factory=dict)  # message type by topic

@@ -16,12 +16,12 @@ from atpid_control.bags.run_info import SCENE, commit_of
 from atpid_control.graph.parts import PARTS, Parameters, Part, parameters_in
 
 PARAMETER_FILE = "parameters.yaml"
-#: No motor here: where the ceiling was comes from the bag as well.
+#: There is no motor: the ceiling's state comes from the bag as well.
 PLAYED = ["sensors/*", "ceiling/state"]
 _NODES = {part.name: part for part in PARTS}
 IDENTIFIER, SELECTOR, RECORDER = (_NODES[f"{name}_node"] for name in ("identifier", "selector", "recorder"))
 REPLAY = Part("atpid_control", "replay_node", "")
-#: Parameters that say where a file is, or how messages queue; a replay sets them itself.
+#: Parameters that name a file, or how messages are queued; a replay sets them itself.
 OF_THE_RUN = ("scene", "map", "lockstep")
 #: Parameters that a parameter file of the package leaves open, beside those.
 _LEFT_OPEN = ("method",)
@@ -140,7 +140,7 @@ def differences(part: Part, kept: Mapping[str, Any]) -> list[str]:
     known = {*today, *OF_THE_RUN, *_LEFT_OPEN}
     lines = [f"{name}: {key} is not in the bag, {value} is used" for key, value in today.items() if key not in kept]
     unknown = {key: value for key, value in kept.items() if key not in known}
-    return lines + [f"{name}: {key} was {value} and is not known any more" for key, value in unknown.items()]
+    return lines + [f"{name}: {key} was {value} and does not exist any more" for key, value in unknown.items()]
 
 
 def changes_while_running(bag: Bag) -> list[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a run comes from: its id, the commit of the code, its configuration word for word."""
+"""The origin of a run: its id, the commit of the code, its configuration word for word."""
 
 from __future__ import annotations
 

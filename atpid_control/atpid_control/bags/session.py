@@ -23,7 +23,7 @@ _STARTED, _FINISHED = "started", "finished"
 #: Stamps of one instant may differ by rounding [ns].
 _SAME_INSTANT = 10_000
 #: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
-PATIENCE = 2.0
+TIMEOUT = 2.0
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Continuity:
     scans: int = 0  # received
     lost: int = 0  # missing between blocks
     gaps: int = 0  # times that scans were missing
-    dropped: int = 0  # what the device itself says it lost
+    dropped: int = 0  # lost by the device's own count
 
     def add(self, block: cdr.BlockShape) -> int:
         """Take the next block; return how many scans are missing before it (0: none)."""
@@ -54,7 +54,7 @@ class Session:
         self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: Offered,
         chunk: int = CHUNK, compression: str = "zstd",
     ) -> None:  # fmt: skip
-        """Open the bag at once; `offered` tells the quality of service of a topic's publishers. Raises BagError."""
+        """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
         self.topics = {topic.name: topic for topic in topics}
         self.received = dict.fromkeys(self.topics, 0)
         self.written = dict.fromkeys(self.topics, 0)
@@ -101,7 +101,7 @@ class Session:
         return missing
 
     def _follow(self, topic: Topic, head: cdr.Header, data: bytes) -> int:
-        """Follow how far the run is; return how many scans are missing."""
+        """Follow the progress of the run; return how many scans are missing."""
         missing, reached, now = 0, head.stamp_ns, time.monotonic()
         if topic.type == BLOCK:
             shape = cdr.block_shape(data)
@@ -136,10 +136,10 @@ class Session:
         """Whether the run has finished and every topic that took part has come to its end, or has gone silent."""
         if self._finished_ns is None or not self.recording:
             return False
-        return not self.missing_topics() or time.monotonic() - self._progress > PATIENCE
+        return not self.missing_topics() or time.monotonic() - self._progress > TIMEOUT
 
     def result(self) -> dict[str, str]:
-        """Return what is known at the end, as the bag keeps it: durations [s], real-time factor, scans lost."""
+        """Return the results, as the bag stores them: durations [s], real-time factor, scans lost."""
         if not self._began:
             return {"finished": "no"}
         ended = self._ended or time.monotonic()
@@ -180,7 +180,7 @@ class Session:
         self.written[topic] += 1
 
     def _guarded(self, act: Callable[[], None]) -> None:
-        """Do `act`; a disk that refuses ends the recording."""
+        """Call `act`; an error of the disk ends the recording."""
         try:
             act()
         except BagError:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.read import Bag
 
-#: Channel with the support's displacement, and the columns written: those a scene looks for.
+#: Channel with the support's displacement, and the columns written: those a scene takes.
 CHANNEL, COLUMNS = "support_displacement", ("time", "support_displacement")
 FILE_NAME = "support.csv"
 
@@ -53,7 +53,7 @@ def support_series(bag: Bag, begin: float = 0.0, end: float = math.inf) -> tuple
 
 
 def write_support(bag: Bag, folder: Path, begin: float = 0.0, end: float = math.inf) -> str:
-    """Write the series as `folder`/support.csv and return in words what was written. Raises BagError."""
+    """Write the series as `folder`/support.csv and return a line about it. Raises BagError."""
     path = folder / FILE_NAME
     if path.exists():
         raise BagError(f"{path}: exists already and is not written over; give another folder with --out")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proves a bag whole by reading every message, and makes one whole that a crash left behind.
 
-`mcap recover` may succeed on a file nobody can read; here success means that every message was decoded.
+`mcap recover` may succeed on a file that cannot be read; here success means that every message was decoded.
 """
 
 from __future__ import annotations
@@ -79,9 +79,9 @@ def records(file: Path, torn_ok: bool = False) -> Iterator[McapRecord]:
         except _TORN as error:
             if torn_ok:
                 return
-            said = str(error) or type(error).__name__
+            reason = str(error) or type(error).__name__
             advice = f"`python -m atpid_control.recording repair {file.parent}` saves what is whole"
-            raise BagError(f"{file}: the bag breaks off or is damaged ({said}); {advice}") from None
+            raise BagError(f"{file}: the bag breaks off or is damaged ({reason}); {advice}") from None
 
 
 def verify(path: Path) -> Verified:
@@ -113,13 +113,14 @@ def _compare(file: Path, counts: Counter[str]) -> None:
         listed = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"][
             "topics_with_message_count"
         ]
-        said = {entry["topic_metadata"]["name"]: int(entry["message_count"]) for entry in listed}
+        counted = {entry["topic_metadata"]["name"]: int(entry["message_count"]) for entry in listed}
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         raise BagError(f"{path}: not what rosbag2 writes; {repair}") from None
-    wrong = sorted(topic for topic in said.keys() | counts.keys() if said.get(topic, 0) != counts[topic])
+    wrong = sorted(topic for topic in counted.keys() | counts.keys() if counted.get(topic, 0) != counts[topic])
     if wrong:
         raise BagError(
-            f"{path}: says {said.get(wrong[0], 0)} messages on {wrong[0]}, the file holds {counts[wrong[0]]}; {repair}"
+            f"{path}: lists {counted.get(wrong[0], 0)} messages on {wrong[0]}, the file holds {counts[wrong[0]]}; "
+            f"{repair}"
         )
 
 

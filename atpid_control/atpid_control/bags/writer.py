@@ -24,7 +24,7 @@ COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none"
 
 
 def check_new(folder: Path) -> None:
-    """Raise BagError unless a bag can be made at `folder`: it must not exist, and its parent must let us write."""
+    """Raise BagError unless a bag can be made at `folder`: it must not exist, and its parent must be writable."""
     if folder.exists() or folder.is_symlink():
         raise BagError(f"{folder}: exists already, and a bag is never written over; choose another folder or remove it")
     parent = next(path for path in folder.absolute().parents if path.exists())
@@ -43,7 +43,7 @@ class Sink:
         self.size = 0
 
     def write(self, data: bytes) -> int:
-        """Append all of `data`; raise OSError where the disk does not take it."""
+        """Append all of `data`; raise OSError where it cannot be written."""
         rest = memoryview(data)
         while rest:
             rest = rest[os.write(self._file, rest) :]
@@ -55,10 +55,10 @@ class Sink:
         return self.size
 
     def flush(self) -> None:
-        """Do nothing: nothing is kept back."""
+        """Do nothing: the file is unbuffered."""
 
     def sync(self) -> None:
-        """Wait until the disk has it, so that it survives a power cut too."""
+        """Flush to the disk, against a power cut."""
         os.fdatasync(self._file)
 
     def close(self) -> None:
@@ -103,7 +103,7 @@ class BagWriter:
         self._writer.add_attachment(created, created, name, media, data)
 
     def attach(self, name: str, data: bytes) -> None:
-        """Keep a file in the bag. Raises BagError where the disk does not take it."""
+        """Keep a file in the bag. Raises BagError where it cannot be written."""
         try:
             self._attach(name, data)
         except OSError as error:
@@ -137,7 +137,7 @@ class BagWriter:
         return self._writer.register_channel(name, "cdr", self._types[described.name], own)
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
-        """Append one serialised message of a topic added before. Raises BagError where the disk does not take it."""
+        """Append one serialised message of a topic added before. Raises BagError where it cannot be written."""
         try:
             self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, self._sequences[topic])
         except OSError as error:
@@ -146,7 +146,7 @@ class BagWriter:
         self.summary.add(topic, log_ns)
 
     def sync(self) -> None:
-        """End the chunk in progress and wait until the disk has it, against a power cut. Raises BagError."""
+        """End the chunk in progress and flush to the disk, against a power cut. Raises BagError."""
         try:
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._sink.sync()
@@ -172,7 +172,7 @@ class BagWriter:
             self._closed = True
 
     def _fail(self, error: OSError) -> BagError:
-        """Give up writing: what is in the file stays readable after a repair."""
+        """End the recording; the file can be repaired."""
         self._closed = True
         self._sink.close()
         return BagError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads what was recorded: a bag, or a table with one column a channel."""
+"""Reads a recording: a bag, or a table with one column a channel."""
 
 from __future__ import annotations
 

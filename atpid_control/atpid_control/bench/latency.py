@@ -26,7 +26,7 @@ def latency_of(bag: Bag) -> Latency:
     return {name: _spread([row[k] for row in rows]) for k, name in enumerate(STAGES)} if rows else {}
 
 
-def in_words(latency: Latency) -> str:
+def summary_line(latency: Latency) -> str:
     """Return the line of the summary; empty where nothing was measured."""
     if not latency:
         return ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the compiled parts once before the graph starts: on a fresh machine they are compiled first, which takes long.
+"""Warm-up of the compiled parts before the graph starts: on a fresh machine compiling takes long.
 
 In lockstep everything is loaded afterwards; in real time every node finds it in the compiler's cache.
 """

@@ -16,9 +16,9 @@ from atpid_control.graph.parts import PARTS, Parameters
 from atpid_control.graph.processes import Processes
 
 #: Five interpreters load their libraries, and after an update compile their kernels, before the first handshake [s].
-_START_PATIENCE = 180.0
-#: Data may stop for so long before the run is given up [s].
-_LOOP_PATIENCE = 20.0
+_START_TIMEOUT = 180.0
+#: Data may stop for so long before the run is ended [s].
+_LOOP_TIMEOUT = 20.0
 _FAILED = 3
 
 
@@ -63,11 +63,11 @@ def run_realtime(
             if watch.elapsed != elapsed:
                 elapsed, since = watch.elapsed, time.monotonic()
                 progress(elapsed)
-            elif time.monotonic() - since > (_LOOP_PATIENCE if elapsed else _START_PATIENCE):
+            elif time.monotonic() - since > (_LOOP_TIMEOUT if elapsed else _START_TIMEOUT):
                 raise BenchError(
                     f"no estimate for {time.monotonic() - since:.0f} s, at {elapsed:.1f} s of the run: see {logs}"
                 )
         if last.status == _FAILED:
-            raise PlantFailedError(watch.failure or last.last_words())
+            raise PlantFailedError(watch.failure or last.reason())
         if last.status != 0:
             nodes.check(except_for="")

@@ -48,14 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the bench; return 0. Raises the errors the command line turns into status 2 and 3."""
+    """Run the bench; return 0. Raises AtpidError."""
     scene = load_scene(args.scene)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
     scene_file, out = args.scene.resolve(), args.out.resolve()
     height_map = map_for(scene)
     if isinstance(scene.ceiling, ControlledCeiling):
-        # refused here, before an earlier run is moved or a node started, and in one line
+        # checked here, before an earlier run is moved or a node started
         make_selector(scene.ceiling.controller, scene, height_map)
     with outdir.claimed(out):
         moved = outdir.prepare(out)
@@ -96,7 +96,7 @@ def _run_nodes(
     commands: Callable[[Path], list[tuple[str, list[str]]]],
 ) -> None:
     parameter_file = out / "parameters.yaml"
-    # the bag must replay to the same commands after a shipped map has been made anew: the map goes into it
+    # the map is stored in the bag, which has to replay the same commands after the map has changed
     chosen = parameters["selector_node"]["map"]
     parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
     with writing(parameter_file):
@@ -104,8 +104,8 @@ def _run_nodes(
     rehearse(scene, parameters["identifier_node"])
     os.environ["ROS_LOG_DIR"] = str(out / "log")
     paced = args.real_time or args.emulated_stand
-    wanted = named_domain() if paced and args.domain is None else args.domain
-    with own_domain(wanted) as domain, stoppable(), shown(scene.duration, args.scene.name) as progress:
+    chosen_domain = named_domain() if paced and args.domain is None else args.domain
+    with own_domain(chosen_domain) as domain, stoppable(), shown(scene.duration, args.scene.name) as progress:
         try:
             if paced:
                 print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
@@ -117,7 +117,7 @@ def _run_nodes(
 
 
 def stopped(bag: Path) -> str:
-    """Return what is left of a run that was stopped."""
+    """Return the message of a run that was stopped."""
     if not bag.exists():
         return "stopped before the recording began; there is no bag"
     if not (bag / "metadata.yaml").exists():

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
     add("recording", type=Path, help="a decay or sweep with the damper closed or empty: bag or .csv (time, channels)")
-    add("--moving-mass", type=float, metavar="KG", help="all that swings: reduced beam mass, container, grain [kg]")
+    add("--moving-mass", type=float, metavar="KG", help="the moving mass: reduced beam mass, container, grain [kg]")
     add("--moving-mass-std", type=float, default=0.0, metavar="KG", help="its standard deviation [kg]")
     add(
         "--grain-mass",
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     parameters = _parameters(fit, args)
     if parameters is None and args.out is not None:
         raise CalibrationError(
-            "--out: a beam: block needs a mass, and a recording tells k/m and c/m only; give --moving-mass, or "
+            "--out: a beam: block needs a mass, and a recording determines k/m and c/m only; give --moving-mass, or "
             "--added-mass with --with-added"
         )
     if args.out is not None and parameters is not None:
@@ -91,16 +91,16 @@ def _plain(fit: BeamFit, parameters: BeamParameters | None) -> dict[str, Any]:
 
 
 def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:
-    said = _plain(fit, None)
+    found = _plain(fit, None)
     lines = [
         f"# {'driven' if fit.driven else 'free'} motion, {fit.samples} samples, residual {fit.residual:.3g} m",
-        f"# k/m = {fit.stiffness:.7g} +- {said['stiffness_over_mass_std']:.2g} 1/s^2, "
-        f"c/m = {fit.damping:.5g} +- {said['damping_over_mass_std']:.2g} 1/s",
+        f"# k/m = {fit.stiffness:.7g} +- {found['stiffness_over_mass_std']:.2g} 1/s^2, "
+        f"c/m = {fit.damping:.5g} +- {found['damping_over_mass_std']:.2g} 1/s",
         f"# natural frequency {fit.frequency:.5f} Hz, damping ratio {fit.damping_ratio:.5f}",
     ]
     if parameters is None:
         lines.append(
-            "# stiffness, damping and mass cannot be told apart without a known mass: --moving-mass or --added-mass"
+            "# stiffness, damping and mass cannot be separated without a known mass: --moving-mass or --added-mass"
         )
         return "\n".join(lines)
     return "\n".join(lines) + "\n" + parameters.to_yaml().rstrip()

@@ -67,12 +67,12 @@ def table(done: list[SeedRun]) -> Table:
         result.add_column(name, justify="right", no_wrap=True)
     for scene in dict.fromkeys(one.scene for one in done):
         runs = [one for one in done if one.scene == scene]
-        said = str(sum(one.step_backs for one in runs)), str(sum(one.drifts for one in runs))
+        counts = str(sum(one.step_backs for one in runs)), str(sum(one.drifts for one in runs))
         for row, stages in enumerate(zip(*(one.stages for one in runs), strict=True)):
             heights, gains = [s.height for s in stages], [100.0 * s.efficiency for s in stages]
             result.add_row(
                 scene if row == 0 else "", f"{stages[0].excitation_amplitude:g}", str(len(stages)),
                 f"{min(heights):.4f}-{max(heights):.4f}", f"{np.mean(gains):.2f}", f"{min(gains):.2f}",
-                f"{max(s.rumble for s in stages):.2f}", *(said if row == 0 else ("", "")),
+                f"{max(s.rumble for s in stages):.2f}", *(counts if row == 0 else ("", "")),
             )  # fmt: skip
     return result

@@ -54,8 +54,8 @@ def run(args: argparse.Namespace) -> int:
         raise
     warnings = [*scene.warnings(), *range_warnings(scene, chosen)]
     if args.json:
-        told = to_json(chosen) | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
-        print(json.dumps(told, allow_nan=False))
+        shown = to_json(chosen) | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
+        print(json.dumps(shown, allow_nan=False))
     else:
         _show(args.scene, scene, amplitude, chosen, warnings)
     return 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS domain of the bench's own, so that two benches, or a bench and a stand, never hear each other."""
+"""A ROS domain of the bench's own, so that two benches, or a bench and a stand, exchange no messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from itertools import count
 
 from atpid_control.graph.errors import BenchError
 
-#: Domains whose ports lie below Linux's ephemeral range, without 0, where everybody else is.
+#: Domains whose ports lie below Linux's ephemeral range, without 0, the default.
 LOWEST, HIGHEST = 1, 101
 #: Highest domain whose ports exist.
 MOST = 232
@@ -32,12 +32,12 @@ def named_domain(environment: Mapping[str, str] = os.environ) -> int | None:
 
 
 @contextmanager
-def own_domain(wanted: int | None = None, environment: MutableMapping[str, str] = os.environ) -> Iterator[int]:
-    """Claim a free domain, or the `wanted` one, and set it in `environment`, with discovery on this machine only.
+def own_domain(requested: int | None = None, environment: MutableMapping[str, str] = os.environ) -> Iterator[int]:
+    """Claim a free domain, or the `requested` one, and set it in `environment`, with discovery on this machine only.
 
     The range chosen by the user (ROS_AUTOMATIC_DISCOVERY_RANGE) stays. Raises BenchError where none is free.
     """
-    domain, holder = _claim(wanted)
+    domain, holder = _claim(requested)
     before = {key: environment.get(key) for key in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")}
     environment["ROS_DOMAIN_ID"] = str(domain)
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -52,24 +52,24 @@ def own_domain(wanted: int | None = None, environment: MutableMapping[str, str] 
                 environment[key] = value
 
 
-def _claim(wanted: int | None) -> tuple[int, socket.socket]:
-    if wanted is not None and not 0 <= wanted <= MOST:
-        raise BenchError(f"--domain: given {wanted}; allowed: 0 to {MOST}")
-    # starting from the process id, benches started together look in different places first; and no process takes a
-    # domain twice in a row, for discovery may keep names of the run before for some seconds
+def _claim(requested: int | None) -> tuple[int, socket.socket]:
+    if requested is not None and not 0 <= requested <= MOST:
+        raise BenchError(f"--domain: given {requested}; allowed: 0 to {MOST}")
+    # starting from the process id, benches started together try different domains first; and no process takes a
+    # domain twice in a row, for discovery may list nodes of the run before for some seconds
     span = HIGHEST - LOWEST + 1
     start = os.getpid() + next(_turn)
-    candidates = [wanted] if wanted is not None else [LOWEST + (start + k) % span for k in range(span)]
+    candidates = [requested] if requested is not None else [LOWEST + (start + k) % span for k in range(span)]
     for domain in candidates:
         holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         with suppress(OSError):
-            # held for the whole run: between the look at the ports and the first node, somebody else may look
+            # held for the whole run: another bench may look between this check of the ports and the first node
             holder.bind(f"\0atpid/bench/domain/{domain}")
-            if wanted is not None or is_quiet(domain):
+            if requested is not None or is_quiet(domain):
                 return domain, holder
         holder.close()
-    if wanted is not None:
-        raise BenchError(f"ROS domain {wanted}: another bench is running there; name another one with --domain")
+    if requested is not None:
+        raise BenchError(f"ROS domain {requested}: another bench is running there; name another one with --domain")
     raise BenchError(
         f"no free ROS domain between {LOWEST} and {HIGHEST}: stop other ROS programs, or name one with --domain"
     )

@@ -7,7 +7,7 @@ from atpid_common.errors import InputError, NumericalError
 
 
 class BenchError(InputError):
-    """The bench cannot run as asked; the message is one line that says why and what to do."""
+    """The bench cannot run as asked; the message is one line: why, and what to do."""
 
 
 class NodeDiedError(BenchError):
@@ -15,4 +15,4 @@ class NodeDiedError(BenchError):
 
 
 class PlantFailedError(NumericalError):
-    """The simulated plant failed numerically; the message is its own sentence."""
+    """The simulated plant failed numerically; the message is the plant's own."""

@@ -18,7 +18,7 @@ from atpid_sim.scene import ControlledCeiling, Scene
 
 Parameters = dict[str, dict[str, Any]]
 
-#: Speed of a ceiling that nothing says the speed of: the standard bench's [m/s].
+#: Speed of a ceiling for which no speed is given: the standard bench's [m/s].
 _USUAL_SPEED = 0.3
 
 
@@ -72,7 +72,7 @@ def parameters_in(document: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, *, lockstep: bool) -> Parameters:
-    """Return each node's parameters: those of its file, and what this scene and this run make of them."""
+    """Return each node's parameters: those of its file, with the values of this scene and this run."""
     parameters = {part.name: part.configured() for part in PARTS}
     parameters["plant_node"] |= {"scene": str(scene_file), "lockstep": lockstep, "expect_recorder": True}
     parameters["identifier_node"] |= {"lockstep": lockstep}
@@ -94,13 +94,13 @@ def ceiling_parameters(scene: Scene) -> dict[str, float]:
         low, high = 2.0 * scene.grain.radius, max(height for _, height in heights)
         steps = pairwise(heights)
         speed = max((abs(h1 - h0) / (t1 - t0) for (t0, h0), (t1, h1) in steps), default=0.0) or _USUAL_SPEED
-    # a range of no width would refuse its own end
+    # a range of no width would exclude its own end
     high = math.nextafter(high, math.inf) if high <= low else high
     return {"lowest": low, "highest": high, "speed": speed, "initial_height": heights[0][1]}
 
 
 def write_parameters(parameters: Parameters, path: Path) -> None:
-    """Write the parameter file of the run: what the nodes read, and the record of how they were started."""
+    """Write the parameter file of the run: read by the nodes, and the record of how they were started."""
     document = {f"/{name}": {"ros__parameters": values} for name, values in parameters.items()}
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
 

@@ -15,13 +15,13 @@ from types import FrameType, TracebackType
 from atpid_common.interrupt import ENDING_SIGNALS
 from atpid_control.graph.errors import BenchError, NodeDiedError
 
-#: How long a node may take to leave after SIGINT, and after SIGTERM, before it is killed [s].
-_PATIENCE = 10.0
-_LAST_WORDS = 3
+#: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].
+_TIMEOUT = 10.0
+_LAST_LINES = 3
 _ERROR = "error: "  # begins the line with which a node refuses its input
-#: What starts a process: it is sent SIGTERM if the bench is killed, so that no node is left alone.
+#: What starts a process: it is sent SIGTERM if the bench is killed, so that no node keeps running.
 _START = ("setpriv", "--pdeathsig", "TERM")
-#: And a node: these signals wait until it handles them, so that none is lost or a traceback while Python starts.
+#: And a node: these signals are blocked until it handles them, so that none is lost or a traceback while Python starts.
 START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", *_START)
 
 
@@ -68,22 +68,22 @@ class NodeProcess:
             return "see its output above"
         lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
         errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
-        return errors[-1] if errors else " / ".join(lines[-_LAST_WORDS:]) or "its log is empty"
+        return errors[-1] if errors else " / ".join(lines[-_LAST_LINES:]) or "its log is empty"
 
     def stop(self) -> None:
-        """Ask it to leave; insist when it does not."""
+        """Stop it: by SIGINT, then SIGTERM, then SIGKILL."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             if self.status is not None:
                 return
             self._process.send_signal(number)
             try:
-                self._process.wait(_PATIENCE)
+                self._process.wait(_TIMEOUT)
             except subprocess.TimeoutExpired:
                 continue
 
 
 class Processes:
-    """All nodes of a run, as a context: leaving it leaves no process behind."""
+    """All nodes of a run, as a context: leaving it ends all processes."""
 
     def __init__(self, commands: Iterable[tuple[str, Sequence[str]]], logs: Path | None) -> None:
         """Take (name, command) in the order of stopping: sources first, the recorder last.
@@ -111,7 +111,7 @@ class Processes:
         self.stop()
 
     def stop(self) -> None:
-        """Stop one after the other; a second Ctrl-C must not leave half of them behind."""
+        """Stop one after the other; a second Ctrl-C must not leave half of them running."""
         before = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS}
         try:
             for node in self.nodes:
@@ -121,11 +121,11 @@ class Processes:
                 signal.signal(number, handler)
 
     def check(self, except_for: str) -> None:
-        """Raise NodeDiedError, naming it and its last words, if any node but `except_for` has ended."""
+        """Raise NodeDiedError, with its name and the reason, if any node but `except_for` has ended."""
         for node in self.nodes:
             if node.status is not None and node.name != except_for:
                 where = f" (whole log: {node.log})" if node.log else ""
-                raise NodeDiedError(f"{node.name} ended with status {node.status}: {node.last_words()}{where}")
+                raise NodeDiedError(f"{node.name} ended with status {node.status}: {node.reason()}{where}")
 
     def __getitem__(self, name: str) -> NodeProcess:
         """Return the node called `name`."""

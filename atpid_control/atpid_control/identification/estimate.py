@@ -37,7 +37,7 @@ class Estimate:
     last_index: int = 0
     quality: Quality = Quality.NONE
     origin: Origin = Origin.SUPPORT
-    changed: bool = False  # a change was seen since the last steady estimate that said so
+    changed: bool = False  # a change since the last steady estimate with this flag
     amplitude: float = nan  # [m]
     amplitude_std: float = nan  # [m]
     frequency: float = nan  # [Hz]

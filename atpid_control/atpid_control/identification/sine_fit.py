@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The four-parameter sine fit of IEEE 1057, with covariance, made to stand what real signals do.
 
-Spikes are left out, offset drift, harmonics and mains hum join the model where the samples ask for them, and a tone
-that changes inside the window is told from a steady one. Each decision compares the sums of squares two models leave
-(a likelihood ratio), so the plain four parameters are what remains for a tone in white noise.
+Spikes are left out, offset drift, harmonics and mains hum join the model where they are significant, and a tone
+that changes inside the window is distinguished from a steady one. Each decision compares the sums of squares of two
+models (a likelihood ratio), so the plain four parameters are what remains for a tone in white noise.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: flo
     """Fit a tone to `signal` (n,) [m] at `tau` (n,) [s], tau = 0 at the window's end, from the seed `omega` [rad/s].
 
     `hum` [rad/s] is the angular frequency of the mains, 0 for none; `threshold` is the log-likelihood from which a
-    change is believed. No NaN may be among the samples. None is returned where no tone can be fitted.
+    change is accepted. No NaN may be among the samples. None is returned where no tone can be fitted.
     """
     out = _fit(tau, signal, omega, hum, threshold)
     if out[OK] == 0.0 or not np.all(np.isfinite(out)):

@@ -82,8 +82,8 @@ class SampleBuffer:
 def without_clipping(signal: Array, saturation: tuple[float, float] | None) -> Array:
     """Return `signal` (n,) with NaN where the sensor was at its limit.
 
-    `saturation` [m] holds the known limits; a flat top, three or more equal extreme samples in a row, is taken for one
-    that nobody told us about.
+    `saturation` [m] holds the known limits; a flat top, three or more equal extreme samples in a row, counts as an
+    unknown one.
     """
     clean = signal
     if saturation is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that all have to live: one that ends badly, or before its time, ends the launch with status 1."""
+"""Nodes that all have to run: one that fails, or ends early, ends the launch with status 1."""
 
 from __future__ import annotations
 

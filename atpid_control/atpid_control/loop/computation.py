@@ -2,8 +2,8 @@
 """Where a computation longer than a few milliseconds runs: inline, or in a thread beside the loop.
 
 Both are executors of `concurrent.futures`. Inline, a result is there when `submit` returns, so that a loop by stamps
-(lockstep, the pure loop) is the same every time. In a thread, the loop goes on and asks later. The compiled kernels
-release the interpreter lock; the thread has a lower priority than the loop, which therefore preempts it.
+(lockstep, the pure loop) is the same every time. In a thread, the loop goes on and takes the result later. The
+compiled kernels release the interpreter lock; the thread has a lower priority than the loop, which preempts it.
 """
 
 from __future__ import annotations

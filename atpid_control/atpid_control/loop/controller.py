@@ -12,8 +12,8 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import OFF_RESONANCE, Hold, HoldSettings, Verdict
-from atpid_control.loop.step_back import Retreat, StepBack
-from atpid_control.loop.twin import RealityCheck, Twin
+from atpid_control.loop.step_back import StepBack, StepBackMonitor
+from atpid_control.loop.twin import ModelCheck, Twin
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 
 #: A ceiling this close to where it was sent is there [m].
@@ -25,7 +25,7 @@ WARNING, ALARM = 1, 2
 
 @dataclass(frozen=True)
 class Command:
-    """What a CeilingCommand says, without its header."""
+    """The contents of a CeilingCommand, without its header."""
 
     sequence: int = 0
     height: float = math.nan
@@ -37,24 +37,24 @@ class Command:
 
 @dataclass(frozen=True)
 class Answer:
-    """The command that answers one estimate and, where something has to be said, its kind, text and quantity."""
+    """The command that answers one estimate and, where there is an event, its kind, text and quantity."""
 
     command: Command
-    kind: str = ""  # refused, step_back or drift; empty: nothing to say
+    kind: str = ""  # refused, step_back or drift; empty: no event
     text: str = ""
     value: float = math.nan
     severity: int = WARNING
 
 
 class Controller(Protocol):
-    """What answers each estimate."""
+    """Answers each estimate with a command."""
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
         ...
 
     def on_event(self, kind: str) -> None:
-        """Take note of an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
+        """Take an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
         ...
 
     def configure(self, settings: ControlSettings) -> None:
@@ -64,7 +64,7 @@ class Controller(Protocol):
 
 @dataclass(frozen=True)
 class ControlSettings:
-    """What may change while the loop runs."""
+    """Settings that may change while the loop runs."""
 
     hold: HoldSettings
     step_back: StepBack
@@ -74,7 +74,7 @@ class ControlSettings:
 
 @dataclass(frozen=True)
 class _Computation:
-    """A selection on its way."""
+    """A selection in progress."""
 
     verdict: Verdict
     margin: float  # [-]
@@ -82,7 +82,7 @@ class _Computation:
 
 
 class SelectingController:
-    """Selects a height when the hold says so; otherwise repeats the last command, which shows that it is alive.
+    """Selects a height by the verdict of the hold; otherwise repeats the last command, as a heartbeat.
 
     While a height is being computed the last command is repeated too. A result that comes when the excitation has
     changed is dropped, and the height selected anew.
@@ -98,15 +98,15 @@ class SelectingController:
     ) -> None:
         """Take the method, and the lowest and highest height [m].
 
-        twin: predicts what the beam should do, to be compared with what it does; None: it is not compared.
+        twin: predicts the beam's amplitude, to be compared with the measured one; None: it is not compared.
         executor: where heights and twin are computed, one call at a time; None: inline.
         """
         executor = executor or InlineExecutor()
         # a height that is only looked up comes with the answer, in real time as in lockstep
         self._executor = executor if selector.simulates else InlineExecutor()
         self._hold, self._selector, self._limits = Hold(settings.hold), selector, limits
-        self._retreat = Retreat(settings.step_back, limits[0])
-        self._reality = RealityCheck(twin, settings.drift.alarm(), executor) if twin is not None else None
+        self._step_back = StepBackMonitor(settings.step_back, limits[0])
+        self._model_check = ModelCheck(twin, settings.drift.alarm(), executor) if twin is not None else None
         self._settings = settings
         self._computation: _Computation | None = None
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
@@ -119,15 +119,15 @@ class SelectingController:
         another_margin = settings.margin != before.margin
         if another_margin or settings.hold != before.hold:
             self._hold.configure(settings.hold, select_anew=another_margin and self._command.sequence > 0)
-        self._retreat.configure(settings.step_back)
-        if self._reality is not None and settings.drift != before.drift:
-            self._reality.alarm = settings.drift.alarm()
+        self._step_back.configure(settings.step_back)
+        if self._model_check is not None and settings.drift != before.drift:
+            self._model_check.alarm = settings.drift.alarm()
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
         verdict = self._hold.judge(estimate)
         standing = abs(height - self._command.height) <= _ARRIVED
-        step = self._retreat.watch(estimate.beam_amplitude, self._expected, standing)
+        step = self._step_back.watch(estimate.beam_amplitude, self._expected, standing)
         computed = self._computed(verdict, estimate, height)
         if computed is not None:
             return self._selected(computed, estimate)
@@ -145,13 +145,13 @@ class SelectingController:
 
     def on_event(self, kind: str) -> None:
         """See `Controller.on_event`."""
-        self._retreat.on_event(kind)
+        self._step_back.on_event(kind)
 
     def _computed(self, verdict: Verdict, estimate: Estimate, height: float) -> _Computation | None:
-        """Begin a selection where the verdict asks for one; return the one that is done and still right, if any."""
+        """Begin a selection where the verdict asks for one; return the one that is done and still valid, if any."""
         done = self._take_done(estimate)
-        on_the_way = done is not None and not self._hold.inside(estimate, done.verdict.amplitude)
-        if verdict.select and self._computation is None and (done is None or on_the_way):
+        outdated = done is not None and not self._hold.inside(estimate, done.verdict.amplitude)
+        if verdict.select and self._computation is None and (done is None or outdated):
             self._begin(verdict, estimate, height)
         return done or self._take_done(estimate)
 
@@ -169,7 +169,7 @@ class SelectingController:
     def _take_done(self, estimate: Estimate) -> _Computation | None:
         """Return a selection that is done; drop it where excitation or margin have changed meanwhile.
 
-        An estimate that must not be acted on decides nothing: the result waits for the next one.
+        An estimate that must not be acted on is skipped: the result waits for the next one.
         """
         done = self._computation
         if done is None or not done.result.done() or self._hold.trouble(estimate):
@@ -178,28 +178,28 @@ class SelectingController:
         error = done.result.exception()
         if error is not None and not isinstance(error, SelectionError):
             raise error  # a defect, also where its result is not needed any more
-        right = done.margin == self._settings.margin and self._hold.agrees(done.verdict.amplitude, estimate)
-        return done if right else None
+        valid = done.margin == self._settings.margin and self._hold.agrees(done.verdict.amplitude, estimate)
+        return done if valid else None
 
     def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
-        """Hold the beam against the twin where excitation, ceiling and beam have settled."""
-        if self._reality is None or not self._retreat.settled or estimate.quality != Quality.STEADY:
+        """Compare the beam with the twin where excitation, ceiling and beam have settled."""
+        if self._model_check is None or not self._step_back.settled or estimate.quality != Quality.STEADY:
             return Answer(self._command)
-        said = self._reality.check(time, (estimate.amplitude, estimate.frequency), height, estimate.beam_amplitude)
+        drift = self._model_check.check(time, (estimate.amplitude, estimate.frequency), height, estimate.beam_amplitude)
         if math.isnan(self._command.predicted_amplitude):
-            # stepped back, at the end of the range, or a method that does not know
-            self._command = replace(self._command, predicted_amplitude=self._reality.expected)
-        return Answer(self._command, "drift", said, estimate.beam_amplitude, ALARM) if said else Answer(self._command)
+            # stepped back, at the end of the range, or by a method without a prediction
+            self._command = replace(self._command, predicted_amplitude=self._model_check.expected)
+        return Answer(self._command, "drift", drift, estimate.beam_amplitude, ALARM) if drift else Answer(self._command)
 
     def _restart(self) -> None:
-        """Take note of another height: what was seen at the last one tells nothing of it."""
-        self._retreat.interrupt()
-        if self._reality is not None:
-            self._reality.restart()
+        """Restart the monitoring: another height was commanded."""
+        self._step_back.interrupt()
+        if self._model_check is not None:
+            self._model_check.restart()
 
     def _stepped_back(self) -> Answer:
         before = self._command.height
-        height = self._retreat.lower(before, self._hold.acted_amplitude)
+        height = self._step_back.lower(before, self._hold.acted_amplitude)
         self._restart()
         self._command = replace(
             self._command,
@@ -230,10 +230,10 @@ class SelectingController:
 
     def _limited(self, selection: Selection, verdict: Verdict) -> Command:
         low, high = self._limits
-        wanted = self._retreat.allowed(selection.height, verdict.amplitude)
-        height = min(max(wanted, low), high)
-        inside = height == wanted
-        reason = verdict.reason if wanted == selection.height else f"{verdict.reason}, below what rumbled"
+        allowed = self._step_back.allowed(selection.height, verdict.amplitude)
+        height = min(max(allowed, low), high)
+        inside = height == allowed
+        reason = verdict.reason if allowed == selection.height else f"{verdict.reason}, below what rumbled"
         return Command(
             sequence=self._command.sequence + 1,
             height=height,
@@ -245,8 +245,8 @@ class SelectingController:
 
     def _refuse(self, key: str, text: str, estimate: Estimate) -> Answer:
         """Report a refusal once: again only after an estimate has been accepted or the reason has changed."""
-        said, self._refusal = self._refusal == key, key
-        if said:
+        reported, self._refusal = self._refusal == key, key
+        if reported:
             return Answer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
         return Answer(self._command, "refused", f"the ceiling stays: {text}", value)

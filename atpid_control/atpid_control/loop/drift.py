@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drift: the measured amplitude leaves the predicted one for good. A two-sided CUSUM (Page, Biometrika 41, 1954).
+"""Drift: the measured amplitude departs from the predicted one. A two-sided CUSUM (Page, Biometrika 41, 1954).
 
 Each settled period adds the logarithm of measured over predicted, less what the model is allowed to be off; the alarm
 comes when the sum passes a threshold. False alarms and latency follow from Siegmund's formula (Sequential Analysis,
@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 from atpid_control.loop.errors import WatchError
 
-#: What the sum runs past the threshold on average, in standard deviations (Siegmund).
+#: Mean overshoot of the sum over the threshold, in standard deviations (Siegmund).
 OVERSHOOT = 1.166
 
 
 @dataclass(frozen=True)
 class DriftState:
-    """What the alarm has gathered."""
+    """State of the alarm."""
 
     alarm: bool = False
     deviation: float = 0.0  # measured over predicted minus one, mean since the sum left zero [-]
@@ -39,7 +39,7 @@ class DriftSettings:
         self.alarm()
 
     def alarm(self) -> DriftAlarm:
-        """Return an alarm with nothing gathered."""
+        """Return an alarm in its initial state."""
         return DriftAlarm(self.tolerance, self.noise, self.periods)
 
 
@@ -50,7 +50,7 @@ class DriftAlarm:
         """Allow the model to be off by `tolerance` [-]; measured amplitudes scatter by `noise` [-], one sigma.
 
         `periods` is the mean number of settled periods between false alarms while the model is off by all it may be:
-        the worst case; a model that is right gives next to none. Raises WatchError for what is not positive.
+        the worst case; an exact model gives hardly any. Raises WatchError for what is not positive.
         """
         for name, given in (("tolerance", tolerance), ("noise", noise), ("periods", periods)):
             if not given > 0.0:
@@ -63,7 +63,7 @@ class DriftAlarm:
         self.state = DriftState()
 
     def push(self, predicted: float, measured: float, settled: bool) -> DriftState:
-        """Take one period's amplitudes [m]; nothing is learnt from periods that are not `settled` or not known."""
+        """Take one period's amplitudes [m]; periods that are not `settled`, or unknown, are ignored."""
         if not (settled and predicted > 0.0 and measured > 0.0):
             return self.state
         off = math.log(measured / predicted)
@@ -79,7 +79,7 @@ class DriftAlarm:
         return self.state
 
     def reset(self) -> None:
-        """Forget everything: another height, another excitation, or a person has looked at it."""
+        """Restart: another height or another excitation."""
         self._up = self._down = self._sum = 0.0
         self._count = 0
         self.state = DriftState()

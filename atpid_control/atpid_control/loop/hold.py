@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When to select a new height, and when to leave the ceiling alone (docs/graph.md, "When the ceiling moves").
+"""When to select a new height, and when not to (docs/graph.md, "When the ceiling moves").
 
 A ceiling too low only damps less; with one too high impacts lose synchronism, and the amplitude jumps ("rumble").
 An estimate lags behind a ramp, being a mean over its window: on a rising ramp it is too low, which is the safe side, so
@@ -21,7 +21,7 @@ OFF_RESONANCE = "frequency off resonance"
 
 @dataclass(frozen=True)
 class HoldSettings:
-    """What the hold needs to know; no value here has a physical default, the parameter file says them."""
+    """Settings of the hold; none has a physical default, the parameter file has the values."""
 
     dead_band: float  # relative change of amplitude that moves nothing [-]
     sigmas: float  # a change must also exceed this many standard deviations [-]
@@ -32,7 +32,7 @@ class HoldSettings:
     frequency_tolerance: float  # relative distance from it that is still on resonance [-]
 
     def __post_init__(self) -> None:
-        """Refuse settings that could not hold anything."""
+        """Raise HoldError for impossible settings."""
         limits = {
             "dead_band": (self.dead_band, 0.0 <= self.dead_band < 1.0, "at least 0 and below 1"),
             "sigmas": (self.sigmas, self.sigmas >= 0.0, "at least 0"),
@@ -49,7 +49,7 @@ class HoldSettings:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What to do now: select for `amplitude` [m], or stay; `refused` marks an estimate that must not be acted on."""
+    """What to do: select for `amplitude` [m], or stay; `refused` marks an estimate that must not be acted on."""
 
     select: bool
     reason: str
@@ -59,7 +59,7 @@ class Verdict:
 
 
 class Hold:
-    """The dead band and hold: a state machine over estimates, without a clock of its own."""
+    """The dead band and hold: a state machine over estimates, without a clock."""
 
     def __init__(self, settings: HoldSettings) -> None:
         """Start with nothing selected."""
@@ -87,13 +87,13 @@ class Hold:
         """Return what to do about one more estimate. Answer a verdict to select with `acted` or `failed`."""
         trouble = self.trouble(estimate)
         if trouble:
-            self._forget()
-            # while the excitation changes a wrong frequency is no more than part of not being settled
+            self._reset()
+            # while the excitation changes its frequency has not settled either
             settling = estimate.quality == Quality.TRANSIENT and trouble == OFF_RESONANCE
             return Verdict(False, trouble, refused=estimate.quality != Quality.NONE and not settling)
         inside = self.inside(estimate, self._acted)
         if inside and not self._select_anew:
-            self._forget()
+            self._reset()
             return Verdict(False, "inside dead band")
         if self.inside(estimate, self._failed):
             return Verdict(False, "no height for this amplitude", refused=True)
@@ -104,18 +104,18 @@ class Hold:
     def acted(self, amplitude: float) -> None:
         """Record the amplitude [m] that was acted on."""
         self._acted, self._failed, self._select_anew = amplitude, math.nan, False
-        self._forget()
+        self._reset()
 
     def failed(self, amplitude: float) -> None:
         """Record that no height could be selected for `amplitude` [m]: it is not tried again inside the dead band."""
         self._failed, self._select_anew = amplitude, False
-        self._forget()
+        self._reset()
 
     def agrees(self, amplitude: float, estimate: Estimate) -> bool:
         """Whether a height computed for `amplitude` [m] is right for an estimate that came meanwhile.
 
         It is where the excitation is still the same, and where it has moved on in the same direction: then that height
-        lies on the way to the next.
+        lies between the present one and the next.
         """
         if self.inside(estimate, amplitude):
             return True
@@ -126,7 +126,7 @@ class Hold:
         self._rising.clear()
         self._falling += 1
         if self._falling < self._settings.falling_count:
-            return Verdict(False, "falling, not yet sure")
+            return Verdict(False, "falling, not yet confirmed")
         return Verdict(True, "falling", estimate.amplitude, estimate.amplitude_std)
 
     def _judge_rising(self, estimate: Estimate) -> Verdict:
@@ -151,7 +151,7 @@ class Hold:
         return enough and all(right > left for left, right in pairwise(last))
 
     def inside(self, estimate: Estimate, reference: float) -> bool:
-        """Whether a change from `reference` [m] is too small to matter or to be sure of; never, where there is none."""
+        """Whether a change from `reference` [m] is inside the dead band or the noise; False where there is none."""
         if math.isnan(reference):
             return False
         noise = self._settings.sigmas * estimate.amplitude_std
@@ -170,11 +170,11 @@ class Hold:
         off = abs(estimate.frequency / self._settings.frequency - 1.0)
         return "" if off <= self._settings.frequency_tolerance else OFF_RESONANCE
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._rising.clear()
         self._falling = 0
 
 
 def _window(settings: HoldSettings) -> deque[Estimate]:
-    """Return a place for as many estimates as a decision needs."""
+    """Return a buffer of as many estimates as a decision takes."""
     return deque(maxlen=max(settings.steady_count, settings.rising_count))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rumble: the grain misses its beat, and the beam's amplitude jumps from period to period.
+"""Rumble: impacts lose synchronism, and the beam's amplitude jumps from period to period.
 
 A regular damper's amplitude is smooth however fast it changes: while the excitation ramps or the ceiling travels, the
 logarithm of the amplitude over eight periods follows a parabola to within a few per cent. A motion that repeats every
-second period adds an alternation, which is no rumble either. What is left after both is the scatter that tells.
+second period adds an alternation, which is no rumble either. The residual of both is the scatter that is judged.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 #: Periods looked at: the fewest that leave the parabola and the alternation as many degrees of freedom as they take.
 PERIODS = 8
-#: A window over which the amplitude grows or falls by more than this factor says nothing: the motion has just begun.
+#: A window over which the amplitude grows or falls by more than this factor is not judged: the motion has just begun.
 SWEEP = 2.5
 #: A period counts where at least this share of its samples is valid.
 VALID = 0.8
@@ -30,7 +30,7 @@ VALID = 0.8
 
 @dataclass(frozen=True)
 class RumbleSettings:
-    """Hysteresis of the alarm; the parameter file says the values."""
+    """Hysteresis of the alarm; the parameter file has the values."""
 
     onset: float  # scatter of the amplitude from which the response is irregular [-]
     calm: float  # scatter below which a period is calm again [-]
@@ -38,7 +38,7 @@ class RumbleSettings:
     least_amplitude: float  # a smaller response is not judged [m]
 
     def __post_init__(self) -> None:
-        """Refuse what gives no hysteresis."""
+        """Raise WatchError for settings without hysteresis."""
         limits = {
             "onset": (self.onset, 0.0 < self.onset < 1.0, "between 0 and 1"),
             "calm": (self.calm, 0.0 < self.calm <= self.onset, "above 0 and at most onset"),
@@ -52,20 +52,19 @@ class RumbleSettings:
 
 @dataclass(frozen=True)
 class RumbleState:
-    """What the watch sees after the newest whole period."""
+    """State after the newest whole period."""
 
     rumbling: bool = False
     scatter: float = math.nan  # of the amplitude, relative, trend and alternation taken off [-]; NaN: not judged
-    subharmonic: float = math.nan  # relative alternation between odd and even periods [-]
     amplitude: float = math.nan  # half peak-to-peak in the newest whole period [m]
-    periods: int = 0  # whole periods seen
+    periods: int = 0  # whole periods so far
 
 
 class RumbleWatch:
     """Follows the measured beam period by period; periods are those of the excitation."""
 
     def __init__(self, settings: RumbleSettings) -> None:
-        """Start with nothing seen."""
+        """Start without samples."""
         self._settings = settings
         self._amplitudes: deque[float] = deque(maxlen=PERIODS)
         self._held = np.empty(0)
@@ -81,7 +80,7 @@ class RumbleWatch:
     def push(self, first_index: int, rate: float, beam: Array, frequency: float) -> RumbleState:
         """Take a block of the beam's displacement (n,) [m], NaN where invalid, at `rate` [Hz].
 
-        `frequency` [Hz] is the excitation's; without one (NaN) nothing is judged. Missing blocks are told by
+        `frequency` [Hz] is the excitation's; without one (NaN) nothing is judged. Missing blocks show in
         `first_index` and break the series, as does a stream that starts anew.
         """
         if first_index != self._first + self._held.size or not frequency > 0.0:
@@ -117,8 +116,8 @@ class RumbleWatch:
             self.state = RumbleState(self.state.rumbling, amplitude=amplitude, periods=seen)
             return
         self._amplitudes.append(amplitude)
-        scatter, alternation = scatter_of(np.array(self._amplitudes))
-        self.state = RumbleState(self._decide(scatter), scatter, alternation, amplitude, seen)
+        scatter, _ = scatter_of(np.array(self._amplitudes))
+        self.state = RumbleState(self._decide(scatter), scatter, amplitude, seen)
 
     def _decide(self, scatter: float) -> bool:
         if math.isnan(scatter):
@@ -131,7 +130,7 @@ class RumbleWatch:
 
 
 def scatter_of(amplitudes: Array) -> tuple[float, float]:
-    """Return scatter and alternation [-] of successive periods' amplitudes (n,) [m]; NaN where nothing can be said."""
+    """Return scatter and alternation [-] of successive periods' amplitudes (n,) [m]; NaN where it is not judged."""
     if amplitudes.size < PERIODS or amplitudes.max() > SWEEP * amplitudes.min():
         return math.nan, math.nan
     logarithms = np.log(amplitudes)

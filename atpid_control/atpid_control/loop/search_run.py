@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The step search in the control loop: it takes the ceiling from the controller, and gives it back."""
+"""The step search in the control loop: it commands the ceiling in place of the controller while it runs."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ _WORSE = 0.01
 #: A ceiling this close to its target has arrived [m], ten times what the motor resolves.
 _ARRIVED = 5e-3
 
-#: A ceiling that has not arrived, or a beam that has not been seen, after this long never will [s].
-_PATIENCE = 60.0
+#: Time limit for the ceiling to arrive and for the first block of the beam [s].
+_TIMEOUT = 60.0
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a search stands."""
+    """Progress of a search."""
 
     iterations: int
     height: float  # where the ceiling is [m]
-    amplitude: float  # half peak-to-peak of the beam seen last [m], NaN: none yet
+    amplitude: float  # half peak-to-peak of the beam observed last [m], NaN: none yet
     best_height: float  # [m]
     best_amplitude: float  # [m]
     done: bool
@@ -50,7 +50,7 @@ class SearchRun:
     """One search: moves, waits, watches, all by the data's stamps."""
 
     def __init__(self, plan: Plan) -> None:
-        """Begin at the plan's lowest height; raise SearchError for a dwell in which nothing can be seen."""
+        """Begin at the plan's lowest height; raise SearchError for a dwell that is too short."""
         if plan.dwell < _LEAST_DWELL:
             raise SearchError(f"dwell: given {plan.dwell:g} s; allowed is at least {_LEAST_DWELL:g} s")
         self._plan, self._search = plan, StepSearch(plan, _WORSE)
@@ -76,7 +76,7 @@ class SearchRun:
         return self.done and self._search.done
 
     def progress(self) -> Progress:
-        """Return where it stands."""
+        """Return the progress."""
         found = self._search
         return Progress(
             found.iterations,
@@ -89,7 +89,7 @@ class SearchRun:
         )
 
     def watch(self, time: float, beam: Array) -> None:
-        """Take a block of the beam's displacement (n,) [m] that ended at `time` [s]; NaN: not seen."""
+        """Take a block of the beam's displacement (n,) [m] that ended at `time` [s]; NaN: not measured."""
         if time >= self._arrived_at + _BEFORE * self._plan.dwell:
             self._window.append((float(np.min(beam)), float(np.max(beam))))
 
@@ -104,8 +104,8 @@ class SearchRun:
             self._wait_for_ceiling(time, height)
             return
         end = self._arrived_at + (_BEFORE + _WINDOW * (1 + len(self._amplitudes))) * self._plan.dwell
-        # the first blocks may still be on their way
-        if time >= end and (self._window or time > self._arrived_at + _PATIENCE):
+        # the first blocks may still be missing
+        if time >= end and (self._window or time > self._arrived_at + _TIMEOUT):
             self._end_window(time)
 
     def stop(self, message: str) -> None:
@@ -116,10 +116,8 @@ class SearchRun:
     def _wait_for_ceiling(self, time: float, height: float) -> None:
         if abs(height - self._search.target) <= _ARRIVED:
             self._arrived_at = time
-        elif time > self._sent_at + _PATIENCE:
-            self.stop(
-                f"the ceiling has not reached {self._search.target:g} m in {_PATIENCE:g} s; it is at {height:g} m"
-            )
+        elif time > self._sent_at + _TIMEOUT:
+            self.stop(f"the ceiling has not reached {self._search.target:g} m in {_TIMEOUT:g} s; it is at {height:g} m")
 
     def _end_window(self, time: float) -> None:
         lows, highs = zip(*self._window, strict=True) if self._window else ((math.nan,), (math.nan,))
@@ -174,7 +172,7 @@ class SearchingController:
             self.run.watch(time, beam)
 
     def on_event(self, kind: str) -> None:
-        """See `Controller.on_event`: a search meets rumble on purpose, so while it runs that is not passed on."""
+        """See `Controller.on_event`: a search crosses rumble, so while it runs that is not passed on."""
         if kind != "rumble" or self.run is None or self.run.done:
             self._inner.on_event(kind)
 

@@ -17,8 +17,8 @@ from atpid_sim.simulate import simulate
 PERIODS, LOOKED_AT = 80, 16
 #: The last answer holds until amplitude, frequency or height has moved by more than this share [-].
 SAME = 0.003
-#: Settled periods in agreement after which the next drift is news again.
-_NEWS = 16
+#: Settled periods in agreement after which a drift is reported again.
+_AGREEING = 16
 
 
 class SteadyTwin:
@@ -27,7 +27,7 @@ class SteadyTwin:
     def __init__(self, scene: Scene) -> None:
         """Take the beam, damper and contact from `scene`."""
         self._scene = scene
-        self._asked = (math.nan, math.nan, math.nan)
+        self._inputs = (math.nan, math.nan, math.nan)
         self._answer = math.nan
         # warm-up call: the kernels are loaded, or compiled, before the first settled period
         self._simulated(scene.grain.radius, scene.frequency_hz, 4.0 * scene.grain.radius)
@@ -38,9 +38,9 @@ class SteadyTwin:
         `amplitude` [m] and `frequency` [Hz] of the excitation, `height` [m] of the ceiling. A new answer takes about
         10 ms.
         """
-        asked = (amplitude, frequency, height)
-        if not all(abs(new - old) <= SAME * abs(old) for new, old in zip(asked, self._asked, strict=True)):
-            self._asked, self._answer = asked, self._simulated(*asked)
+        inputs = (amplitude, frequency, height)
+        if not all(abs(new - old) <= SAME * abs(old) for new, old in zip(inputs, self._inputs, strict=True)):
+            self._inputs, self._answer = inputs, self._simulated(*inputs)
         return self._answer
 
     def _simulated(self, amplitude: float, frequency: float, height: float) -> float:
@@ -59,56 +59,56 @@ class SteadyTwin:
 
 
 class Twin(Protocol):
-    """Knows what the beam should do."""
+    """Predicts the beam's amplitude."""
 
     def expected(self, amplitude: float, frequency: float, height: float) -> float:
-        """Return the beam's steady amplitude [m] under an excitation [m], [Hz] and ceiling [m]; NaN: cannot say."""
+        """Return the beam's steady amplitude [m] under an excitation [m], [Hz] and ceiling [m]; NaN: unknown."""
         ...
 
 
-class RealityCheck:
+class ModelCheck:
     """Compares the measured amplitude with the twin's, by the data's stamps."""
 
     def __init__(self, twin: Twin, alarm: DriftAlarm, executor: Executor | None = None) -> None:
-        """Take the twin, and the alarm with what the model is allowed to be off.
+        """Take the twin, and the alarm with the error the model is allowed.
 
         executor: where the twin is simulated, one call at a time; None: inline.
         """
         self._twin, self._executor = twin, executor or InlineExecutor()
         self.alarm = alarm
         self._next = -math.inf  # when the next period is over [s]
-        self._asked: tuple[Future[float], float] | None = None  # the twin's amplitude to be, the measured one [m]
+        self._pending: tuple[Future[float], float] | None = None  # the twin's amplitude to be, the measured one [m]
         self._agreed = 0
         self._reported = False
         self.expected = math.nan  # the twin's last amplitude [m]
 
     def restart(self) -> None:
-        """Begin anew: another height or excitation. A reported drift is latched until there is agreement."""
+        """Restart: another height or excitation. A reported drift is latched until there is agreement."""
         self.alarm.reset()
-        self._agreed, self.expected, self._asked = 0, math.nan, None
+        self._agreed, self.expected, self._pending = 0, math.nan, None
 
-    def check(self, time: float, excitation: tuple[float, float], height: float, swing: float) -> str:
-        """Take a settled estimate at `time` [s]; return what to report where reality has left the model, else nothing.
+    def check(self, time: float, excitation: tuple[float, float], height: float, beam: float) -> str:
+        """Take a settled estimate at `time` [s]; return the text of a drift to report, else an empty one.
 
-        excitation: amplitude [m] and frequency [Hz]; height: of the ceiling [m]; swing: the beam's amplitude [m].
+        excitation: amplitude [m] and frequency [Hz]; height: of the ceiling [m]; beam: its amplitude [m].
         """
-        if self._asked is None and time >= self._next:
+        if self._pending is None and time >= self._next:
             self._next = time + 1.0 / excitation[1]
-            self._asked = self._executor.submit(self._twin.expected, *excitation, height), swing
-        if self._asked is None or not self._asked[0].done():
+            self._pending = self._executor.submit(self._twin.expected, *excitation, height), beam
+        if self._pending is None or not self._pending[0].done():
             return ""
-        (future, measured), self._asked = self._asked, None
+        (future, measured), self._pending = self._pending, None
         return self._compared(future.result(), measured)
 
     def _compared(self, expected: float, measured: float) -> str:
         self.expected = expected
         state = self.alarm.push(expected, measured, True)
         self._agreed = self._agreed + 1 if state.level == 0.0 and expected > 0.0 else 0
-        if self._agreed >= _NEWS:
+        if self._agreed >= _AGREEING:
             self._reported = False
         if not state.alarm or self._reported:
             return ""
         self._reported = True
-        side = "more" if state.deviation > 0.0 else "less"
-        text = f"the beam swings {abs(state.deviation):.0%} {side} than the model says ({measured:.4f} m against"
+        side = "above" if state.deviation > 0.0 else "below"
+        text = f"the beam's amplitude is {abs(state.deviation):.0%} {side} the model's ({measured:.4f} m against"
         return f"{text} {expected:.4f} m): check grain, beam and scene"

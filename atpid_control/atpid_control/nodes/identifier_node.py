@@ -56,7 +56,7 @@ class IdentifierNode(Node):
         self.done: Future = Future()
         self._height = math.nan
         self._progress = _Progress()
-        self.last_error = ""  # what was last wrong with a block, one sentence
+        self.last_error = ""  # last error of a block, one sentence
         self._make_topics(timeout, from_beam=inverse is not None)
         self.parameters.follow(_settings, self._configure, self._events.publish)
 
@@ -74,7 +74,7 @@ class IdentifierNode(Node):
         self.create_subscription(SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
         if from_beam:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:
         self.identifier.configure(settings[0])
@@ -147,8 +147,8 @@ class IdentifierNode(Node):
     def _statuses(self) -> list[DiagnosticStatus]:
         return [self._progress.status(self, self.last_error)]
 
-    def _stay_alone(self) -> None:
-        """Leave where another node of this name works already."""
+    def _check_alone(self) -> None:
+        """End where another node of this name is active."""
         try:
             check_alone(self)
         except StartedTwiceError as error:
@@ -163,7 +163,7 @@ class IdentifierNode(Node):
 
 
 class _Progress:
-    """What diagnostics show: blocks answered, how late, and what was lost on the way."""
+    """Data of the diagnostics: blocks answered, latencies, scans lost."""
 
     def __init__(self) -> None:
         self.blocks = 0
@@ -224,13 +224,13 @@ def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
     return Event.WARNING, Event.RUMBLE, state.scatter, text
 
 
-#: What an estimate holds and the message does not.
-_NOT_SAID = ("time", "growth", "growth_std")
+#: Fields of an estimate that the message does not have.
+_NOT_IN_MESSAGE = ("time", "growth", "growth_std")
 
 
 def _fields(estimate: Estimate) -> dict[str, Any]:
     """Return the estimate as the message's fields."""
-    fields = {name: value for name, value in vars(estimate).items() if name not in _NOT_SAID}
+    fields = {name: value for name, value in vars(estimate).items() if name not in _NOT_IN_MESSAGE}
     return fields | {"quality": int(estimate.quality), "origin": int(estimate.origin)}
 
 

@@ -36,7 +36,7 @@ TABLE = (
         10.0, live=True,
     ),
     Row(
-        "step_back_memory", 0.05, "change of the excitation's amplitude over which a step back is remembered", "-", 0.0,
+        "step_back_memory", 0.05, "change of the excitation's amplitude over which a step back applies", "-", 0.0,
         10.0, live=True,
     ),
     Row("drift_tolerance", 0.15, "relative error the model may have without a drift alarm", "-", 1e-3, 10.0, live=True),

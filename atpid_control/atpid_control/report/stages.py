@@ -27,7 +27,7 @@ WINDOW = 2.0
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage: the keys of the bench's summary. NaN: not known."""
+    """One stage: the keys of the bench's summary. NaN: unknown."""
 
     t0: float  # [s]
     t1: float  # [s]
@@ -39,7 +39,7 @@ class Stage:
     undamped_amplitude: float  # the same with the damper closed [m]
     efficiency: float  # 1 - amplitude / undamped_amplitude [-]
     commanded_height: float = math.nan  # the last one before the window's end [m]
-    reproducible: bool | None = None  # whether repeated simulations agree; None: not known
+    reproducible: bool | None = None  # whether repeated simulations agree; None: unknown
     amplitude_spread: tuple[float, float] | None = None  # least and largest of them, where they do not agree [m]
 
     def as_dict(self) -> dict[str, Any]:
@@ -57,7 +57,7 @@ class Stage:
 
     @property
     def arrived(self) -> bool:
-        """Whether the ceiling was where it had been commanded to; true where that is not known."""
+        """Whether the ceiling was where it had been commanded to; true where that is unknown."""
         return not abs(self.height - self.commanded_height) > _ARRIVED
 
     def efficiency_text(self) -> str:
@@ -140,8 +140,8 @@ def _spread(repeated: tuple[float, float, float], amplitude: float) -> tuple[flo
 def _commanded(run: Run, end: float) -> float:
     """Return the height [m] commanded last before `end` [s]; NaN where none was."""
     ceiling = run.ceiling
-    told = ceiling.commanded[np.isfinite(ceiling.commanded) & (ceiling.commanded_time <= end + 1e-9)]
-    return float(told[-1]) if len(told) else math.nan
+    commanded = ceiling.commanded[np.isfinite(ceiling.commanded) & (ceiling.commanded_time <= end + 1e-9)]
+    return float(commanded[-1]) if len(commanded) else math.nan
 
 
 def _height(run: Run, begin: float, end: float) -> float:

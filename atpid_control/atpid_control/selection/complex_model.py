@@ -26,12 +26,12 @@ _LOG = 4000
 _JUST_ABOVE = 1e-9
 
 #: How long an impact may last, in periods, and how finely its end is looked for.
-_LONGEST_IMPACT, _LOOKS = 0.6, 600
+_LONGEST_IMPACT, _SAMPLES_OF_IMPACT = 0.6, 600
 
 
 @dataclass(frozen=True)
 class Observed:
-    """What was seen at one height."""
+    """The observation of one height."""
 
     amplitude: float  # half peak-to-peak of the beam in the window [m]
     verdict: Verdict
@@ -46,9 +46,9 @@ class ComplexModel:
         omega = 2.0 * math.pi * rig.frequency
         self._phase = omega * t + response_lag(rig.system, rig.frequency)
         beam = start.beam - rig.system.beam_mass * rig.system.gravity / rig.system.stiffness
-        self._y, self._n = state.at_rest(beam, start.beam_rate)
+        self._y, self._n = state.at_rest(beam, start.beam_velocity)
         self._y[state.GRAIN] += _JUST_ABOVE
-        self._y[state.GRAIN_RATE] = start.grain_rate
+        self._y[state.GRAIN_RATE] = start.grain_velocity
         self._y[state.FIRST_STEP] = 0.05
         self._n[state.MODE] = state.FREE
         self.evaluations = 0
@@ -76,7 +76,7 @@ class ComplexModel:
         return self._impact()
 
     def observe(self, height: float, settle: float, window: float) -> Observed:
-        """Move the ceiling to a height [m] within one period, let `settle` periods pass and watch `window` periods."""
+        """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods."""
         rig, begun = self._rig, self.time
         begin = begun + (1.0 + settle) * rig.period
         end = begin + window * rig.period
@@ -102,12 +102,12 @@ class ComplexModel:
     def _leave_floor(self) -> None:
         """Go on until floor and grain no longer overlap, at most for the longest time an impact may last."""
         length = _LONGEST_IMPACT * self._rig.period
-        out = np.zeros((state.ROWS, _LOOKS))
-        self._advance(self._y.copy(), self._n.copy(), self.time + length, out=out, rate=_LOOKS / length)
+        out = np.zeros((state.ROWS, _SAMPLES_OF_IMPACT))
+        self._advance(self._y.copy(), self._n.copy(), self.time + length, out=out, rate=_SAMPLES_OF_IMPACT / length)
         apart = np.flatnonzero(out[state.S_GRAIN] > out[state.S_BEAM])
         apart = apart[apart > 0]
-        looks = int(apart[0]) if len(apart) else _LOOKS
-        self._advance(self._y, self._n, self.time + looks * length / _LOOKS)
+        sample = int(apart[0]) if len(apart) else _SAMPLES_OF_IMPACT
+        self._advance(self._y, self._n, self.time + sample * length / _SAMPLES_OF_IMPACT)
 
     def _impact(self) -> Impact:
         y, s = self._y, self._rig.system

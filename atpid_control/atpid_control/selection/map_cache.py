@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The height map a run looks up: the scene's own, one that is there already, or one made now and kept."""
+"""The height map of a run: the scene's own, one of the cache, or one made now and cached."""
 
 from __future__ import annotations
 
@@ -108,12 +108,12 @@ def _make(scene: Scene, folder: Path) -> Path:
     return path
 
 
-def _largest_computable(scene: Scene, needed: float, wanted: float) -> float:
-    """Return about the largest support amplitude [m] up to `wanted` with a best height, at least `needed`."""
+def _largest_computable(scene: Scene, needed: float, highest: float) -> float:
+    """Return about the largest support amplitude [m] up to `highest` with a best height, at least `needed`."""
     rig = Rig(scene, max(scene.tolerance, 1e-5))
-    if wanted <= needed or _computable(rig, wanted):
-        return wanted
-    low, high = needed, wanted
+    if highest <= needed or _computable(rig, highest):
+        return highest
+    low, high = needed, highest
     while high > _CLOSE * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if _computable(rig, middle) else (low, middle)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sine fit is compared with: the FFT bin the thesis picks, and three interpolations of it."""
+"""Baselines of the sine fit: the FFT bin the thesis picks, and three interpolations of it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def hann_parabola(signal: Array, padding: int = 8) -> float:
 
 
 def plain_sine_fit(tau: Array, signal: Array, omega: float) -> float:
-    """Return the amplitude of IEEE 1057's four-parameter fit as the standard has it, nothing left out or added.
+    """Return the amplitude of IEEE 1057's four-parameter fit as in the standard.
 
     `tau` and `signal` (n,) in [s] and [m], `omega` [rad/s] the seed.
     """

@@ -77,7 +77,7 @@ def draw_bound() -> Figure:
 
 
 def draw_ramps() -> Figure:
-    """The excitation of thesis section 4.3, and a step, as the identifier sees them block by block."""
+    """The excitation of thesis section 4.3, and a step, as identified block by block."""
     figure = Figure(figsize=(9.6, 3.8))
     left, right = figure.subplots(1, 2, width_ratios=[1.5, 1.0])
     truth, found = data.thesis_ramps()

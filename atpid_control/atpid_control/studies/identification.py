@@ -24,7 +24,7 @@ from atpid_sim.simulate import trajectory
 
 Array = NDArray[np.float64]
 
-#: What config/identifier.yaml says.
+#: The values of config/identifier.yaml.
 SETTINGS = Settings(
     window_periods=2.0, lowest_frequency=1.0, highest_frequency=40.0, mains_frequency=50.0, least_amplitude=5e-5,
     saturation=None, change=0.01, change_likelihood=20.0, poor_residual=0.3, poor_harmonics=0.2, poor_lost=0.5,
@@ -157,7 +157,7 @@ def spoiled_errors(trials: int = 100) -> tuple[list[str], Array, Array]:
 
 
 def from_closed_beam() -> tuple[Array, Array, list[Estimate]]:
-    """Return time, the measured beam of the closed damper from rest, and what it tells of the support."""
+    """Return time, the measured beam of the closed damper from rest, and the estimates of the support."""
     scene = bench()
     motion = trajectory(scene, RATE)
     size = 0.5 * float(motion.beam[-1000:].max() - motion.beam[-1000:].min())
@@ -167,7 +167,7 @@ def from_closed_beam() -> tuple[Array, Array, list[Estimate]]:
 
 @dataclass(frozen=True)
 class Course:
-    """One course of the bench as the rumble watch sees it."""
+    """One course of the bench with the state of the rumble watch."""
 
     time: Array
     beam: Array
@@ -222,7 +222,7 @@ class Calibrations:
 
 
 def calibrations(trials: int = 10) -> dict[str, Calibrations]:
-    """Return how well a decay and a sweep of the closed damper tell its beam."""
+    """Return the errors of calibrations by a decay and a sweep of the closed damper."""
     decay = bench(excitation={"free": {"deflection": 0.1}}, duration=10.0, steady_window=[0.0, 10.0])
     sweep = bench(
         excitation={"sweep": {"amplitude": 0.002, "from": 4.0, "to": 7.0}}, duration=20.0, steady_window=[0.0, 20.0]

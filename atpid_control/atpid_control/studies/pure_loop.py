@@ -29,14 +29,14 @@ Parameters = Mapping[str, Mapping[str, Any]]
 
 @dataclass
 class LoopRun:
-    """What happened: one entry a block, the truth at the laser's instants."""
+    """The record of a run: one entry a block, the true beam at the laser's instants."""
 
     scene: Scene
     time: list[float] = field(default_factory=list)  # of the block's last scan [s]
     estimates: list[Estimate] = field(default_factory=list)
     answers: list[Answer] = field(default_factory=list)
     heights: list[float] = field(default_factory=list)  # of the ceiling at the block's last scan [m]
-    rumbling: list[bool] = field(default_factory=list)  # as the watch says
+    rumbling: list[bool] = field(default_factory=list)  # by the watch
     blocks: list[Array] = field(default_factory=list)
 
     @property
@@ -44,7 +44,7 @@ class LoopRun:
         """True displacement of the beam (n,) [m]."""
         return np.concatenate(self.blocks)
 
-    def said(self, kind: str) -> list[tuple[float, str]]:
+    def events(self, kind: str) -> list[tuple[float, str]]:
         """Return (time [s], text) of the events of a kind."""
         return [(t, answer.text) for t, answer in zip(self.time, self.answers, strict=True) if answer.kind == kind]
 
@@ -59,12 +59,12 @@ class Ceiling:
 
     def height(self, time: float) -> float:
         """Return where it is at `time` [s]."""
-        way = self.target - self._origin
+        distance = self.target - self._origin
         gone = self.speed * max(0.0, time - self._start)
-        return self.target if gone >= abs(way) else self._origin + math.copysign(gone, way)
+        return self.target if gone >= abs(distance) else self._origin + math.copysign(gone, distance)
 
     def send(self, command: Command, time: float) -> None:
-        """Go where a command says, from where it is at `time` [s]; stay where it says nothing or beyond the limits."""
+        """Move to the commanded height from that at `time` [s]; a height of NaN or beyond the limits is ignored."""
         goal = command.height
         if not self._limits[0] <= goal <= self._limits[1] or goal == self.target:
             return
@@ -76,15 +76,15 @@ def run_loop(
 ) -> LoopRun:
     """Run a scene whose ceiling a controller moves; return what happened.
 
-    model: the scene the controller believes in, where that is not the one that runs. Raises SelectionError, HoldError
+    model: the scene the controller is given, where that is not the one that runs. Raises SelectionError, HoldError
     or IdentificationError for parameters that do not fit, NumericalFailure where the plant fails.
     """
-    believed, moved = model or scene, controlled(scene)
-    chosen, seen = parameters["selector_node"], parameters["identifier_node"]
-    selector = selector_of(chosen.__getitem__, controlled(believed).controller, believed, height_map)
-    controller = controller_of(chosen.__getitem__, believed, selector)
-    identifier = Identifier(identification_settings(seen.__getitem__))
-    watch = RumbleWatch(rumble_settings(seen.__getitem__))
+    modelled, moved = model or scene, controlled(scene)
+    selecting, identifying = parameters["selector_node"], parameters["identifier_node"]
+    selector = selector_of(selecting.__getitem__, controlled(modelled).controller, modelled, height_map)
+    controller = controller_of(selecting.__getitem__, modelled, selector)
+    identifier = Identifier(identification_settings(identifying.__getitem__))
+    watch = RumbleWatch(rumble_settings(identifying.__getitem__))
     stream = Stream(scene, Plant(scene))
     ceiling = Ceiling(stream.height, moved.range, moved.speed)
     run, last = LoopRun(scene), 0.0
@@ -101,7 +101,7 @@ def run_loop(
             controller.on_event("rumble" if rumbling else "calm")
         answer = controller.answer(last, estimate, reached)
         ceiling.send(answer.command, last)
-        _note(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))
+        _append(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))
     return run
 
 
@@ -112,7 +112,7 @@ def controlled(scene: Scene) -> ControlledCeiling:
     return scene.ceiling
 
 
-def _note(
+def _append(
     run: LoopRun, time: float, estimate: Estimate, answer: Answer, height: float, rumbling: bool, beam: Array
 ) -> None:
     run.time.append(time)

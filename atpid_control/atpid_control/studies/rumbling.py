@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long a run was in rumble, by the true motion: the measure of the bench, not the watch of the controller.
 
-A period rumbles where the beam swings more than 15 % above what the height map promises and is not calming down, the
+A period rumbles where the beam's amplitude is more than 15 % above that of the height map and is not decaying, the
 ceiling being near or above the best height. Up to four periods in between are bridged: rumble is irregular.
 """
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 #: Share above the map's amplitude from which a period rumbles, and share of the best height from which it can.
 EXCESS, NEAR = 0.15, 0.95
 
-#: A period is calming down where it swings less than this share of both the last period and the one so many before.
+#: A period is decaying where its amplitude is below this share of both the last period's and of the one so many before.
 _FALLING, _BEFORE = 0.97, 8
 
 _BRIDGED = 4
@@ -29,11 +29,11 @@ _BRIDGED = 4
 def longest_rumble(run: LoopRun, stage: tuple[float, float], best: MapEntry) -> float:
     """Return the longest stretch of rumble [s] within a stage (t0, t1) [s]; `best`: the map's height and amplitude."""
     period = 1.0 / run.scene.frequency_hz
-    swings = amplitudes(run)
-    ends = period * np.arange(1, swings.size + 1)
+    peaks = amplitudes(run)
+    ends = period * np.arange(1, peaks.size + 1)
     heights = np.interp(ends, run.time, run.heights)
     inside = (ends - period >= stage[0]) & (ends <= stage[1])
-    bad = inside & (swings > (1.0 + EXCESS) * best.amplitude) & (heights > NEAR * best.height) & ~_calming(swings)
+    bad = inside & (peaks > (1.0 + EXCESS) * best.amplitude) & (heights > NEAR * best.height) & ~_decaying(peaks)
     return period * _longest(np.flatnonzero(bad))
 
 
@@ -44,11 +44,11 @@ def amplitudes(run: LoopRun) -> Array:
     return np.array([0.5 * np.ptp(beam[a:b]) for a, b in pairwise(edges)])
 
 
-def _calming(swings: Array) -> NDArray[np.bool_]:
-    last = np.concatenate((swings[:1], swings[:-1]))
-    before = np.concatenate((np.full(min(_BEFORE, swings.size), np.inf), swings[:-_BEFORE]))
-    calming: NDArray[np.bool_] = (swings < _FALLING * last) & (swings < _FALLING * before)
-    return calming
+def _decaying(peaks: Array) -> NDArray[np.bool_]:
+    last = np.concatenate((peaks[:1], peaks[:-1]))
+    before = np.concatenate((np.full(min(_BEFORE, peaks.size), np.inf), peaks[:-_BEFORE]))
+    decaying: NDArray[np.bool_] = (peaks < _FALLING * last) & (peaks < _FALLING * before)
+    return decaying
 
 
 def _longest(places: NDArray[np.intp]) -> int:

@@ -45,7 +45,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class SeedRun:
-    """One run: its stages and what the controller said."""
+    """One run: its stages, and how many events the controller published."""
 
     scene: str
     seed: int
@@ -71,7 +71,7 @@ def run_all(
         height_map = map_for(scene.with_(ceiling=ceiling | {"controller": "lookup"}))
         assert height_map is not None
         jobs += [(path, seed, parameters, decibels, height_map) for seed in seeds]
-    # threads started before a fork would be copied half alive
+    # a fork would copy the locks of threads but not the threads
     with ProcessPoolExecutor(min(cores(), len(jobs)), get_context("spawn")) as pool:
         yield from pool.map(_one, jobs)
 
@@ -79,12 +79,12 @@ def run_all(
 def run_seed(
     path: Path, seed: int, parameters: Mapping[str, Mapping[str, Any]], decibels: float | None, height_map: Path
 ) -> SeedRun:
-    """Run one scene with one seed and return what is to be said of it."""
+    """Run one scene with one seed and return its results."""
     scene = noisy(load_scene(path), seed, decibels)
     used = height_map if controlled(scene).controller == "lookup" else None
     ran = run_loop(scene, parameters, used)
     stages = tuple(measured(ran, HeightMap.load(height_map)))
-    return SeedRun(path.stem, seed, stages, len(ran.said("step_back")), len(ran.said("drift")))
+    return SeedRun(path.stem, seed, stages, len(ran.events("step_back")), len(ran.events("drift")))
 
 
 def _one(job: tuple[Path, int, Parameters, float | None, Path]) -> SeedRun:

@@ -55,11 +55,11 @@ def landscape(amplitude: float, mass_fraction: float = 0.1, count: int = 120) ->
     heights = np.linspace(0.3 * best, 1.6 * best, count)
     timing, closed = Timing(1.5 * rig.settling(), 16.0), rig.closed_amplitude(amplitude)
 
-    def swing(height: float) -> tuple[float, float]:
+    def remaining(height: float) -> tuple[float, float]:
         slow, sudden = (rig.opened(amplitude, height, timing, travel).amplitude / closed for travel in (1.0, 0.0))
         return slow, sudden
 
-    found = dict(on_all_cores(swing, [float(h) for h in heights]))
+    found = dict(on_all_cores(remaining, [float(h) for h in heights]))
     guess = PcaSelector(scene).select(amplitude).stages[1].height
     return Landscape(amplitude, heights, np.array([found[float(h)] for h in heights]), best, guess)
 
@@ -88,8 +88,8 @@ def margin_curve(amplitude: float, mass_fraction: float = 0.1, count: int = 21) 
         error, height = job
         other = with_stiffness(scene, rig, 1.0 + error)
         timing = Timing(1.5 * rig.settling(), 16.0)
-        swings = [other.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0)]
-        return max(swings) / rig.closed_amplitude(amplitude)
+        amplitudes = [other.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0)]
+        return max(amplitudes) / rig.closed_amplitude(amplitude)
 
     jobs = [(float(error), height) for height in (bare.height, safe.height) for error in errors]
     found = dict(on_all_cores(worst, jobs))
@@ -123,13 +123,15 @@ def pca_errors(amplitudes: Array, mass_fraction: float = 0.1, gravity: bool = Tr
 def _row(rig: Rig, pca: PcaSelector, direct: DirectSelector, amplitude: float) -> list[float]:
     timing = Timing(1.5 * rig.settling(), 16.0)
 
-    def swing(height: float) -> float:
+    def remaining(height: float) -> float:
         return max(rig.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0))
 
     unit = rig.ballistic_clearance(amplitude)
-    scan = [(swing(rig.diameter + share * unit), rig.diameter + share * unit) for share in np.arange(0.36, 0.95, 0.005)]
+    scan = [
+        (remaining(rig.diameter + share * unit), rig.diameter + share * unit) for share in np.arange(0.36, 0.95, 0.005)
+    ]
     least, best = min(scan)
     chosen = pca.select(amplitude)
     before = next(stage.height for stage in chosen.stages if stage.name == "PCA")
     heights = [before, chosen.height, direct.select(amplitude).height]
-    return [h / best - 1.0 for h in heights] + [swing(h) / least - 1.0 for h in heights]
+    return [h / best - 1.0 for h in heights] + [remaining(h) / least - 1.0 for h in heights]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Asks the nodes of the graph for their parameters, so that a bag holds the values that were in force."""
+"""Reads the parameters of the graph's nodes, so that a bag holds the values in force."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ _OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 Keep = Callable[[str, Mapping[str, Any]], None]
 
 
-class ParameterKeeper:
+class ParameterReader:
     """Gets the parameters of each node once, as soon as its services are there."""
 
     def __init__(self, node: Node, names: Sequence[str], keep: Keep) -> None:
-        """Do nothing yet. `keep` is called with a node's name and its parameters."""
+        """Take the nodes' names; `keep` is called with a node's name and its parameters."""
         self._node, self._keep = node, keep
         self._open = {name: self._client(ListParameters, name, "list_parameters") for name in names}
-        self._asked: set[str] = set()
+        self._requested: set[str] = set()
 
     def poll(self) -> None:
-        """Ask the nodes that have appeared since; to be called now and then."""
+        """Request the parameters of nodes that have appeared since; to be called periodically."""
         for name, client in self._open.items():
-            if name not in self._asked and client.service_is_ready():
-                self._asked.add(name)
+            if name not in self._requested and client.service_is_ready():
+                self._requested.add(name)
                 client.call_async(ListParameters.Request()).add_done_callback(self._on_names(name))
 
     def _on_names(self, name: str) -> Callable[[Future], None]:
-        def ask(answer: Future) -> None:
+        def request_values(answer: Future) -> None:
             listed = [key for key in answer.result().result.names if not key.startswith(_OF_RCLPY)]
             client = self._client(GetParameters, name, "get_parameters")
             request = GetParameters.Request(names=listed)
             client.call_async(request).add_done_callback(self._on_values(name, listed, client))
 
-        return ask
+        return request_values
 
     def _on_values(self, name: str, listed: Sequence[str], client: Client) -> Callable[[Future], None]:
         def keep(answer: Future) -> None:

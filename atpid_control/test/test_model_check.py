@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from atpid_control.loop.drift import DriftAlarm
-from atpid_control.loop.twin import RealityCheck
+from atpid_control.loop.twin import ModelCheck
 
 TONE = (0.015, 5.0)
 
@@ -25,7 +25,7 @@ class Fixed:
 
 def check(expected=0.1):
     twin = Fixed(expected)
-    return RealityCheck(twin, DriftAlarm(tolerance=0.15, noise=0.02, periods=1e4)), twin
+    return ModelCheck(twin, DriftAlarm(tolerance=0.15, noise=0.02, periods=1e4)), twin
 
 
 def said(reality, swings, start=0.0):
@@ -38,7 +38,7 @@ def test_drift_is_said_once_with_both_amplitudes():
     reality, _ = check()
     texts = [reality.check(0.05 * k, TONE, 0.3, 0.14) for k in range(2000)]
     assert [text for text in texts if text] == [
-        "the beam swings 40% more than the model says (0.1400 m against 0.1000 m): check grain, beam and scene"
+        "the beam's amplitude is 40% above the model's (0.1400 m against 0.1000 m): check grain, beam and scene"
     ]
 
 
