@@ -103,7 +103,7 @@ def test_a_grain_lighter_than_believed_is_said_as_drift_once(scenes, height_map)
     ran = run_loop(real, configured(), height_map, model=believed)
     drifts = ran.events("drift")
     assert len(drifts) == 1
-    assert "more than the model says" in drifts[0][1]
+    assert "above the model's" in drifts[0][1]
     assert drifts[0][0] < 6.0  # in the first stage
     assert {answer.severity for answer in ran.answers if answer.kind == "drift"} == {2}
 

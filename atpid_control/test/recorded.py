@@ -123,7 +123,7 @@ def record(folder: Path, scene_file: Path, heights: list[tuple[float, float, flo
     """Record `bench` of the scene into `folder`; return it."""
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
     run = new_run(scene_file, run_id="specimen", commit="0123456789ab")
-    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda topic: (Qos(),))
+    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda _topic: (Qos(),))
     for number, (topic, message) in enumerate(bench(load_scene(scene_file), heights)):
         session.receive(topic, message, 1_000_000_000 + number * 1_000)
     assert session.complete

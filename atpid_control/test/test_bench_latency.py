@@ -22,7 +22,7 @@ MS = 1_000_000
 def recorded(folder: Path, delays: list[tuple[int, int, int]]) -> Path:
     """Record blocks whose messages arrive so many ns after the last sample, the block and the estimate."""
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, False)]
-    session = Session(folder, new_run(None), topics, lockstep=False, offered=lambda topic: (Qos(),))
+    session = Session(folder, new_run(None), topics, lockstep=False, offered=lambda _topic: (Qos(),))
     for k, (to_block, to_estimate, to_command) in enumerate(delays):
         last = START + round((k * SCANS + SCANS - 1) / RATE * 1e9)
         now = last + to_block

@@ -59,8 +59,10 @@ def test_a_domain_out_of_range_or_taken_is_refused():
 
 
 def test_the_domain_the_user_has_set_is_taken():
-    assert named_domain({}) is None and named_domain({"ROS_DOMAIN_ID": ""}) is None
-    assert named_domain({"ROS_DOMAIN_ID": "0"}) == 0 and named_domain({"ROS_DOMAIN_ID": "77"}) == 77
+    assert named_domain({}) is None
+    assert named_domain({"ROS_DOMAIN_ID": ""}) is None
+    assert named_domain({"ROS_DOMAIN_ID": "0"}) == 0
+    assert named_domain({"ROS_DOMAIN_ID": "77"}) == 77
     for text in ("lab", "-1", "233", "1.5"):
         with pytest.raises(BenchError, match=f"ROS_DOMAIN_ID: given '{text}'; allowed: 0 to 232"):
             named_domain({"ROS_DOMAIN_ID": text})
@@ -140,9 +142,10 @@ def test_a_node_that_dies_is_named_with_the_reason_and_the_others_are_stopped(tm
         ("motor_node", script("print('hello'); raise SystemExit('error: no such port')")),
     ]
     said = r"motor_node ended with status 1: no such port "
-    with pytest.raises(NodeDiedError, match=said), Processes(commands, tmp_path) as nodes:
+    with Processes(commands, tmp_path) as nodes:
         nodes["motor_node"].wait()
-        nodes.check(except_for="plant_node")
+        with pytest.raises(NodeDiedError, match=said):
+            nodes.check(except_for="plant_node")
     assert nodes["plant_node"].status is not None
 
 
@@ -178,7 +181,7 @@ def test_stopping_is_not_cut_short_by_a_second_interrupt(tmp_path):
 def test_the_real_time_factor_is_data_over_wall_time():
     blocks = [(wall, SimpleNamespace(header=SimpleNamespace(stamp=time_of(stamp)))) for wall, stamp in [(3, 0), (5, 4)]]
     bag = SimpleNamespace(
-        result={"real_time_factor": "12.5"}, topics_of=lambda kind: ["/sensors/laser"], messages=lambda topic: blocks
+        result={"real_time_factor": "12.5"}, topics_of=lambda _kind: ["/sensors/laser"], messages=lambda _topic: blocks
     )
     assert real_time_factor(bag, "real time") == 2.0
     assert real_time_factor(bag, "lockstep") == 12.5

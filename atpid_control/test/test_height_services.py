@@ -116,7 +116,8 @@ def test_nonsense_is_refused_by_every_method(stand: Stand, method: str) -> None:
     for request in nonsense:
         answer = stand.ask(method, **request)
         assert not answer.success
-        assert "given" in answer.message and "allowed" in answer.message
+        assert "given" in answer.message
+        assert "allowed" in answer.message
         assert math.isnan(answer.height)
 
 
@@ -140,7 +141,7 @@ class Blocked:
 
 def test_the_node_goes_on_while_a_height_is_computed_and_a_defect_is_reported() -> None:
     selector = Blocked()
-    stand = Stand(lambda method: selector)
+    stand = Stand(lambda _method: selector)
     try:
         taken: list[Empty] = []
         stand.node.create_subscription(Empty, "loop", taken.append, 10)

@@ -134,6 +134,7 @@ class Linear:
         self.asked = 0
 
     def select(self, amplitude, amplitude_std=0.0, frequency=math.nan, *, margin=0.0, height=math.nan):
+        del amplitude_std, frequency, margin, height
         self.asked += 1
         if amplitude > 0.05:
             raise SelectionError(f"amplitude: given {amplitude:g} m; allowed: up to 0.05 m")

@@ -51,8 +51,10 @@ def test_the_fft_bin_is_wrong_between_whole_periods() -> None:
 
 def test_the_courses_are_told_apart() -> None:
     safe, high = showcase.watched_courses().values()
-    assert safe.alarms == [] and np.nanmax(safe.scatter) < 0.045
-    assert len(high.alarms) == 2 and np.nanmax(high.scatter) > 0.12
+    assert safe.alarms == []
+    assert np.nanmax(safe.scatter) < 0.045
+    assert len(high.alarms) == 2
+    assert np.nanmax(high.scatter) > 0.12
 
 
 def test_the_command_writes_the_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

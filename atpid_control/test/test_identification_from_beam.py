@@ -91,6 +91,7 @@ def test_the_transfer_is_that_of_one_mass() -> None:
 def test_two_support_amplitudes_for_one_response_are_a_wide_and_poor_answer() -> None:
     class Folded:
         def at(self, height: float) -> tuple[Array, Array, Array]:
+            del height
             support = np.linspace(0.0, 0.1, 21)
             return support, support * (0.1 - support) * 40.0, np.full(21, 1e-4)
 
@@ -108,7 +109,8 @@ def test_two_support_amplitudes_for_one_response_are_a_wide_and_poor_answer() ->
 def test_intervals_and_branches() -> None:
     support = np.linspace(0.0, 1.0, 11)
     ends = crossings(support, support, np.zeros(11), 0.5, 0.01)
-    assert len(ends) == 1 and ends[0][0] < 0.5 < ends[0][1] < 0.52
+    assert len(ends) == 1
+    assert ends[0][0] < 0.5 < ends[0][1] < 0.52
     assert crossings(support, support, np.zeros(11), 2.0, 0.01) == []
     branch = regular_branch(np.array([5.0, 5.0, 3.0, 4.0, 5.0]), np.array([1.0, 1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(branch, [np.nan, 2.0, 3.0, 4.0, 5.0])

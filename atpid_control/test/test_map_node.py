@@ -64,9 +64,11 @@ def stand() -> Iterator[Stand]:
 
 def test_a_map_is_made_with_progress(stand, tmp_path):
     answer = stand.wait(stand.ask(tmp_path / "made.npz", [0.01, 0.012, 0.014]).get_result_async())
-    assert answer.status == GoalStatus.STATUS_SUCCEEDED and answer.result.success
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.success
     assert HeightMap.load(tmp_path / "made.npz").lookup(0.012, 0.1).height == pytest.approx(0.235, abs=0.03)
-    assert stand.feedback and all(message.total == 3 for message in stand.feedback)
+    assert stand.feedback
+    assert all(message.total == 3 for message in stand.feedback)
 
 
 def test_a_cancelled_map_is_kept_and_goes_on(stand, tmp_path):
@@ -76,15 +78,18 @@ def test_a_cancelled_map_is_kept_and_goes_on(stand, tmp_path):
         stand.executor.spin_once(timeout_sec=0.02)
     stand.wait(goal.cancel_goal_async())
     answer = stand.wait(goal.get_result_async())
-    assert answer.status == GoalStatus.STATUS_CANCELED and not answer.result.success
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert not answer.result.success
     assert "goes on from there" in answer.result.message
-    assert not (tmp_path / "map.npz").exists() and list(tmp_path.iterdir())
+    assert not (tmp_path / "map.npz").exists()
+    assert list(tmp_path.iterdir())
 
 
 def test_bad_input_is_answered_in_one_line(stand, tmp_path):
     answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.02, 0.01]).get_result_async())
     assert answer.status == GoalStatus.STATUS_ABORTED
-    assert "rising" in answer.result.message and "\n" not in answer.result.message
+    assert "rising" in answer.result.message
+    assert "\n" not in answer.result.message
     answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.01, 0.02], "nowhere.yaml").get_result_async())
     assert "nowhere.yaml" in answer.result.message
 

@@ -156,7 +156,8 @@ def test_a_run_is_recorded_from_handshake_to_finished(
         assert order == ["/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state"]
     else:
         assert abs(found.end_ns - time.time_ns()) < 60e9
-    assert bag.result["finished"] == "yes" and bag.result["lost_scans /sensors/laser"] == "0"
+    assert bag.result["finished"] == "yes"
+    assert bag.result["lost_scans /sensors/laser"] == "0"
     assert not recorder.error
 
 
@@ -190,14 +191,16 @@ def test_a_full_disk_ends_the_recording_with_one_line(
     recorder, source = make(ros, tmp_path / "run", sync_period=0.0)
     spin_until(ros, source.ready)
 
-    def full(sink: Sink, data: bytes) -> int:
+    def full(_sink: Sink, _data: bytes) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Sink, "write", full)
     for number in range(60):
         source.block(number)
     spin_until(ros, lambda: "fault" in source.kinds)
-    assert recorder.done.result() == 2 and "the disk is full" in recorder.error and "repair" in recorder.error
+    assert recorder.done.result() == 2
+    assert "the disk is full" in recorder.error
+    assert "repair" in recorder.error
     spin_until(ros, lambda: source.status is not None and not source.status.recording)
     assert source.kinds.count("fault") == 1
 
@@ -253,7 +256,9 @@ def test_every_end_leaves_a_bag(ros: SingleThreadedExecutor, tmp_path: Path, num
 def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     status, said = Process(tmp_path / "run").end()
-    assert status == 2 and said.count("\n") == 1 and "exists already" in said
+    assert status == 2
+    assert said.count("\n") == 1
+    assert "exists already" in said
 
 
 @pytest.mark.slow
@@ -263,7 +268,8 @@ def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tm
     try:
         spin_until(ros, source.ready)
         status, said = Process(tmp_path / "second").end()
-        assert status == 2 and "already running" in said
+        assert status == 2
+        assert "already running" in said
         assert not (tmp_path / "second").exists()
         assert first.end(signal.SIGINT)[0] == 0
     finally:

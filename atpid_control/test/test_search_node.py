@@ -35,6 +35,7 @@ class Inner:
     """A controller that has selected a height."""
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        del time, estimate, height
         return Answer(Command(sequence=1, height=0.3))
 
     def on_event(self, kind: str) -> None:

@@ -94,10 +94,12 @@ def test_a_height_beyond_the_ceiling_s_range_is_said(
     assert words in capsys.readouterr().out
     assert main(["select", with_range(tmp_path, 0.3), "--method", method, "--json", *extra]) == 0
     output = capsys.readouterr()
-    assert [line for line in json.loads(output.out)["warnings"] if words in line] and output.err == ""
+    assert [line for line in json.loads(output.out)["warnings"] if words in line]
+    assert output.err == ""
     assert main(["select", SCENE, "--method", method, "--json", *extra]) == 0
     chosen = json.loads(capsys.readouterr().out)
-    assert chosen["warnings"] == [] and chosen["resonance"] == pytest.approx(5.47, abs=0.001)
+    assert chosen["warnings"] == []
+    assert chosen["resonance"] == pytest.approx(5.47, abs=0.001)
 
 
 def test_one_infeasible_amplitude_costs_no_look_up(

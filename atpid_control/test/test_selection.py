@@ -107,6 +107,7 @@ class Careless:
     method, simulates = "", 1
 
     def select(self, amplitude: float, *_: float, margin: float = 0.0, **__: float) -> Selection:
+        del amplitude
         return Selection(-0.1 + margin, -1.0, 2.0, "other")
 
 

@@ -60,7 +60,8 @@ def test_no_false_alarm_while_excitation_ramps_and_ceiling_travels(seed: int) ->
 def test_rumble_is_seen_within_four_periods(begin: float, end: float, onset: float) -> None:
     """`onset` is the first period whose amplitude breaks off the smooth course."""
     seen = [t for t, rumbling in watched(beam(HIGH)) if rumbling and begin < t < end]
-    assert seen and seen[0] - onset < 4.0 * PERIOD
+    assert seen
+    assert seen[0] - onset < 4.0 * PERIOD
 
 
 def test_the_alarm_does_not_flicker() -> None:
@@ -152,6 +153,7 @@ def test_the_twin_follows_the_beam_and_a_lost_tenth_of_the_grain_is_noticed() ->
     while not alarm.state.alarm and periods < 30:
         alarm.push(twin.expected(0.03, FREQUENCY, 0.55), other, True)
         periods += 1
-    assert alarm.state.alarm and periods < 15
+    assert alarm.state.alarm
+    assert periods < 15
     assert np.isnan(twin.expected(np.nan, FREQUENCY, 0.55))
     assert np.isnan(twin.expected(0.015, FREQUENCY, 0.4))

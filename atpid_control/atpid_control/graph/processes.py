@@ -62,7 +62,7 @@ class NodeProcess:
         """Wait until it has ended; return its exit status."""
         return self._process.wait()
 
-    def last_words(self) -> str:
+    def reason(self) -> str:
         """Return why it ended: the error in its log or, where there is none, its last lines as one."""
         if self.log is None:
             return "see its output above"

@@ -88,10 +88,7 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) 
             return out
         omega = tone[1]
         if rejecting and turn < SPIKE_ROUNDS:
-            whole = columns
-            if used < count:
-                whole = np.zeros((col.COUNT, count))
-                _write_steady(whole, tau - centre, tone, hum, scale)
+            whole = columns if used == count else _steady_columns(tau - centre, tone, hum, scale)
             fresh, rejecting = without_spikes(whole, signal, tone, scale, active, keep)
             if not rejecting:
                 fresh = np.ones(count, dtype=np.bool_)
@@ -113,11 +110,13 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) 
 
 
 @compiled
-def _write_steady(columns: Array, t: Array, tone: Array, hum: float, scale: float) -> None:
-    """Write all columns of a steady tone."""
+def _steady_columns(t: Array, tone: Array, hum: float, scale: float) -> Array:
+    """Return the columns (p, n) with those of a steady tone written."""
+    columns = np.zeros((col.COUNT, t.size))
     col.write_constant(columns, t, hum, scale)
     col.write_tone(columns, t, tone[1], tone[2], tone[3], scale)
     col.write_harmonics(columns)
+    return columns
 
 
 @compiled

@@ -54,7 +54,7 @@ class NodeEnded(Event):
 def node(package: str, executable: str, parameters: Sequence[Any], *, ends_run: bool = False, **options: Any) -> Node:
     """Return a node whose end ends the launch: well, if `ends_run` and its exit status is 0."""
 
-    def on_exit(event: ProcessExited, context: LaunchContext) -> EmitEvent:
+    def on_exit(event: ProcessExited, _context: LaunchContext) -> EmitEvent:
         # judged by an event of its own, after a Ctrl-C that arrived together with this end
         return EmitEvent(event=NodeEnded(executable, event.returncode, ends_run))
 

@@ -142,7 +142,7 @@ class ReplayNode(Node):
     def _on_recorder(self, status: RecorderStatus) -> None:
         self._handshake.on_status(status)
 
-    def _report_recorder(self, severity: int, kind: str, text: str, value: float) -> None:
+    def _report_recorder(self, _severity: int, _kind: str, text: str, _value: float) -> None:
         # no event: a replay is recorded by its stamps, and two of one bag give the same
         self.get_logger().warning(text)
 

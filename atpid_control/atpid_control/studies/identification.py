@@ -113,7 +113,7 @@ def one_step() -> tuple[tuple[Array, Array], list[Estimate]]:
 Spoil = Callable[[np.random.Generator, Array, Array], Array]
 
 
-def _impacts(rng: np.random.Generator, t: Array, u: Array) -> Array:
+def _impacts(_rng: np.random.Generator, t: Array, u: Array) -> Array:
     spoiled = u.copy()
     for first in range(40, t.size - 4, 91):
         spoiled[first : first + 4] += 0.5 * AMPLITUDE * np.array([1.0, -0.6, 0.3, -0.1])
@@ -121,17 +121,17 @@ def _impacts(rng: np.random.Generator, t: Array, u: Array) -> Array:
 
 
 SPOILS: dict[str, Spoil] = {
-    "nothing but noise": lambda rng, t, u: u,
+    "nothing but noise": lambda _rng, _t, u: u,
     "50 Hz hum, half as large": lambda rng, t, u: u + 0.5 * AMPLITUDE * np.sin(TAU * 50.0 * t + rng.uniform(0.0, TAU)),
-    "drift, a fifth a second": lambda rng, t, u: u + 0.2 * AMPLITUDE * t,
-    "harmonics, 5 % and 3 %": lambda rng, t, u: (
+    "drift, a fifth a second": lambda _rng, t, u: u + 0.2 * AMPLITUDE * t,
+    "harmonics, 5 % and 3 %": lambda _rng, t, u: (
         u + AMPLITUDE * (0.05 * np.sin(2 * TAU * FREQUENCY * t) + 0.03 * np.sin(3 * TAU * FREQUENCY * t + 1.0))
     ),
     "spikes, 1 % of the samples": lambda rng, t, u: (
         u + np.where(rng.random(t.size) < 0.01, rng.normal(0.0, AMPLITUDE, t.size), 0.0)
     ),
     "impacts, two a period": _impacts,
-    "saturated above 0.8 A": lambda rng, t, u: np.clip(u, -math.inf, 0.8 * AMPLITUDE),
+    "saturated above 0.8 A": lambda _rng, _t, u: np.clip(u, -math.inf, 0.8 * AMPLITUDE),
     "all but saturation": lambda rng, t, u: (
         _impacts(rng, t, u)
         + AMPLITUDE * (0.1 * np.sin(TAU * 50.0 * t) + 0.1 * t + 0.05 * np.sin(2 * TAU * FREQUENCY * t))
