@@ -289,8 +289,10 @@ def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tm
         os.kill(launch.pids[node], number)
         assert launch.end() == 1, launch.text
         assert len(launch.errors) == 1 and re.match(line, launch.errors[0])
-        assert launch.text.count("has finished cleanly") == len(BENCH_NODES) - (number == signal.SIGKILL)
+        finished = [line for line in launch.lines if "has finished cleanly" in line]
+        assert len(finished) == len(BENCH_NODES) - (number == signal.SIGKILL)
     if node != "recorder_node":
+        assert "[recorder_node-" in finished[-1]
         verify(tmp_path / "run")
 
 

@@ -3,9 +3,11 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
@@ -15,7 +17,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from atpid_control.nodes.map_server import MapServer
+from atpid_control.nodes.map_server import MapServer, summary_of
 from atpid_sim.maps import HeightMap
 
 SCENE = str(Path(__file__).parents[2] / "scenes" / "standard.yaml")
@@ -69,6 +71,19 @@ def test_a_map_is_made_with_progress(stand, tmp_path):
     assert HeightMap.load(tmp_path / "made.npz").lookup(0.012, 0.1).height == pytest.approx(0.235, abs=0.03)
     assert stand.feedback
     assert all(message.total == 3 for message in stand.feedback)
+
+
+def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand, tmp_path):
+    answer = stand.wait(stand.ask(tmp_path / "made.npz", [0.01, 0.5]).get_result_async())
+    assert answer.result.success
+    made = HeightMap.load(tmp_path / "made.npz")
+    (missing,) = made.failures
+    computed = "made.npz: 1 best heights; 1 of 2 points could not be computed, the first: 0.5 m, mass fraction 0.1: "
+    assert answer.result.message.endswith(f"{computed}{missing.reason}")
+    useless = replace(made, efficiencies=-made.efficiencies, reproducible=np.zeros_like(made.reproducible), failures=())
+    assert summary_of(useless, "made.npz") == (
+        "made.npz: 2 best heights, 2 of them not reproducible, 1 of them without effect (efficiency not above 0)"
+    )
 
 
 def test_a_cancelled_map_is_kept_and_goes_on(stand, tmp_path):

@@ -12,6 +12,7 @@ import traceback
 from concurrent.futures import Executor
 from typing import Any
 
+import numpy as np
 from atpid_interfaces.action import ComputeMap
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -22,7 +23,7 @@ from rclpy.task import Future
 from atpid_common.errors import AtpidError, InputError
 from atpid_control.loop.computation import threaded
 from atpid_control.nodes.search_server import concluded
-from atpid_sim.maps import build_map
+from atpid_sim.maps import HeightMap, build_map
 from atpid_sim.scene import load_scene
 
 #: Period of the feedback [s].
@@ -42,15 +43,15 @@ class _MapJob:
         self._stop = threading.Event()
         self.result = executor.submit(self._make, goal)
 
-    def _make(self, goal: ComputeMap.Goal) -> str:
-        """Make the map; return why it could not be made, empty where it was."""
+    def _make(self, goal: ComputeMap.Goal) -> tuple[bool, str]:
+        """Make the map; return whether it was made, and what it holds or why it was not."""
         try:
-            build_map(
+            made = build_map(
                 load_scene(goal.scene), list(goal.amplitudes), list(goal.mass_fractions), goal.out, self._on_point
             )
         except (AtpidError, OSError) as error:
-            return str(error)  # not the error itself, whose traceback would keep the threads of a stopped map
-        return ""
+            return False, str(error)  # not the error itself, whose traceback would keep a stopped map's threads
+        return True, summary_of(made, goal.out)
 
     def _on_point(self, done: int, total: int) -> None:
         self.done, self.total = done, total
@@ -119,9 +120,25 @@ class MapServer:
         defect = job.result.exception()
         if defect is not None:  # reported, and the loop goes on
             self._node.get_logger().error("".join(traceback.format_exception(defect)))
-            message = f"internal error: {type(defect).__name__}: {defect}"
+            success, message = False, f"internal error: {type(defect).__name__}: {defect}"
         else:
-            message = job.result.result()
-        success, message = not message, message or f"{out}: {job.total} best heights"
+            success, message = job.result.result()
         wall = time.monotonic() - job.began
         return ComputeMap.Result(success=success, message=message, out=out, wall_time=wall)
+
+
+def summary_of(made: HeightMap, out: str) -> str:
+    """Return how many best heights a map holds, and how many of its points are missing or of no use."""
+    computed = made.heights.size - len(made.failures)
+    text = f"{out}: {computed} best heights"
+    irregular = computed - int(np.count_nonzero(made.reproducible))
+    useless = int(np.count_nonzero(made.efficiencies <= 0.0))
+    text += f", {irregular} of them not reproducible" if irregular else ""
+    text += f", {useless} of them without effect (efficiency not above 0)" if useless else ""
+    if not made.failures:
+        return text
+    first = made.failures[0]
+    return (
+        f"{text}; {len(made.failures)} of {made.heights.size} points could not be computed, the first: "
+        f"{first.amplitude:g} m, mass fraction {first.mass_fraction:g}: {first.reason}"
+    )
