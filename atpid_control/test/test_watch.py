@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from atpid_control.loop.drift import DriftAlarm, run_length
+from atpid_control.loop.drift import OVERSHOOT, DriftAlarm
 from atpid_control.loop.errors import WatchError
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch, scatter_of
 from atpid_control.loop.twin import SteadyTwin
@@ -107,6 +108,18 @@ def test_settings_without_hysteresis_are_refused() -> None:
         RumbleSettings(onset=0.06, calm=0.1, calm_periods=3, least_amplitude=0.0)
     with pytest.raises(WatchError, match="tolerance: given 0"):
         DriftAlarm(0.0, 0.01, 1000.0)
+
+
+def run_length(drift: float, threshold: float, noise: float) -> float:
+    """Return the mean number of periods until one side alarms (Siegmund's approximation).
+
+    `drift` is the mean of what a period adds, deviation less tolerance, `threshold` and `noise` as it, all [-].
+    """
+    b = threshold / noise + OVERSHOOT
+    delta = drift / noise
+    if abs(delta * b) < 1e-6:
+        return b * b
+    return (math.exp(-2.0 * delta * b) + 2.0 * delta * b - 1.0) / (2.0 * delta * delta)
 
 
 def test_drift_alarms_come_as_late_and_as_rarely_as_said() -> None:

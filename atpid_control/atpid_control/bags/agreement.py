@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from atpid_control.bags.read import Bag
+from atpid_control.bags.read import Bag, stamp_of
 
 #: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.
 COMPARED = {
@@ -41,17 +41,17 @@ def compare(recorded: Bag, replayed: Bag) -> list[Agreement]:
 
 
 def _agreement(recorded: Bag, replayed: Bag, topic: str, names: tuple[str, ...]) -> Agreement:
-    found = {_stamp(message): message for _, message in replayed.messages(topic)}
+    found = {stamp_of(message): message for _, message in replayed.messages(topic)}
     messages = [message for _, message in recorded.messages(topic)]
-    start = min(map(_stamp, messages), default=0)
+    start = min(map(stamp_of, messages), default=0)
     differing = [text for message in messages for text in _difference(message, found, names, start)]
     return Agreement(topic, len(messages), len(messages) - len(differing), differing[0] if differing else "")
 
 
 def _difference(message: Any, found: dict[int, Any], names: tuple[str, ...], start: int) -> Iterator[str]:
     """Yield in words how `message` differs from the one with its stamp; nothing where it does not."""
-    at = f"{(_stamp(message) - start) * 1e-9:.3f} s after the first"
-    again = found.get(_stamp(message))
+    at = f"{(stamp_of(message) - start) * 1e-9:.3f} s after the first"
+    again = found.get(stamp_of(message))
     if again is None:
         yield f"{at}, no answer"
         return
@@ -66,7 +66,3 @@ def _equal(one: Any, other: Any) -> bool:
         both_unknown = math.isnan(one) and math.isnan(other)
         return both_unknown or math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     return bool(one == other)
-
-
-def _stamp(message: Any) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)

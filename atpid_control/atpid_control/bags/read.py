@@ -63,14 +63,14 @@ class Bag:
             if raw.topic == topic:
                 yield raw.log_ns, self.decode(raw)
 
-    def all_messages(self) -> Iterator[tuple[str, Any]]:
-        """Yield (topic, message) of all topics in the order of their log times."""
-        for raw in self.raw:
-            yield raw.topic, self.decode(raw)
-
     def topics_of(self, kind: str) -> list[str]:
         """Return the topics of message type atpid_interfaces/msg/`kind`, sorted."""
         return sorted(topic for topic, name in self.types.items() if name == f"atpid_interfaces/msg/{kind}")
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp in the header of a decoded message [ns]."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def open_bag(path: Path) -> Bag:

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from atpid_control.bags.read import Bag
+from atpid_control.bags.read import Bag, stamp_of
 from atpid_control.bench.latency import latency_of, summary_line
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed, beside
@@ -76,7 +76,7 @@ def real_time_factor(bag: Bag, mode: str) -> float:
     if mode == "lockstep":
         return float(bag.result.get("real_time_factor", "nan"))
     laser = next((topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")), "")
-    received = [(log_ns, _nanoseconds(block)) for log_ns, block in bag.messages(laser)]
+    received = [(log_ns, stamp_of(block)) for log_ns, block in bag.messages(laser)]
     if len(received) < 2:
         return math.nan
     (wall_first, first), (wall_last, last) = received[0], received[-1]
@@ -92,7 +92,7 @@ def unanswered_blocks(bag: Bag) -> int:
     lasers = [topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")]
     blocks = sum(1 for topic in lasers for received, _ in bag.messages(topic) if received <= end)
     answers = [
-        len({_nanoseconds(message) for topic in bag.topics_of(kind) for _, message in bag.messages(topic)})
+        len({stamp_of(message) for topic in bag.topics_of(kind) for _, message in bag.messages(topic)})
         for kind in ("Excitation", "CeilingCommand")
     ]
     return max(0, blocks - min(answers))
@@ -102,10 +102,6 @@ def _finished(bag: Bag) -> int:
     """Return when the event `finished` of the plant was received [ns]; the far future where there is none."""
     events = (item for topic in bag.topics_of("Event") for item in bag.messages(topic))
     return min((received for received, event in events if event.kind == "finished"), default=2**63)
-
-
-def _nanoseconds(message: Any) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def notable(bag: Bag) -> list[tuple[str, str]]:

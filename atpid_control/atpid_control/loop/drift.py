@@ -3,7 +3,7 @@
 
 Each settled period adds the logarithm of measured over predicted, less what the model is allowed to be off; the alarm
 comes when the sum passes a threshold. False alarms and latency follow from Siegmund's formula (Sequential Analysis,
-1985): `run_length`.
+1985).
 """
 
 from __future__ import annotations
@@ -83,15 +83,3 @@ class DriftAlarm:
         self._up = self._down = self._sum = 0.0
         self._count = 0
         self.state = DriftState()
-
-
-def run_length(drift: float, threshold: float, noise: float) -> float:
-    """Return the mean number of periods until one side alarms (Siegmund's approximation).
-
-    `drift` is the mean of what a period adds, deviation less tolerance, `threshold` and `noise` as it, all [-].
-    """
-    b = threshold / noise + OVERSHOOT
-    delta = drift / noise
-    if abs(delta * b) < 1e-6:
-        return b * b
-    return (math.exp(-2.0 * delta * b) + 2.0 * delta * b - 1.0) / (2.0 * delta * delta)

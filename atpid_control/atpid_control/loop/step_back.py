@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from atpid_control.loop.errors import HoldError
 
-#: A beam whose amplitude is below this share of that so many estimates ago is decaying.
-_FALLING, _DECAY = 0.97, 8
+#: An amplitude below this share of the one before the span, so many values, is decaying.
+DECAY, DECAY_SPAN = 0.97, 8
 
 #: So many bursts of rumble with the ceiling standing count as one rumble, however short each is.
 _BURSTS = 2
@@ -49,7 +49,7 @@ class StepBackMonitor:
         self._stood = 0  # consecutive estimates with the ceiling where it was sent
         self._bursts = 0  # rumbles that began with the ceiling standing and the beam too large
         self._limit = math.nan  # amplitude of the beam from which it is too large [m], NaN: any
-        self._amplitudes: deque[float] = deque(maxlen=_DECAY)  # the beam's latest amplitudes [m]
+        self._amplitudes: deque[float] = deque(maxlen=DECAY_SPAN)  # the beam's latest amplitudes [m]
         self._stepped_at = math.nan  # excitation amplitude of the last step back [m]
         self._kept = 1.0  # share of the selected clearance that was left then [-]
 
@@ -79,7 +79,7 @@ class StepBackMonitor:
         while the ceiling moves, and while a larger motion decays, the response is irregular at any height.
         """
         self._amplitudes.append(amplitude)
-        decaying = len(self._amplitudes) == _DECAY and amplitude < _FALLING * self._amplitudes[0]
+        decaying = len(self._amplitudes) == DECAY_SPAN and amplitude < DECAY * self._amplitudes[0]
         self._limit = (1.0 + self._settings.excess) * expected
         self._stood = self._stood + 1 if standing else 0
         caused = self._rumbling and self._stood > self._settings.settle and not amplitude <= self._limit

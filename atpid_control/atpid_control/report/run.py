@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.read import Bag, open_bag
+from atpid_control.bags.read import Bag, open_bag, stamp_of
 from atpid_sim.excitation import amplitude_at
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
@@ -162,7 +162,7 @@ def _joined(blocks: list[Any]) -> _Laser:
     time = (index - first.first_index) / first.rate
     motion = Motion(time, support, data[:, names.index("beam_displacement")], nothing, nothing)
     lost = int(index[-1] - index[0] + 1 - len(index))
-    start = _nanoseconds(first)
+    start = stamp_of(first)
     return _Laser(motion, start, len(blocks), lost)
 
 
@@ -229,10 +229,5 @@ def _scene(bag: Bag) -> tuple[Scene | None, str]:
         return None, str(error)
 
 
-def _nanoseconds(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
 def _seconds(message: Any, start: int) -> float:
-    return (_nanoseconds(message) - start) * 1e-9
+    return (stamp_of(message) - start) * 1e-9

@@ -17,6 +17,7 @@ from atpid_control.report.comparison import Closed, closed_motion
 from atpid_control.report.repetition import repeated
 from atpid_control.report.run import Array, Run, read_run
 from atpid_sim.excitation import amplitude_points
+from atpid_sim.scene import Scene
 
 #: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
 _ARRIVED = 5e-3
@@ -81,8 +82,12 @@ def intervals(run: Run) -> list[tuple[float, float]]:
     """Return (begin, end) [s] of the intervals of constant amplitude above zero that the run reached the end of."""
     if run.scene is None or run.scene.excitation.kind != "harmonic":
         return []
-    points = amplitude_points(run.scene)
-    end = min(run.scene.duration, run.duration)
+    return constant_intervals(run.scene, min(run.scene.duration, run.duration))
+
+
+def constant_intervals(scene: Scene, end: float) -> list[tuple[float, float]]:
+    """Return (begin, end) [s] of the intervals of constant amplitude above zero, of a harmonic excitation, to `end`."""
+    points = amplitude_points(scene)
     bounds = [*points, (end, points[-1][1])]
     if points[0][0] > 0.0:
         bounds.insert(0, (0.0, points[0][1]))

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_control.loop.step_back import DECAY, DECAY_SPAN
 from atpid_control.studies.pure_loop import LoopRun
 from atpid_sim.maps import MapEntry
 
@@ -19,9 +20,6 @@ Array = NDArray[np.float64]
 
 #: Share above the map's amplitude from which a period rumbles, and share of the best height from which it can.
 EXCESS, NEAR = 0.15, 0.95
-
-#: A period is decaying where its amplitude is below this share of both the last period's and of the one so many before.
-_FALLING, _BEFORE = 0.97, 8
 
 _BRIDGED = 4
 
@@ -45,9 +43,10 @@ def amplitudes(run: LoopRun) -> Array:
 
 
 def _decaying(peaks: Array) -> NDArray[np.bool_]:
+    """Return which periods (n,) decay: against the last one and against the one before the span."""
     last = np.concatenate((peaks[:1], peaks[:-1]))
-    before = np.concatenate((np.full(min(_BEFORE, peaks.size), np.inf), peaks[:-_BEFORE]))
-    decaying: NDArray[np.bool_] = (peaks < _FALLING * last) & (peaks < _FALLING * before)
+    before = np.concatenate((np.full(min(DECAY_SPAN, peaks.size), np.inf), peaks[:-DECAY_SPAN]))
+    decaying: NDArray[np.bool_] = (peaks < DECAY * last) & (peaks < DECAY * before)
     return decaying
 
 

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -15,16 +14,14 @@ from typing import Any
 import numpy as np
 
 from atpid_control.graph.parts import PARTS
+from atpid_control.report.stages import WINDOW, constant_intervals
 from atpid_control.selection.map_cache import amplitudes_of, map_for
 from atpid_control.studies.pure_loop import LoopRun, controlled, run_loop
 from atpid_control.studies.rumbling import longest_rumble
 from atpid_sim.batch import cores
-from atpid_sim.excitation import amplitude_points
+from atpid_sim.excitation import amplitude_at
 from atpid_sim.maps import HeightMap, Rig
 from atpid_sim.scene import Scene, load_scene
-
-#: The end of a stage in which it is measured, as the bench's summary does [s].
-WINDOW = 2.0
 
 Parameters = dict[str, dict[str, Any]]
 
@@ -105,11 +102,8 @@ def measured(ran: LoopRun, height_map: HeightMap) -> Iterator[Stage]:
     """Yield the stages of a run."""
     scene, rate = ran.scene, ran.scene.sensors.laser.rate
     rig, fraction, beam = Rig(scene, 1e-5), scene.grain.mass_fraction, ran.beam
-    points = amplitude_points(scene)
-    for (t0, a0), (end, a1) in pairwise([*points, (scene.duration, points[-1][1])]):
-        t1 = min(end, scene.duration)
-        if a0 != a1 or a0 <= 0.0 or t1 <= t0:
-            continue
+    for t0, t1 in constant_intervals(scene, scene.duration):
+        a0 = amplitude_at(scene, t0)
         window = [k for k, t in enumerate(ran.time) if t1 - WINDOW < t <= t1]
         amplitude = float(0.5 * np.ptp(beam[round((t1 - WINDOW) * rate) : round(t1 * rate)]))
         yield Stage(
