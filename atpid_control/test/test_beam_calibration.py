@@ -94,7 +94,7 @@ def test_error_bars_cover_the_error(noise: float) -> None:
 def test_the_driven_response_is_exact_for_a_straight_input() -> None:
     """From rest under a ramp of the support: the beam follows it but for a free motion, in closed form."""
     stiffness, damping, step = 1000.0, 3.0, 0.004
-    t = np.arange(2000) * step
+    t: NDArray[np.float64] = np.arange(2000, dtype=np.float64) * step
     omega = np.sqrt(stiffness - 0.25 * damping**2)
     exact = t - np.exp(-0.5 * damping * t) * np.sin(omega * t) / omega
     np.testing.assert_allclose(forced(t, step, stiffness, damping), exact, atol=1e-9)

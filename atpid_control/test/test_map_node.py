@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The map action over real DDS: progress, the file, cancel and resume, refusals in one line."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -64,7 +66,7 @@ def stand() -> Iterator[Stand]:
     made.close()
 
 
-def test_a_map_is_made_with_progress(stand, tmp_path):
+def test_a_map_is_made_with_progress(stand: Stand, tmp_path: Path) -> None:
     answer = stand.wait(stand.ask(tmp_path / "made.npz", [0.01, 0.012, 0.014]).get_result_async())
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
     assert answer.result.success
@@ -73,7 +75,7 @@ def test_a_map_is_made_with_progress(stand, tmp_path):
     assert all(message.total == 3 for message in stand.feedback)
 
 
-def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand, tmp_path):
+def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand: Stand, tmp_path: Path) -> None:
     answer = stand.wait(stand.ask(tmp_path / "made.npz", [0.01, 0.5]).get_result_async())
     assert answer.result.success
     made = HeightMap.load(tmp_path / "made.npz")
@@ -86,7 +88,7 @@ def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand, tmp_pat
     )
 
 
-def test_a_cancelled_map_is_kept_and_goes_on(stand, tmp_path):
+def test_a_cancelled_map_is_kept_and_goes_on(stand: Stand, tmp_path: Path) -> None:
     amplitudes = [0.01 + 0.0005 * k for k in range(40)]
     goal = stand.ask(tmp_path / "map.npz", amplitudes)
     while not any(message.done for message in stand.feedback):
@@ -100,7 +102,7 @@ def test_a_cancelled_map_is_kept_and_goes_on(stand, tmp_path):
     assert list(tmp_path.iterdir())
 
 
-def test_bad_input_is_answered_in_one_line(stand, tmp_path):
+def test_bad_input_is_answered_in_one_line(stand: Stand, tmp_path: Path) -> None:
     answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.02, 0.01]).get_result_async())
     assert answer.status == GoalStatus.STATUS_ABORTED
     assert "rising" in answer.result.message
@@ -109,7 +111,7 @@ def test_bad_input_is_answered_in_one_line(stand, tmp_path):
     assert "nowhere.yaml" in answer.result.message
 
 
-def test_a_second_map_is_aborted_with_the_reason(stand, tmp_path):
+def test_a_second_map_is_aborted_with_the_reason(stand: Stand, tmp_path: Path) -> None:
     amplitudes = [0.01 + 0.0005 * k for k in range(40)]
     first = stand.ask(tmp_path / "first.npz", amplitudes)
     while not any(message.done for message in stand.feedback):
@@ -121,8 +123,10 @@ def test_a_second_map_is_aborted_with_the_reason(stand, tmp_path):
     assert stand.wait(first.get_result_async()).status == GoalStatus.STATUS_CANCELED
 
 
-def test_a_defect_is_the_result_s_message_and_the_node_goes_on(stand, tmp_path, monkeypatch):
-    def defective(*_):
+def test_a_defect_is_the_result_s_message_and_the_node_goes_on(
+    stand: Stand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def defective(*_: object) -> None:
         raise ZeroDivisionError("a defect")
 
     monkeypatch.setattr("atpid_control.nodes.map_server.build_map", defective)

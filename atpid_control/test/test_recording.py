@@ -15,6 +15,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from recorded import SHORT, block, make, record
+from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
 from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
@@ -114,6 +115,7 @@ def test_another_implementation_reads_it(bag: Path) -> None:
     with Reader(bag) as reader:
         assert reader.message_count == verify(bag).messages == sum(1 for _ in reader.messages())
         for connection in reader.connections:
+            assert isinstance(connection.ext, ConnectionExtRosbag2)
             (offered,) = connection.ext.offered_qos_profiles
             assert offered.depth == Qos().depth
             assert connection.digest == message_type(connection.msgtype).hash

@@ -54,8 +54,8 @@ BY_CLOCK = {"/rosout", "/diagnostics"}
 BLOCK_NS, SCANS = 50_000_000, 50
 
 
-class Source(Node):
-    """Publishes a run's messages and hears the recorder's status."""
+class Source(Node):  # type: ignore[misc]
+    """Publishes a run's messages and receives the recorder's status."""
 
     def __init__(self) -> None:
         super().__init__("source")
@@ -90,12 +90,12 @@ class Source(Node):
 
     def block(self, number: int) -> None:
         last = number * BLOCK_NS + 49_000_000
-        shape = {"first_index": number * SCANS, "rate": 1000.0}
+        shape: dict[str, Any] = {"first_index": number * SCANS, "rate": 1000.0}
         # in the wrong order on purpose
         self.say("ceiling/state", last)
         self.say("plant/truth", number * BLOCK_NS, **shape, support=[0.0] * SCANS)
         self.say("excitation", last)
-        channels = {"channels": ["a"], "units": ["m"], "skew": [0.0]}
+        channels: dict[str, Any] = {"channels": ["a"], "units": ["m"], "skew": [0.0]}
         self.say("sensors/laser", number * BLOCK_NS, **shape, **channels, data=[float(number)] * SCANS)
         self.say("ceiling/command", last)
 
@@ -319,12 +319,16 @@ def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(
     motor.declare_parameter("limits", [0.017, 1.0])
     ros.add_node(motor)
     recorder, source = make(ros, tmp_path / "run")
-    session = lambda: recorder.session  # noqa: E731
+
+    def recorded() -> bool:
+        session = recorder.session
+        return session is not None and session.written["/motor_node/transition_event"] > 0
+
     spin_until(ros, source.ready)
     spin_until(ros, lambda: motor.count_subscribers("motor_node/transition_event") > 0)
     motor.trigger_configure()
     motor.get_logger().warning("the belt slips")
-    spin_until(ros, lambda: session() is not None and session().written["/motor_node/transition_event"] > 0)
+    spin_until(ros, recorded)
     spin_until(ros, lambda: "motor_node.yaml" in kept_files(tmp_path / "run"))
     source.block(0)
     source.finish(1)

@@ -15,6 +15,7 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from atpid_interfaces.action import SearchHeight
 from atpid_interfaces.msg import SampleBlock
+from numpy.typing import NDArray
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -63,9 +64,9 @@ class Stand:
         self.height, self.block, self.seen = 0.3, 0, 0.0
         watch = self.controller.watch
 
-        def watched(at: float, beam: np.ndarray) -> None:
-            self.seen = at
-            watch(at, beam)
+        def watched(time: float, beam: NDArray[np.float64]) -> None:
+            self.seen = time
+            watch(time, beam)
 
         self.controller.watch = watched  # type: ignore[method-assign]
 

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +49,7 @@ class Loop:
     controller: SearchingController
     height: float = 0.3
     time: float = 0.0
-    amplitude = staticmethod(lambda height: abs(height - 0.52) + 0.1)
+    amplitude: Callable[[float], float] = lambda height: abs(height - 0.52) + 0.1
     commands: list[Command] = field(default_factory=list)
 
     def turn(self) -> Command:
@@ -102,7 +104,7 @@ def test_a_changed_excitation_ends_it(loop: Loop) -> None:
     run = loop.controller.begin(PLAN)
     for _ in range(60):
         loop.turn()
-    inner = loop.controller._inner  # type: ignore[attr-defined]
+    inner: Any = loop.controller._inner
     inner.command = replace(inner.command, sequence=5, height=0.7)
     command = loop.turn()
     assert run.done
@@ -124,7 +126,7 @@ def test_cancelled_the_ceiling_stays_where_it_is(loop: Loop) -> None:
 
 
 def test_a_beam_that_is_not_seen_ends_it(loop: Loop) -> None:
-    loop.amplitude = lambda _height: math.nan
+    loop.amplitude = lambda _: math.nan
     loop.controller.begin(PLAN)
     run = loop.until_done()
     assert not run.success

@@ -79,7 +79,7 @@ def test_it_ends_when_the_ceiling_has_stepped_back() -> None:
 
 
 def test_motion_that_repeats_every_second_period_is_no_rumble() -> None:
-    amplitudes = 0.07 * (1.0 + 0.1 * (-1.0) ** np.arange(8))
+    amplitudes: NDArray[np.float64] = 0.07 * (1.0 + 0.1 * (-1.0) ** np.arange(8, dtype=np.float64))
     scatter, alternation = scatter_of(amplitudes)
     assert scatter < 0.01
     assert alternation == pytest.approx(0.1, rel=0.01)
