@@ -39,7 +39,7 @@ class Bag:
     result: dict[str, str] = field(
         default_factory=dict
     )  # wall_s, data_s, real_time_factor, lost_scans ...; empty: not closed
-    files: dict[str, bytes] = field(default_factory=dict)  # configuration, word for word
+    files: dict[str, bytes] = field(default_factory=dict)  # configuration, verbatim
     raw: list[Raw] = field(default_factory=list)
     _decoder: Decoder = field(default_factory=Decoder)
     _schemas: dict[str, int] = field(default_factory=dict)

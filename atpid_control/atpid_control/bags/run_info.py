@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The origin of a run: its id, the commit of the code, its configuration word for word."""
+"""The origin of a run: its id, the commit of the code, its configuration verbatim."""
 
 from __future__ import annotations
 

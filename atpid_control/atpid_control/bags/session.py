@@ -126,14 +126,14 @@ class Session:
             self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
 
     def missing_topics(self) -> list[str]:
-        """Return the topics that have not come to the end of a finished run; none while it goes on."""
+        """Return the topics that have not reached the end of a finished run; none before."""
         if self._finished_ns is None:
             return []
         return [name for name, reached in self._reached.items() if reached < self._finished_ns - _SAME_INSTANT]
 
     @property
     def complete(self) -> bool:
-        """Whether the run has finished and every topic that took part has come to its end, or has gone silent."""
+        """Whether the run has finished and every topic that took part has reached its end, or is silent."""
         if self._finished_ns is None or not self.recording:
             return False
         return not self.missing_topics() or time.monotonic() - self._progress > TIMEOUT
@@ -160,7 +160,7 @@ class Session:
             self._guarded(self.writer.sync)
 
     def keep(self, name: str, data: bytes) -> None:
-        """Keep a file in the bag, word for word. Raises BagError."""
+        """Keep a file in the bag, verbatim. Raises BagError."""
         if self.recording:
             self._guarded(lambda: self.writer.attach(name, data))
 

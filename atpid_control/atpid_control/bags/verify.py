@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proves a bag whole by reading every message, and makes one whole that a crash left behind.
+"""Verifies a bag by reading every message, and repairs one that a crash left incomplete.
 
 `mcap recover` may succeed on a file that cannot be read; here success means that every message was decoded.
 """

@@ -26,7 +26,7 @@ START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", "--block-signa
 
 
 class NodeProcess:
-    """One node's process; what it prints goes to its log file, or to the terminal where there is none."""
+    """One node's process; its output is written to its log file, or to the terminal where there is none."""
 
     def __init__(self, name: str, command: Sequence[str], log: Path | None) -> None:
         """Start it, in a session of its own: Ctrl-C at the terminal reaches the bench, which stops them in order."""

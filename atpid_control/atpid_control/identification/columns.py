@@ -38,7 +38,7 @@ LONG_GROUPS = (6, 7, 8)
 
 @compiled
 def write_tone(columns: Array, tau: Array, omega: float, cosine: float, sine: float, scale: float) -> None:
-    """Write columns that hang on the frequency, for the tone cosine cos(omega tau) + sine sin(omega tau), scale [s].
+    """Write columns that depend on the frequency, for the tone cosine cos(omega tau) + sine sin(omega tau), scale [s].
 
     The phase's rate is in units of 1/scale times the amplitude, so that all columns are of order one.
     """

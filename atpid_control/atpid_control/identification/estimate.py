@@ -9,12 +9,12 @@ from math import nan
 
 
 class Quality(IntEnum):
-    """How far an estimate may be trusted."""
+    """Quality of an estimate."""
 
     NONE = 0  # no estimate: handshake, too few samples, or no signal
     STEADY = 1  # a steady tone: the estimate can be acted on
     TRANSIENT = 2  # amplitude or frequency is changing inside the window: the estimate is a mean over it
-    POOR = 3  # a tone was fitted, but residual, harmonics, gaps or saturation make it untrustworthy
+    POOR = 3  # a tone was fitted, but residual, harmonics, gaps or saturation spoil it
 
     @classmethod
     def _missing_(cls, _value: object) -> Quality:

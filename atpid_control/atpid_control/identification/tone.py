@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the tone in a buffer: seed, window of whole periods, fit, and how far to trust it."""
+"""Finds the tone in a buffer: seed, window of whole periods, fit, and its quality."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ Progress = Callable[[float], None]
 HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
 
 #: Every entity costs time in every round of the executor, and parameter services are not used in a run.
-LEAN: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
+NODE_OPTIONS: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
 
 
 def node_class(package: str, name: str) -> type[Node]:
@@ -69,7 +69,7 @@ class Composition:
             undo.callback(self.executor.shutdown)
             for package, name in parts:
                 overrides = [Parameter(key, value=value) for key, value in parameters[name].items()]
-                node = node_class(package, name)(parameter_overrides=overrides, **LEAN)
+                node = node_class(package, name)(parameter_overrides=overrides, **NODE_OPTIONS)
                 undo.callback(node.destroy_node)
                 undo.callback(_without_events(node))
                 close = getattr(node, "close", None)

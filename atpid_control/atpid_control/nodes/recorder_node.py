@@ -40,8 +40,8 @@ NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_n
 
 PARAMETERS = (
     Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
-    Row("scene", "", "scene file, kept in the bag word for word; empty: none"),
-    Row("files", [""], "further configuration files to keep in the bag word for word"),
+    Row("scene", "", "scene file, kept in the bag verbatim; empty: none"),
+    Row("files", [""], "further configuration files to keep in the bag verbatim"),
     Row("run_id", "", "name of the run; empty: date, time and a random part"),
     Row("commit", "", "version of the code; empty: that of git"),
     Row("lockstep", False, "true: log times are the messages' stamps and the order is theirs; false: as received"),
@@ -147,7 +147,7 @@ class RecorderNode(Node):
         count = sum(self.session.written.values())
         self.get_logger().info(f"closed {self.bag}: {count} messages")
         if late:
-            self.get_logger().warning(f"the run has finished but {', '.join(late)} did not come to its end")
+            self.get_logger().warning(f"the run has finished but {', '.join(late)} did not reach its end")
         self._publish_status()
 
     def _sync(self) -> None:

@@ -66,9 +66,9 @@ class Ledger:
     @property
     def residual(self) -> float:
         """The imbalance, relative to the energy supplied and stored at the start [-]."""
-        brought = abs(self.input) + abs(self.ceiling_work) + max(0.0, -self.stored)
+        supplied = abs(self.input) + abs(self.ceiling_work) + max(0.0, -self.stored)
         left = self.input + self.ceiling_work - self.beam_loss - self.contact_loss - self.stored
-        return abs(left) / brought if brought else 0.0
+        return abs(left) / supplied if supplied else 0.0
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,7 @@ def facts(view: View) -> str:
     unusual = _listed("Values of the scene that are unusual:", scene.warnings() if scene else [])
     defaults = _listed("Values left to defaults:", scene.decisive_defaults(measured=True) if scene else [])
     text = view.run.bag.scene_text
-    whole = f"<details><summary>The scene, word for word</summary><pre>{escape(text)}</pre></details>" if text else ""
+    whole = f"<details><summary>The scene, verbatim</summary><pre>{escape(text)}</pre></details>" if text else ""
     return f"<h2>The run</h2><dl>{rows}</dl>{unusual}{defaults}{whole}"
 
 

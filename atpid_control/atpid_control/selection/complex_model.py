@@ -38,7 +38,7 @@ class Observed:
 
 
 class ComplexModel:
-    """One simulation that goes on while the ceiling is moved; times count from the first impact on the floor."""
+    """One simulation, continued while the ceiling is moved; times count from the first impact on the floor."""
 
     def __init__(self, rig: Rig, amplitude: float, t: float, start: Impact, height: float) -> None:
         """Begin with an impact on the floor at time t [s] of the Simplified Model."""

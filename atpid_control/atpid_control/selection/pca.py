@@ -21,7 +21,7 @@ _ITERATIONS = 6
 #: Periods the grain gets to come back to the floor.
 _RETURN = 4.0
 
-#: Heights below this share of the ballistic clearance are nearly closed: no guess goes there.
+#: Heights below this share of the ballistic clearance are nearly closed: guesses are limited to it.
 _LEAST_SHARE = 0.1
 
 #: Tolerance of the runs: 1 % of an amplitude is resolved.

@@ -61,7 +61,7 @@ def draw_landscape(out: Path) -> Path:
 
 
 def draw_margin(out: Path) -> Path:
-    """Draw what the bare optimum and the safe height are worth where the stiffness is not what it was thought."""
+    """Draw the amplitudes at the bare optimum and the safe height over the error of the stiffness."""
     figure, panels = _panels(len(_STAGES), "error of the stiffness [%]")
     for axes, amplitude in zip(panels, _STAGES, strict=True):
         shown = margin_curve(amplitude)
@@ -103,7 +103,7 @@ def draw_pca_errors(out: Path) -> Path:
 
 
 def draw_map(out: Path, shown: HeightMap) -> Path:
-    """Draw the best heights and what they are worth, as Figs 4.39 and 4.46."""
+    """Draw the best heights and their efficiencies, as Figs 4.39 and 4.46."""
     figure, (left, right) = _panels(2, "support amplitude [mm]")
     for row, fraction in enumerate(shown.mass_fractions):
         label = f"grain {1e2 * fraction:g} %"

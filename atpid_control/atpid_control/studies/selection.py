@@ -66,14 +66,14 @@ def landscape(amplitude: float, mass_fraction: float = 0.1, count: int = 120) ->
 
 @dataclass(frozen=True)
 class MarginCurve:
-    """What a height is worth where the beam is stiffer or softer than thought."""
+    """The amplitude at a height where the beam is stiffer or softer than assumed."""
 
     errors: Array  # (n,) relative error of the stiffness [-]
     bare: Array  # (n,) remaining amplitude at the bare optimum [-]
     safe: Array  # (n,) and with the margin [-]
     bare_height: float  # [m]
     safe_height: float  # [m]
-    price: float  # efficiency given up where the stiffness is as thought [-]
+    price: float  # efficiency given up where the stiffness is as assumed [-]
 
 
 def margin_curve(amplitude: float, mass_fraction: float = 0.1, count: int = 21) -> MarginCurve:
