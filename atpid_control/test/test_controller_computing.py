@@ -12,9 +12,10 @@ import pytest
 
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.controller import Command, ControlSettings, SelectingController
+from atpid_control.loop.controller import SelectingController
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings
+from atpid_control.loop.protocol import Command, ControlSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
 

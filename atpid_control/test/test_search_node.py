@@ -23,7 +23,7 @@ from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, time_of
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.controller import Answer, Command, ControlSettings
+from atpid_control.loop.protocol import Answer, Command, ControlSettings
 from atpid_control.loop.search_run import SearchingController
 from atpid_control.nodes.search_server import SearchServer
 

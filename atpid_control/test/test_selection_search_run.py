@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.controller import Answer, Command, ControlSettings
+from atpid_control.loop.protocol import Answer, Command, ControlSettings
 from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
 from atpid_sim.plant import Plant

@@ -6,70 +6,17 @@ from __future__ import annotations
 import math
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
-from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import OFF_RESONANCE, Hold, HoldSettings, Verdict
-from atpid_control.loop.step_back import StepBack, StepBackMonitor
+from atpid_control.loop.hold import OFF_RESONANCE, Hold, Verdict
+from atpid_control.loop.protocol import ALARM, Answer, Command, ControlSettings
+from atpid_control.loop.step_back import StepBackMonitor
 from atpid_control.loop.twin import ModelCheck, Twin
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 
 #: A ceiling this close to where it was sent is there [m].
 _ARRIVED = 2e-3
-
-#: Severities of an Event.
-WARNING, ALARM = 1, 2
-
-
-@dataclass(frozen=True)
-class Command:
-    """The contents of a CeilingCommand, without its header."""
-
-    sequence: int = 0
-    height: float = math.nan
-    excitation_amplitude: float = math.nan
-    predicted_amplitude: float = math.nan
-    method: str = ""
-    reason: str = "no estimate yet"
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The command that answers one estimate and, where there is an event, its kind, text and quantity."""
-
-    command: Command
-    kind: str = ""  # refused, step_back or drift; empty: no event
-    text: str = ""
-    value: float = math.nan
-    severity: int = WARNING
-
-
-class Controller(Protocol):
-    """Answers each estimate with a command."""
-
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
-        """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
-        ...
-
-    def on_event(self, kind: str) -> None:
-        """Take an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
-        ...
-
-    def configure(self, settings: ControlSettings) -> None:
-        """Control by other settings from the next estimate on."""
-        ...
-
-
-@dataclass(frozen=True)
-class ControlSettings:
-    """Settings that may change while the loop runs."""
-
-    hold: HoldSettings
-    step_back: StepBack
-    drift: DriftSettings
-    margin: float  # standard deviations of the amplitude the height must be safe for [-]
 
 
 @dataclass(frozen=True)

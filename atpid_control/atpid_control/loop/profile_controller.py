@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from atpid_control.identification import Estimate
-from atpid_control.loop.controller import Answer, Command, ControlSettings
+from atpid_control.loop.protocol import Answer, Command, ControlSettings
 
 
 class ProfileController:

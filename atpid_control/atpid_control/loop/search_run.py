@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.identification import Estimate
-from atpid_control.loop.controller import Answer, Command, Controller, ControlSettings
+from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
 from atpid_control.selection.search import Plan, SearchError, StepSearch
 
 Array = NDArray[np.float64]

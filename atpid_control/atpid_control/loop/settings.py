@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from atpid_control import identification
-from atpid_control.loop.controller import Controller, ControlSettings, SelectingController
+from atpid_control.loop.controller import SelectingController
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings
 from atpid_control.loop.profile_controller import ProfileController
+from atpid_control.loop.protocol import Controller, ControlSettings
 from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.loop.twin import SteadyTwin

@@ -34,7 +34,7 @@ from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.controller import Answer, Command, Controller, ControlSettings
+from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
 from atpid_control.loop.search_run import SearchingController
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from atpid_control.graph.errors import BenchError
 from atpid_control.identification import Estimate, Identifier
-from atpid_control.loop.controller import Answer, Command
+from atpid_control.loop.protocol import Answer, Command
 from atpid_control.loop.rumble import RumbleWatch
 from atpid_control.loop.settings import controller_of, identification_settings, rumble_settings, selector_of
 from atpid_sim.plant import Plant
