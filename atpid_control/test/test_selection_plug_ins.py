@@ -7,7 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import rclpy
+from atpid_interfaces.srv import SelectHeight
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
+from atpid_control.nodes.selector_node import SelectorNode
 from atpid_control.nodes.selector_parameters import TABLE, table
 from atpid_control.selection import METHODS, SelectionError, make_selector, methods
 from atpid_sim.scene import Scene, SceneError, load_scene
@@ -68,6 +74,31 @@ def test_a_scene_and_the_node_take_an_installed_selector(install: Install, scene
     (row,) = (row for row in table() if row.name == "method")
     assert row.problem("own") == ""
     assert [row for row in TABLE if row.name == "method" and row.problem("own")]
+
+
+def test_the_node_selects_by_its_parameter(install: Install) -> None:
+    install("plug_in_node", GOOD, "own = plug_in_node:Own")
+    given = {"scene": str(ROOT / "scenes" / "thesis_4_3.yaml"), "method": "own", "lockstep": True}
+    rclpy.init()
+    executor = SingleThreadedExecutor()
+    nodes = (
+        SelectorNode(parameter_overrides=[Parameter(name, value=value) for name, value in given.items()]),
+        Node("ask"),
+    )
+    try:
+        for node in nodes:
+            executor.add_node(node)
+        client = nodes[1].create_client(SelectHeight, "selector_node/select")
+        assert client.wait_for_service(100.0)
+        answer = client.call_async(SelectHeight.Request(amplitude=0.03))
+        executor.spin_until_future_complete(answer, 100.0)
+        assert (answer.result().method, answer.result().height) == ("own", 0.2)
+    finally:
+        nodes[0].close()
+        for node in nodes:
+            node.destroy_node()
+        executor.shutdown()
+        rclpy.try_shutdown()
 
 
 @pytest.mark.parametrize(
