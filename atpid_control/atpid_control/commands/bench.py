@@ -126,7 +126,6 @@ def stopped(bag: Path) -> str:
 
 
 def _conclude(scene: Scene, out: Path, mode: str) -> int:
-    """Write summary and report, print the table."""
     # here, so that the run itself does not wait for the drawing libraries
     from atpid_control.bench.summary import show, summary_of, write_summary
     from atpid_control.report.make import write_report

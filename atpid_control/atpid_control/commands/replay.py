@@ -68,7 +68,6 @@ def _commands(parameter_file: Path, namespace: str) -> list[tuple[str, list[str]
 
 
 def _conclude(recorded: Bag, out: Path) -> int:
-    """Print and write the comparison."""
     found = compare(recorded, open_bag(out / "bag"))
     summary = {"bag": str(recorded.path), "topics": [asdict(agreement) for agreement in found]}
     (out / "replay.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")

@@ -148,7 +148,6 @@ class IdentifierNode(Node):
         return [self._progress.status(self, self.last_error)]
 
     def _check_alone(self) -> None:
-        """End where another node of this name is active."""
         try:
             check_alone(self)
         except StartedTwiceError as error:
@@ -229,7 +228,6 @@ _NOT_IN_MESSAGE = ("time", "growth", "growth_std")
 
 
 def _fields(estimate: Estimate) -> dict[str, Any]:
-    """Return the estimate as the message's fields."""
     fields = {name: value for name, value in vars(estimate).items() if name not in _NOT_IN_MESSAGE}
     return fields | {"quality": int(estimate.quality), "origin": int(estimate.origin)}
 

@@ -57,5 +57,4 @@ class ParameterReader:
 
 
 def _plain(value: Any) -> Any:
-    """Return a parameter's value as YAML holds it."""
     return value if value is None or isinstance(value, bool | int | float | str) else list(value)

@@ -207,7 +207,6 @@ class RecorderNode(Node):
         self._publish_status()
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the state of the recording, for /diagnostics."""
         session = self.session
         lost = sum(flow.lost for flow in session.continuity.values()) if session else 0
         level = DiagnosticStatus.ERROR if self.error else DiagnosticStatus.WARN if lost else DiagnosticStatus.OK

@@ -211,7 +211,6 @@ class ReplayNode(Node):
         self._events.publish(severity, kind, text, value, time_of(stamp_ns))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the state of the replay, for /diagnostics."""
         waiting = self._handshake.waiting_for() if self._handshake.active else ""
         ended = self._leaving.status is not None
         values = {
