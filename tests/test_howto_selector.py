@@ -36,8 +36,9 @@ def package(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(command: str, folder: Path) -> str:
     places = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))
+    own = {"PYTHONPATH": places, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     done = subprocess.run(
-        [sys.executable, *shlex.split(command)[1:]], cwd=folder, env={**os.environ, "PYTHONPATH": places},
+        [sys.executable, *shlex.split(command)[1:]], cwd=folder, env={**os.environ, **own},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
