@@ -126,7 +126,7 @@ class Hold:
         self._rising.clear()
         self._falling += 1
         if self._falling < self._settings.falling_count:
-            return Verdict(False, "falling, not yet confirmed")
+            return Verdict(False, "falling, not yet sure")
         return Verdict(True, "falling", estimate.amplitude, estimate.amplitude_std)
 
     def _judge_rising(self, estimate: Estimate) -> Verdict:
