@@ -68,7 +68,7 @@ def test_all_three_are_recovered_within_a_per_cent_with_a_known_mass(scene: Scen
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [DECAY, SWEEP], ids=["decay", "sweep"])
-def test_an_added_mass_tells_all_three(scene: Scene) -> None:
+def test_an_added_mass_determines_all_three(scene: Scene) -> None:
     plain, loaded = fitted(recorded(scene, 1)), fitted(recorded(with_mass(scene, 0.05), 2))
     found = from_added_mass(plain, loaded, 0.05, CLOSED.grain_mass)
     assert found.mass == pytest.approx(CLOSED.beam.mass, rel=0.01)
@@ -164,7 +164,7 @@ def test_the_command_writes_a_beam_block_a_scene_takes(tmp_path: Path, capsys: p
     assert said["beam"]["stiffness_std"] < 0.1
 
 
-def test_without_a_mass_the_command_says_the_ratios_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_mass_the_command_prints_the_ratios_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = str(write_table(recorded(DECAY), tmp_path / "decay.csv"))
     assert run(table) == 0
     said = capsys.readouterr().out

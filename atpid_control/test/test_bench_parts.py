@@ -102,7 +102,7 @@ def test_an_earlier_run_is_moved_aside_and_nothing_is_lost(tmp_path: Path) -> No
     assert json.loads((tmp_path / "run-0002" / outdir.MARKER).read_text())["layout"] == 1
 
 
-def test_a_folder_with_other_peoples_files_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_with_other_files_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(BenchError, match=r"not the bench's \(thesis.tex\)"):
         outdir.prepare(tmp_path)
@@ -142,7 +142,7 @@ def script(text: str) -> list[str]:
     return [sys.executable, "-c", f"import signal\n{text}"]
 
 
-def test_a_node_that_dies_is_named_with_the_reason_and_the_others_are_stopped(tmp_path: Path) -> None:
+def test_a_node_that_ends_is_named_with_the_reason_and_the_others_are_stopped(tmp_path: Path) -> None:
     commands = [
         ("plant_node", script("signal.pause()")),
         ("motor_node", script("print('hello'); raise SystemExit('error: no such port')")),
@@ -155,7 +155,7 @@ def test_a_node_that_dies_is_named_with_the_reason_and_the_others_are_stopped(tm
     assert nodes["plant_node"].status is not None
 
 
-def test_nodes_are_asked_to_leave_before_they_are_killed(tmp_path: Path) -> None:
+def test_nodes_are_interrupted_before_they_are_killed(tmp_path: Path) -> None:
     # as a node does: it handles the signals itself, which are blocked until then
     asks = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     asks += "signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])\n"
@@ -167,7 +167,7 @@ def test_nodes_are_asked_to_leave_before_they_are_killed(tmp_path: Path) -> None
     assert nodes["recorder_node"].status == 0
 
 
-def test_an_executable_that_is_missing_says_what_to_do(tmp_path: Path) -> None:
+def test_an_executable_that_is_missing_is_refused_with_the_remedy(tmp_path: Path) -> None:
     with pytest.raises(BenchError, match="make setup"), Processes([("x_node", [str(tmp_path / "x")])], tmp_path):
         pass
 

@@ -170,7 +170,7 @@ def test_on_a_falling_ramp_too() -> None:
     assert step.reason == "falling"
 
 
-def test_an_estimate_that_must_not_be_acted_on_lets_the_result_wait() -> None:
+def test_a_result_waits_while_estimates_must_not_be_acted_on() -> None:
     loop = Loop()
     loop.feed(*[0.015] * 4)
     loop.executor.compute()

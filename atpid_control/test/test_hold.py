@@ -175,7 +175,7 @@ def test_each_estimate_is_answered_and_the_height_repeated() -> None:
     assert selector.asked == 1
 
 
-def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once() -> None:
+def test_an_excitation_out_of_the_map_is_refused_and_selected_for_once() -> None:
     machine, selector = controller()
     answers(machine, [steady(0.015)] * 4)
     given = answers(machine, [steady(0.08)] * 20)
@@ -186,7 +186,7 @@ def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once() -> No
     assert selector.asked == 2
 
 
-def test_a_refusal_is_said_again_after_a_good_estimate() -> None:
+def test_a_refusal_is_reported_again_after_a_good_estimate() -> None:
     machine, _ = controller()
     poor = Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49)
     said = [answer.kind == "refused" for answer in answers(machine, [poor, poor, steady(0.015), poor, poor])]
@@ -226,7 +226,7 @@ def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_la
 
 
 @pytest.mark.parametrize("swing", [lambda _: 0.08, lambda k: 0.2 * 0.99**k], ids=["as predicted", "dying out"])
-def test_what_calms_down_or_is_as_predicted_is_left_alone(swing: Callable[[int], float]) -> None:
+def test_a_decaying_or_predicted_amplitude_moves_nothing(swing: Callable[[int], float]) -> None:
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     stepped(machine, 8, high, swing)
@@ -242,7 +242,7 @@ def test_the_beam_may_settle_before_it_counts() -> None:
     assert stepped(machine, 1, high)[-1] < high
 
 
-def test_a_step_back_is_said_with_the_new_height() -> None:
+def test_a_step_back_is_reported_with_the_new_height() -> None:
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.on_event("rumble")

@@ -142,7 +142,7 @@ def test_a_window_of_one_period_works() -> None:
     assert found[-1].window == pytest.approx(PERIOD, rel=0.02)
 
 
-def test_gaps_are_told_by_index() -> None:
+def test_gaps_are_detected_by_index() -> None:
     rng, t = np.random.default_rng(9), times(10.0)
     u, identifier = tone(t) + noise(rng, t.size, 40.0), Identifier(SETTINGS)
     for first in range(0, t.size, 50):
@@ -155,7 +155,7 @@ def test_gaps_are_told_by_index() -> None:
             assert e.lost == (50 if 5050 <= first < 5350 else 0 if first < 5000 or first > 5400 else e.lost)
 
 
-def test_a_stream_that_starts_anew_forgets_the_old_one() -> None:
+def test_a_stream_that_starts_anew_replaces_the_old_one() -> None:
     t, identifier = times(1.0), Identifier(SETTINGS)
     identifier.push(0, RATE, tone(t), None, 1.0)
     assert identifier.push(0, RATE, tone(t)[:50], None, 2.0).quality == Quality.NONE

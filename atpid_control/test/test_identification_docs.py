@@ -49,7 +49,7 @@ def test_the_fft_bin_is_wrong_between_whole_periods() -> None:
     assert periods[0] == 1.0
 
 
-def test_the_courses_are_told_apart() -> None:
+def test_the_courses_are_distinguished() -> None:
     safe, high = showcase.watched_courses().values()
     assert safe.alarms == []
     assert np.nanmax(safe.scatter) < 0.045
@@ -66,7 +66,7 @@ def test_the_command_writes_the_pictures(tmp_path: Path, monkeypatch: pytest.Mon
     assert isinstance(figures.draw_watch(), Figure)
 
 
-def test_the_cache_of_compiled_functions_knows_all_their_sources() -> None:
+def test_the_cache_of_compiled_functions_covers_all_their_sources() -> None:
     package = ROOT / "atpid_control" / "atpid_control"
     users = {path.stem for path in package.rglob("*.py") if "\n@compiled\n" in path.read_text(encoding="utf-8")}
     assert users == set(compiled.KERNELS)

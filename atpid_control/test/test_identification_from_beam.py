@@ -40,7 +40,7 @@ def inferred(height: float, told: float | None = None, stiffness: float = 1.0) -
     ]
 
 
-def test_the_closed_damper_tells_within_its_error_bar_while_still_swinging_up() -> None:
+def test_the_closed_damper_is_inverted_within_its_error_bar_while_the_amplitude_grows() -> None:
     found = inferred(CLOSED)
     late = [e for e in found if e.time > 2.0]  # the beam itself needs 6 s to settle
     assert {e.origin for e in found} == {Origin.BEAM}
@@ -52,7 +52,7 @@ def test_the_closed_damper_tells_within_its_error_bar_while_still_swinging_up() 
 
 
 @pytest.mark.parametrize("height", [0.08, 0.15])
-def test_the_open_damper_tells_through_simulated_amplitudes(height: float) -> None:
+def test_the_open_damper_is_inverted_by_simulated_amplitudes(height: float) -> None:
     late = [e for e in inferred(height) if e.time > 8.0]
     assert {e.quality for e in late} == {Quality.STEADY}
     assert all(abs(e.amplitude - TRUE) < min(2.0 * e.amplitude_std, 0.03 * TRUE) for e in late)

@@ -152,7 +152,7 @@ def test_a_change_is_an_event_once_it_is_steady_again(stand: Stand) -> None:
     assert stand.events[1].value == pytest.approx(0.03, rel=0.01)
 
 
-def test_a_block_without_the_channel_is_answered_and_said_once(stand: Stand) -> None:
+def test_a_block_without_the_channel_is_answered_and_logged_once(stand: Stand) -> None:
     node = stand.identifier()
     stand.shake_hands()
     for first in (0, 50):

@@ -39,7 +39,7 @@ def said(reality: ModelCheck, swings: Sequence[float] | NDArray[np.float64], sta
     return [float(t) for t, s in zip(times, swings, strict=True) if reality.check(float(t), TONE, 0.3, s)]
 
 
-def test_drift_is_said_once_with_both_amplitudes() -> None:
+def test_drift_is_reported_once_with_both_amplitudes() -> None:
     reality, _ = check()
     texts = [reality.check(0.05 * k, TONE, 0.3, 0.14) for k in range(2000)]
     assert [text for text in texts if text] == [
@@ -52,7 +52,7 @@ def test_too_little_is_drift_as_well() -> None:
     assert len(said(reality, [0.07] * 1000)) == 1
 
 
-def test_the_twin_is_asked_once_a_period() -> None:
+def test_the_twin_is_simulated_once_a_period() -> None:
     reality, twin = check()
     said(reality, [0.1] * 400)  # 20 s at 5 Hz
     assert 80 <= twin.asked <= 100
@@ -65,12 +65,12 @@ def test_noise_and_what_the_model_is_allowed_to_be_off_say_nothing_in_ten_minute
 
 
 @pytest.mark.parametrize(("expected", "swing"), [(math.nan, 0.2), (0.1, math.nan)])
-def test_what_is_not_known_says_nothing(expected: float, swing: float) -> None:
+def test_what_is_unknown_is_no_drift(expected: float, swing: float) -> None:
     reality, _ = check(expected)
     assert said(reality, [swing] * 1000) == []
 
 
-def test_another_height_does_not_repeat_it_but_agreement_makes_it_news_again() -> None:
+def test_a_reported_drift_is_latched_until_there_is_agreement() -> None:
     reality, _ = check()
     assert len(said(reality, [0.14] * 500)) == 1
     reality.restart()

@@ -291,7 +291,7 @@ def test_a_changed_byte_is_noticed(tmp_path: Path) -> None:
         verify(tmp_path / "run")
 
 
-def test_metadata_that_tells_another_story_is_noticed_and_repaired(tmp_path: Path) -> None:
+def test_metadata_that_contradicts_the_file_is_detected_and_repaired(tmp_path: Path) -> None:
     small_bag(tmp_path / "run").close()
     path = tmp_path / "run" / "metadata.yaml"
     path.write_text(path.read_text().replace("message_count: 40", "message_count: 39"))

@@ -73,7 +73,7 @@ def test_times_are_index_over_rate(tmp_path: Path) -> None:
     assert np.array_equal(values, 1e-3 * np.arange(20, 61))
 
 
-def test_what_is_missing_is_said_and_can_be_left_out(tmp_path: Path) -> None:
+def test_what_is_missing_is_reported_and_can_be_left_out(tmp_path: Path) -> None:
     holed = scans(200)
     holed[7, 0] = np.nan
     laser = [(0, scans(0)), (50, scans(50)), (150, scans(150)), (200, holed), (0, scans(0))]
@@ -95,7 +95,9 @@ def test_a_rate_that_changes_is_another_recording(tmp_path: Path) -> None:
         support_series(bag)
 
 
-def test_a_bag_without_the_support_says_what_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_without_the_support_is_refused_with_what_it_has(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = bag_of(tmp_path / "bag", [(0, scans(0))], channels=["beam_acceleration", "temperature"])
     assert command.main(["extract", str(bag), "--out", str(tmp_path), "--support"]) == 2
     said = capsys.readouterr().err

@@ -156,7 +156,7 @@ def test_the_ceiling_s_recorded_motion_is_kept_by_its_corners() -> None:
     assert np.max(np.abs(np.interp(time, times, heights) - height)) < 1e-12
 
 
-def test_a_height_that_was_not_reached_is_said(folder: Path, tmp_path: Path) -> None:
+def test_a_height_that_was_not_reached_is_reported(folder: Path, tmp_path: Path) -> None:
     made = report(recorded(folder, "slow", SHORT.replace("speed: 0.3", "speed: 0.01"), [(0.8, 0.19, 0.01)]), tmp_path)
     assert [stage.arrived for stage in made.stages] == [False, False]
     assert made.stages[0].commanded_height == 0.19
@@ -197,7 +197,7 @@ def test_a_comparison_of_ones_own_can_be_given(adaptive: Path) -> None:
     assert all(abs(stage.undamped_amplitude - 2.0) < 1e-3 for stage in stages(adaptive, closed=twice))
 
 
-def test_free_decay_is_told_by_its_decrements(free: Path) -> None:
+def test_free_decay_is_reported_by_its_decrements(free: Path) -> None:
     view = view_of(free)
     assert view.stages == []
     assert view.decrements is not None
@@ -300,7 +300,7 @@ def test_every_kind_of_scene_gets_a_report(free: Path, folder: Path, tmp_path: P
         assert Page(made.page.read_text()).open == []
 
 
-def test_a_bag_of_the_stand_knows_only_what_was_measured(tmp_path: Path) -> None:
+def test_a_bag_of_the_stand_has_only_what_was_measured(tmp_path: Path) -> None:
     """No truth, no scene, a gap and a saturated sample: still a page, and the gap is told."""
     writer = BagWriter(tmp_path / "stand", new_run(run_id="<b>stand</b>", commit="none"))
     writer.add_topic("/sensors/laser", BLOCK)

@@ -129,7 +129,7 @@ def stand() -> Iterator[Stand]:
     made.close()
 
 
-def test_a_search_ends_at_the_best_height_and_tells_on_the_way(stand: Stand) -> None:
+def test_a_search_ends_at_the_best_height_with_feedback_on_the_way(stand: Stand) -> None:
     goal, told = stand.search(**GOAL)
     assert goal.accepted
     answer = stand.wait(goal.get_result_async(), stand.turn)

@@ -86,7 +86,7 @@ def with_range(tmp_path: Path, high: float) -> str:
         ("direct", "lies at the end of ceiling.range (0.017 to 0.3 m), in which `direct` selects"),
     ],
 )
-def test_a_height_beyond_the_ceiling_s_range_is_said(
+def test_a_height_beyond_the_ceiling_s_range_is_a_warning(
     method: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     extra = ["--map", MAP] if method == "lookup" else []

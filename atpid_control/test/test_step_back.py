@@ -49,7 +49,7 @@ def test_a_selection_for_nearly_the_same_amplitude_does_not_go_back_up(
 
 
 @given(heights, amplitudes, st.floats(0.06, 2.0))
-def test_another_excitation_forgets_it(height: float, amplitude: float, change: float) -> None:
+def test_another_excitation_ends_it(height: float, amplitude: float, change: float) -> None:
     machine = retreat()
     machine.lower(height, amplitude)
     assert machine.allowed(height, amplitude * (1.0 + change)) == height
@@ -63,7 +63,7 @@ def test_without_a_rumble_it_never_steps(estimates: list[tuple[float, bool]]) ->
 
 
 @given(st.lists(st.floats(0.0, 0.1149), max_size=60))
-def test_a_beam_as_expected_is_left_alone_whatever_the_watch_says(swings: Sequence[float]) -> None:
+def test_a_beam_as_expected_causes_no_step_whatever_the_watch_reports(swings: Sequence[float]) -> None:
     machine = retreat()
     for swing in swings:
         machine.on_event("calm")
@@ -78,7 +78,7 @@ def test_the_ceiling_has_to_stand_and_the_beam_to_have_settled() -> None:
     assert steps(machine, [0.15] * 7) == [6]  # 4 to settle, 3 that count
 
 
-def test_while_it_fades_nothing_is_counted_and_nothing_forgotten() -> None:
+def test_while_it_fades_the_count_is_held() -> None:
     machine = retreat(settle=0, count=12)
     machine.on_event("rumble")
     swelling, fading = [0.15 + 0.01 * k for k in range(8)], [0.2 - 0.01 * k for k in range(5)]

@@ -122,7 +122,7 @@ def run_length(drift: float, threshold: float, noise: float) -> float:
     return (math.exp(-2.0 * delta * b) + 2.0 * delta * b - 1.0) / (2.0 * delta * delta)
 
 
-def test_drift_alarms_come_as_late_and_as_rarely_as_said() -> None:
+def test_drift_alarms_come_as_late_and_as_rarely_as_specified() -> None:
     tolerance, noise, periods = 0.05, 0.01, 400.0
     rng = np.random.default_rng(3)
 
