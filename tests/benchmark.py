@@ -16,8 +16,8 @@ import numpy as np
 from graph_runs import in_lockstep, scene_file
 
 from atpid_control.identification import Identifier
-from atpid_control.identification.showcase import SETTINGS
 from atpid_control.selection.pca import PcaSelector
+from atpid_control.studies.identification import SETTINGS
 from atpid_driver.nodes.load_command import measure
 from atpid_sim.scene import load_scene
 

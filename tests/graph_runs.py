@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.bagread import Bag, open_bag
-from atpid_control.bench.domain import own_domain
-from atpid_control.bench.graph import parameters_for, write_parameters
-from atpid_control.bench.lockstep import run_lockstep
-from atpid_control.bench.maps import map_for
-from atpid_control.bench.realtime import commands_of, run_realtime
+from atpid_control.bags.read import Bag, open_bag
+from atpid_control.bench.running import commands_of, run_lockstep, run_realtime
+from atpid_control.graph.domain import own_domain
+from atpid_control.graph.parts import parameters_for, write_parameters
+from atpid_control.selection.map_cache import map_for
 from atpid_sim.scene import Scene, load_scene
 
 

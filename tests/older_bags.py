@@ -14,8 +14,8 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.bagread import open_bag
-from atpid_control.recording.verify import find_file, records
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.verify import find_file, records
 
 Change = Callable[[str], str]
 

@@ -7,12 +7,12 @@ import pytest
 import yaml
 from graph_runs import parameters
 
-from atpid_control.bench.domain import own_domain
-from atpid_control.bench.errors import PlantFailedError
-from atpid_control.bench.graph import PARTS, write_parameters
-from atpid_control.bench.lockstep import run_lockstep
-from atpid_control.bench.maps import map_for
+from atpid_control.bench.running import run_lockstep
 from atpid_control.cli import main
+from atpid_control.graph.domain import own_domain
+from atpid_control.graph.errors import PlantFailedError
+from atpid_control.graph.parts import PARTS, write_parameters
+from atpid_control.selection.map_cache import map_for
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
@@ -131,7 +131,7 @@ def test_a_plant_that_fails_is_status_3_and_one_line(scenes, tmp_path, capsys, m
     def fails(*_):
         raise PlantFailedError("the plant stopped at 1 s: the grain left the container")
 
-    monkeypatch.setattr("atpid_control.bench.command.run_lockstep", fails)
+    monkeypatch.setattr("atpid_control.commands.bench.run_lockstep", fails)
     assert main(["bench", str(scenes / "thesis_4_3.yaml"), "--out", str(tmp_path)]) == 3
     assert capsys.readouterr().err == "error: the plant stopped at 1 s: the grain left the container\n"
 

@@ -30,6 +30,7 @@ RUN = {
         r"python -m atpid_control bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
         r"python -m atpid_sim\.figures\.(contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
     },
+    "tests/test_howto_selector.py": {r"python -m pytest test_proportional": "test_the_steps_of_the_page_run"},
     "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
     "tests/test_emulated_stand.py": {
         r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
@@ -125,7 +126,7 @@ MADE_OR_GIVEN = {
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "tradeoff.md", "tradeoff.png",
-    "scene.yaml", "stdint.h",
+    "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"

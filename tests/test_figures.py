@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from atpid_control.figures import identification, selection
+from atpid_control.studies import figures_identification as identification
+from atpid_control.studies import figures_selection as selection
 from atpid_sim.figures import contact, free_decay
 from atpid_sim.figures.numbers import Numbers, numbers_in, numbers_of
 from atpid_sim.maps import HeightMap

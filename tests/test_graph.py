@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from graph_runs import decoded, in_lockstep, scene_file
 
-from atpid_control.bench.maps import map_for
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
+from atpid_control.selection.map_cache import map_for
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
@@ -25,7 +25,7 @@ def test_two_runs_with_the_same_seed_give_the_same_messages(scenes, tmp_path):
     steps = [[0.0, 0.0], [0.3, 0.015], [1.5, 0.015], [2.0, 0.02]]
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=2.5, steady_window=[2.0, 2.5], amplitude=steps)
     first, again = (in_lockstep(path, tmp_path / name) for name in ("first", "again"))
-    assert [topic for topic, _ in first.all_messages()] == [topic for topic, _ in again.all_messages()]
+    assert [raw.topic for raw in first.raw] == [raw.topic for raw in again.raw]
     for topic in LOOP:
         assert decoded(first, topic) == decoded(again, topic), topic
     assert len(decoded(first, "/sensors/laser")) == 50

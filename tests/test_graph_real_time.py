@@ -11,10 +11,10 @@ import pytest
 from graph_runs import in_real_time, scene_file, started, wait_until
 
 from atpid_common.nodes.messages import nanoseconds_of
-from atpid_control.bench.domain import own_domain
-from atpid_control.bench.graph import PARTS, write_parameters
+from atpid_control.bags.verify import verify
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
-from atpid_control.recording.verify import verify
+from atpid_control.graph.domain import own_domain
+from atpid_control.graph.parts import PARTS, write_parameters
 
 pytestmark = pytest.mark.slow
 

@@ -13,11 +13,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
-from atpid_control.bench.domain import own_domain
-from atpid_control.bench.graph import write_parameters
-from atpid_control.bench.processes import NodeProcess, Processes
-from atpid_control.bench.realtime import commands_of
-from atpid_control.recording.verify import repair
+from atpid_control.bags.verify import repair
+from atpid_control.bench.running import commands_of
+from atpid_control.graph.domain import own_domain
+from atpid_control.graph.parts import write_parameters
+from atpid_control.graph.processes import NodeProcess, Processes
 
 STEADY = {"duration": 90.0, "steady_window": [80.0, 90.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [90.0, 0.015]]}
 SHORT = {"duration": 12.0, "steady_window": [8.0, 12.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [12.0, 0.015]]}

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from atpid_control.bench.domain import own_domain
-from atpid_control.bench.processes import START_NODE
+from atpid_control.graph.domain import own_domain
+from atpid_control.graph.processes import START_NODE
 
 ROOT = Path(__file__).resolve().parent.parent
 CONTROL, DRIVER = ROOT / "atpid_control" / "config", ROOT / "atpid_driver" / "config"

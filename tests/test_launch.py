@@ -22,14 +22,14 @@ import yaml
 from ament_index_python.packages import get_package_prefix
 from graph_runs import scene_file
 
-from atpid_control.bagread import open_bag
+from atpid_control.bags import verify
+from atpid_control.bags.agreement import compare
+from atpid_control.bags.read import open_bag
 from atpid_control.cli import main
 from atpid_control.launching import launch_files
 from atpid_control.launching.launch_files import START
 from atpid_control.launching.replay_parameters import OPTIONS, parameter_file
 from atpid_control.launching.values import LaunchArgumentError
-from atpid_control.recording import verify
-from atpid_control.replay import compare
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "atpid_control" / "launch"
@@ -289,8 +289,10 @@ def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tm
         os.kill(launch.pids[node], number)
         assert launch.end() == 1, launch.text
         assert len(launch.errors) == 1 and re.match(line, launch.errors[0])
-        assert launch.text.count("has finished cleanly") == len(BENCH_NODES) - (number == signal.SIGKILL)
+        finished = [line for line in launch.lines if "has finished cleanly" in line]
+        assert len(finished) == len(BENCH_NODES) - (number == signal.SIGKILL)
     if node != "recorder_node":
+        assert "[recorder_node-" in finished[-1]
         verify(tmp_path / "run")
 
 

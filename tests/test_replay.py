@@ -23,11 +23,11 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
-from atpid_control.bagread import Bag, open_bag
-from atpid_control.bench.graph import PARTS, parameters_for, parameters_in
+from atpid_control.bags import BagError, BagWriter, new_run, verify
+from atpid_control.bags.read import Bag, open_bag
+from atpid_control.graph.parts import PARTS, parameters_for, parameters_in
 from atpid_control.nodes.composition import node_class, run_lockstep
 from atpid_control.nodes.replay_node import ReplayNode
-from atpid_control.recording import BagError, BagWriter, new_run, verify
 
 ROOT = Path(__file__).resolve().parent.parent
 HEIGHT_MAP = ROOT / "atpid_control/config/maps/standard.npz"

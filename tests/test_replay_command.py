@@ -10,14 +10,15 @@ import yaml
 from older_bags import older, with_parameters, without_handshake
 from rclpy.serialization import deserialize_message
 
-from atpid_control.bagread import open_bag
-from atpid_control.bench.graph import parameters_in
+from atpid_control.bags import BagError, verify
+from atpid_control.bags.agreement import compare
+from atpid_control.bags.playback import load_playback
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.replay_files import write_replay_files
 from atpid_control.cli import main
+from atpid_control.commands.replay import namespace_of
+from atpid_control.graph.parts import parameters_in
 from atpid_control.nodes.wire import class_of
-from atpid_control.recording import BagError, verify
-from atpid_control.recording.playback import load_playback
-from atpid_control.replay import compare, write_replay_files
-from atpid_control.replay.command import namespace_of
 
 BAG = Path(__file__).resolve().parent.parent / "bags" / "thesis_4_3_short"
 BLOCKS = "/sensors/laser"
@@ -79,7 +80,7 @@ def test_what_cannot_be_as_it_was_is_listed_parameter_by_parameter(tmp_path):
     changed = older(BAG, tmp_path / "bag", lambda text: text, files)
     notes = write_replay_files(changed, tmp_path / "kept").notes
     assert "selector_node: dead_band is not in the bag, 0.01 is used" in notes
-    assert "selector_node: wisdom was 3 and is not known any more" in notes
+    assert "selector_node: wisdom was 3 and does not exist any more" in notes
 
 
 def test_a_bag_without_parameters_lists_those_that_are_used(tmp_path):
@@ -101,8 +102,8 @@ def test_every_parameter_of_the_nodes_is_one_the_replay_can_name(tmp_path):
     import rclpy
     from rclpy.parameter import Parameter
 
+    from atpid_control.bags.replay_files import IDENTIFIER, SELECTOR
     from atpid_control.nodes.composition import node_class
-    from atpid_control.replay.files import IDENTIFIER, SELECTOR
 
     files = write_replay_files(BAG, tmp_path / "kept")
     rclpy.init()
@@ -144,7 +145,7 @@ def test_a_message_that_cannot_be_converted_is_refused_in_one_line(tmp_path, cap
 
 
 def test_everything_that_reads_bags_reads_older_ones(old, tmp_path, capsys):
-    from atpid_control.recording.__main__ import main as recording
+    from atpid_control.commands.recording import main as recording
 
     assert verify(old).by_topic[BLOCKS] == 160
     assert recording(["extract", str(old), "--out", str(tmp_path / "kept")]) == 0

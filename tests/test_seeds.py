@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from graph_runs import in_lockstep, scene_file
 
-from atpid_control.bench.errors import BenchError
-from atpid_control.bench.maps import map_for
-from atpid_control.bench.pure_loop import run_loop
-from atpid_control.bench.rumbling import longest_rumble
-from atpid_control.bench.seeds import configured, measured, noisy, run, run_seed
 from atpid_control.cli import main
+from atpid_control.commands.seeds import run
+from atpid_control.graph.errors import BenchError
+from atpid_control.selection.map_cache import map_for
+from atpid_control.studies.pure_loop import run_loop
+from atpid_control.studies.rumbling import longest_rumble
+from atpid_control.studies.seeds import configured, measured, noisy, run_seed
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
@@ -87,7 +88,7 @@ def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes, height_map
     replace(good, heights=1.1 * good.heights).save(tmp_path / "high.npz")
     scene = load_scene(scenes / "stepped_4_8.yaml").with_(duration=8.0, steady_window=[6.0, 8.0])
     ran = run_loop(scene, configured(), tmp_path / "high.npz")
-    steps = ran.said("step_back")
+    steps = ran.events("step_back")
     assert steps
     after = [answer.command.height for t, answer in zip(ran.time, ran.answers, strict=True) if t >= steps[0][0]]
     assert max(after) < 1.1 * good.lookup(0.03, 0.1).height
@@ -96,13 +97,13 @@ def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes, height_map
     assert longest_rumble(ran, (0.2, 8.0), good.lookup(0.03, 0.1)) > 1.0
 
 
-def test_a_grain_lighter_than_believed_is_said_as_drift_once(scenes, height_map):
+def test_a_grain_lighter_than_modelled_is_reported_as_drift_once(scenes, height_map):
     believed = load_scene(scenes / "thesis_4_3.yaml")
     real = believed.with_(grain={"mass_fraction": 0.085, "radius": 0.0085}, frequency=believed.frequency_hz)
     ran = run_loop(real, configured(), height_map, model=believed)
-    drifts = ran.said("drift")
+    drifts = ran.events("drift")
     assert len(drifts) == 1
-    assert "more than the model says" in drifts[0][1]
+    assert "above the model's" in drifts[0][1]
     assert drifts[0][0] < 6.0  # in the first stage
     assert {answer.severity for answer in ran.answers if answer.kind == "drift"} == {2}
 

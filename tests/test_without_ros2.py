@@ -11,9 +11,9 @@ import pytest
 import yaml
 from graph_runs import wait_until
 
-from atpid_control.bagread import open_bag
-from atpid_control.bench.domain import own_domain
-from atpid_control.recording.verify import find_file, verify
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.verify import find_file, verify
+from atpid_control.graph.domain import own_domain
 
 WIRING = {
     "backend": "simulated",

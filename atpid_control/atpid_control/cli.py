@@ -9,17 +9,17 @@ from atpid_common.cli import run_commands
 
 #: Command: (module, what it does).
 COMMANDS = {
-    "bench": ("atpid_control.bench.command", "run a scene through the whole node graph: bag, summary and report"),
-    "stand": ("atpid_control.stand_command", "run the test stand: hardware nodes, identifier, selector and recorder"),
-    "seeds": ("atpid_control.bench.seeds", "run scenes through the loop with many noises, without the node graph"),
-    "replay": ("atpid_control.replay.command", "play a bag through identifier and selector again, and compare"),
-    "report": ("atpid_control.report.command", "make the report of a bag: an HTML page and pictures"),
-    "select": ("atpid_control.select_command", "select the ceiling height for a scene's excitation"),
+    "bench": ("atpid_control.commands.bench", "run a scene through the whole node graph: bag, summary and report"),
+    "stand": ("atpid_control.commands.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
+    "seeds": ("atpid_control.commands.seeds", "run scenes through the loop with many noises, without the node graph"),
+    "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),
+    "report": ("atpid_control.commands.report", "make the report of a bag: an HTML page and pictures"),
+    "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
     "calibrate-beam": (
-        "atpid_control.beam_calibration.command",
+        "atpid_control.commands.calibrate_beam",
         "find a beam's stiffness, damping and mass from a recording",
     ),
-    "figures": ("atpid_control.figures.command", "make the figures of the documentation"),
+    "figures": ("atpid_control.commands.figures", "make the figures of the documentation"),
 }
 
 

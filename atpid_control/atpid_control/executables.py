@@ -18,7 +18,7 @@ def recorder_node() -> int:
 
 def replay_files() -> int:
     """Write what a replay is started with; return the exit status."""
-    return run_executable("atpid_control.replay.files_command")
+    return run_executable("atpid_control.commands.replay_files")
 
 
 def replay_node() -> int:

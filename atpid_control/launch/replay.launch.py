@@ -21,6 +21,6 @@ def generate_launch_description() -> LaunchDescription:
         REPLAY,
         node("atpid_control", "identifier_node", [parameters]),
         node("atpid_control", "selector_node", [parameters]),
-        node("atpid_control", "recorder_node", [parameters], condition=IfCondition(recorded)),
+        node("atpid_control", "recorder_node", [parameters], condition=IfCondition(recorded), ends_last=True),
         node("atpid_control", "replay_node", [parameters], ends_run=True),
     )

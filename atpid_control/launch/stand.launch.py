@@ -25,7 +25,7 @@ def generate_launch_description() -> LaunchDescription:
     return describe(
         __file__,
         STAND,
-        node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder]),
+        node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder], ends_last=True),
         node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
         node(
             "atpid_control",

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.recording import Qos, new_run
-from atpid_control.recording.definitions import message_type
-from atpid_control.recording.session import Session
-from atpid_control.recording.topics import DEFAULT, parse
+from atpid_control.bags import Qos, new_run
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.session import Session
+from atpid_control.bags.topics import DEFAULT, parse
 from atpid_sim.instrument import laser_of
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene, load_scene
@@ -123,7 +123,7 @@ def record(folder: Path, scene_file: Path, heights: list[tuple[float, float, flo
     """Record `bench` of the scene into `folder`; return it."""
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
     run = new_run(scene_file, run_id="specimen", commit="0123456789ab")
-    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda topic: (Qos(),))
+    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda _topic: (Qos(),))
     for number, (topic, message) in enumerate(bench(load_scene(scene_file), heights)):
         session.receive(topic, message, 1_000_000_000 + number * 1_000)
     assert session.complete

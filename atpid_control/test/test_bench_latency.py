@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from recorded import block, make
 
-from atpid_control.bagread import open_bag
-from atpid_control.bench.latency import STAGES, in_words, latency_of
-from atpid_control.recording import Qos, new_run
-from atpid_control.recording.session import Session
-from atpid_control.recording.topics import DEFAULT, parse
+from atpid_control.bags import Qos, new_run
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.session import Session
+from atpid_control.bags.topics import DEFAULT, parse
+from atpid_control.bench.latency import STAGES, latency_of, summary_line
 
 START, RATE, SCANS = 1_700_000_000_123_456_789, 1000.0, 50
 MS = 1_000_000
@@ -22,7 +22,7 @@ MS = 1_000_000
 def recorded(folder: Path, delays: list[tuple[int, int, int]]) -> Path:
     """Record blocks whose messages arrive so many ns after the last sample, the block and the estimate."""
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, False)]
-    session = Session(folder, new_run(None), topics, lockstep=False, offered=lambda topic: (Qos(),))
+    session = Session(folder, new_run(None), topics, lockstep=False, offered=lambda _topic: (Qos(),))
     for k, (to_block, to_estimate, to_command) in enumerate(delays):
         last = START + round((k * SCANS + SCANS - 1) / RATE * 1e9)
         now = last + to_block
@@ -41,10 +41,12 @@ def test_each_stage_is_measured_from_the_last_sample_on(tmp_path: Path) -> None:
     assert latency["block_to_estimate"] == pytest.approx({"p50": 3e-3, "p99": 3e-3, "max": 40e-3})
     assert latency["estimate_to_command"] == pytest.approx({"p50": 1e-3, "p99": 1e-3, "max": 300e-3})
     assert latency["sample_to_command"] == pytest.approx({"p50": 6e-3, "p99": 6e-3, "max": 305e-3})
-    assert in_words(latency).startswith("sample to command: median 6.0, 99 % 6.0, largest 305.0 ms (99 % of sample to")
+    assert summary_line(latency).startswith(
+        "sample to command: median 6.0, 99 % 6.0, largest 305.0 ms (99 % of sample to"
+    )
 
 
 def test_a_run_without_commands_has_no_latency(tmp_path: Path) -> None:
     latency = latency_of(open_bag(recorded(tmp_path / "bag", [])))
     assert latency == {}
-    assert in_words(latency) == ""
+    assert summary_line(latency) == ""

@@ -1,21 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bench's pure parts: domain, output folder, parameters, processes."""
 
+from __future__ import annotations
+
 import json
 import signal
 import socket
 import sys
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from atpid_common.nodes.messages import time_of
-from atpid_control.bench import graph, outdir
-from atpid_control.bench.command import stopped
-from atpid_control.bench.domain import is_quiet, named_domain, own_domain
-from atpid_control.bench.errors import BenchError, NodeDiedError
-from atpid_control.bench.processes import Processes
+from atpid_control.bench import outdir
 from atpid_control.bench.summary import real_time_factor
+from atpid_control.commands.bench import stopped
+from atpid_control.graph import parts
+from atpid_control.graph.domain import is_quiet, named_domain, own_domain
+from atpid_control.graph.errors import BenchError, NodeDiedError
+from atpid_control.graph.processes import Processes
 from atpid_sim.scene import scene_from_mapping
 
 SCENE = {
@@ -30,7 +35,7 @@ SCENE = {
 }
 
 
-def test_two_benches_get_different_domains_and_the_environment_is_put_back():
+def test_two_benches_get_different_domains_and_the_environment_is_put_back() -> None:
     environment = {"ROS_DOMAIN_ID": "7"}
     with own_domain(environment=environment) as first, own_domain(environment=dict(environment)) as second:
         assert first != second
@@ -39,14 +44,14 @@ def test_two_benches_get_different_domains_and_the_environment_is_put_back():
     assert environment == {"ROS_DOMAIN_ID": "7"}
 
 
-def test_a_domain_with_a_participant_is_not_quiet():
+def test_a_domain_with_a_participant_is_not_quiet() -> None:
     with own_domain(environment={}) as domain, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
         assert is_quiet(domain)
         participant.bind(("", 7400 + 250 * domain + 10))
         assert not is_quiet(domain)
 
 
-def test_a_domain_out_of_range_or_taken_is_refused():
+def test_a_domain_out_of_range_or_taken_is_refused() -> None:
     with pytest.raises(BenchError, match="given 400; allowed: 0 to 232"), own_domain(400, {}):
         pass
     with (
@@ -57,9 +62,11 @@ def test_a_domain_out_of_range_or_taken_is_refused():
         pass
 
 
-def test_the_domain_the_user_has_set_is_taken():
-    assert named_domain({}) is None and named_domain({"ROS_DOMAIN_ID": ""}) is None
-    assert named_domain({"ROS_DOMAIN_ID": "0"}) == 0 and named_domain({"ROS_DOMAIN_ID": "77"}) == 77
+def test_the_domain_the_user_has_set_is_taken() -> None:
+    assert named_domain({}) is None
+    assert named_domain({"ROS_DOMAIN_ID": ""}) is None
+    assert named_domain({"ROS_DOMAIN_ID": "0"}) == 0
+    assert named_domain({"ROS_DOMAIN_ID": "77"}) == 77
     for text in ("lab", "-1", "233", "1.5"):
         with pytest.raises(BenchError, match=f"ROS_DOMAIN_ID: given '{text}'; allowed: 0 to 232"):
             named_domain({"ROS_DOMAIN_ID": text})
@@ -73,7 +80,7 @@ def test_the_domain_the_user_has_set_is_taken():
         (["bag_0.mcap", "metadata.yaml"], "the bag is closed: "),
     ],
 )
-def test_what_is_left_of_a_run_that_was_stopped(files, text, tmp_path):
+def test_what_is_left_of_a_run_that_was_stopped(files: list[str], text: str, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     for name in files:
         bag.mkdir(exist_ok=True)
@@ -81,7 +88,7 @@ def test_what_is_left_of_a_run_that_was_stopped(files, text, tmp_path):
     assert text in stopped(bag)
 
 
-def test_an_earlier_run_is_moved_aside_and_nothing_is_lost(tmp_path):
+def test_an_earlier_run_is_moved_aside_and_nothing_is_lost(tmp_path: Path) -> None:
     assert outdir.prepare(tmp_path) is None
     for number in (1, 2):
         outdir.mark(tmp_path, tmp_path / "scene.yaml")
@@ -95,7 +102,7 @@ def test_an_earlier_run_is_moved_aside_and_nothing_is_lost(tmp_path):
     assert json.loads((tmp_path / "run-0002" / outdir.MARKER).read_text())["layout"] == 1
 
 
-def test_a_folder_with_other_peoples_files_is_left_alone(tmp_path):
+def test_a_folder_with_other_files_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(BenchError, match=r"not the bench's \(thesis.tex\)"):
         outdir.prepare(tmp_path)
@@ -112,78 +119,81 @@ def test_a_folder_with_other_peoples_files_is_left_alone(tmp_path):
         ({"closed": 0.017, "open": 0.2, "start": 0.2, "end": 0.7}, (0.017, 0.2, 0.366, 0.017)),
     ],
 )
-def test_the_simulated_ceiling_gets_limits_and_speed_from_the_scene(ceiling, expected):
+def test_the_simulated_ceiling_gets_limits_and_speed_from_the_scene(
+    ceiling: dict[str, object], expected: dict[str, float]
+) -> None:
     scene = scene_from_mapping(SCENE | ({"ceiling": ceiling} if ceiling else {}))
-    found = graph.ceiling_parameters(scene)
+    found = parts.ceiling_parameters(scene)
     assert tuple(found.values()) == pytest.approx(expected)
     assert tuple(found) == ("lowest", "highest", "speed", "initial_height")
 
 
-def test_a_closed_damper_gets_a_range_with_some_width():
-    found = graph.ceiling_parameters(scene_from_mapping(SCENE | {"ceiling": {"height": 0.017}}))
+def test_a_closed_damper_gets_a_range_with_some_width() -> None:
+    found = parts.ceiling_parameters(scene_from_mapping(SCENE | {"ceiling": {"height": 0.017}}))
     assert found["highest"] > found["lowest"]
 
 
-def test_parameters_of_a_node_are_found_under_each_way_to_name_it():
+def test_parameters_of_a_node_are_found_under_each_way_to_name_it() -> None:
     document = {"/**/a_node": {"ros__parameters": {"x": 1}}, "/**": {"ros__parameters": {"y": 2}}, "b_node": {}}
-    assert graph.parameters_in(document, "a_node") == {"x": 1, "y": 2}
+    assert parts.parameters_in(document, "a_node") == {"x": 1, "y": 2}
 
 
-def script(text):
+def script(text: str) -> list[str]:
     return [sys.executable, "-c", f"import signal\n{text}"]
 
 
-def test_a_node_that_dies_is_named_with_its_last_words_and_the_others_are_stopped(tmp_path):
+def test_a_node_that_ends_is_named_with_the_reason_and_the_others_are_stopped(tmp_path: Path) -> None:
     commands = [
         ("plant_node", script("signal.pause()")),
         ("motor_node", script("print('hello'); raise SystemExit('error: no such port')")),
     ]
     said = r"motor_node ended with status 1: no such port "
-    with pytest.raises(NodeDiedError, match=said), Processes(commands, tmp_path) as nodes:
+    with Processes(commands, tmp_path) as nodes:
         nodes["motor_node"].wait()
-        nodes.check(except_for="plant_node")
+        with pytest.raises(NodeDiedError, match=said):
+            nodes.check(except_for="plant_node")
     assert nodes["plant_node"].status is not None
 
 
-def test_nodes_are_asked_to_leave_before_they_are_killed(tmp_path):
+def test_nodes_are_interrupted_before_they_are_killed(tmp_path: Path) -> None:
     # as a node does: it handles the signals itself, which are blocked until then
     asks = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     asks += "signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])\n"
     text = asks + "try:\n    print('up', flush=True); signal.pause()\nexcept KeyboardInterrupt:\n    print('closed')"
     with Processes([("recorder_node", script(text))], tmp_path) as nodes:
-        while "up" not in nodes["recorder_node"].log.read_text():
+        while "up" not in (tmp_path / "recorder_node.log").read_text():
             assert nodes["recorder_node"].status is None
-    assert nodes["recorder_node"].last_words() == "up / closed"
+    assert nodes["recorder_node"].reason() == "up / closed"
     assert nodes["recorder_node"].status == 0
 
 
-def test_an_executable_that_is_missing_says_what_to_do(tmp_path):
+def test_an_executable_that_is_missing_is_refused_with_the_remedy(tmp_path: Path) -> None:
     with pytest.raises(BenchError, match="make setup"), Processes([("x_node", [str(tmp_path / "x")])], tmp_path):
         pass
 
 
-def test_stopping_is_not_cut_short_by_a_second_interrupt(tmp_path):
+def test_stopping_is_not_cut_short_by_a_second_interrupt(tmp_path: Path) -> None:
     answer = "lambda *_: (os.kill(os.getppid(), signal.SIGINT), exit(0))"
     text = f"import os\nsignal.signal(signal.SIGINT, {answer})\nprint('up', flush=True)\nsignal.pause()"
     before = signal.getsignal(signal.SIGINT)
     with Processes([("a", script(text)), ("b", script(text))], tmp_path) as nodes:
         for name in "ab":
-            while "up" not in nodes[name].log.read_text():
+            while "up" not in (tmp_path / f"{name}.log").read_text():
                 assert nodes[name].status is None
     assert [nodes[name].status for name in "ab"] == [0, 0]
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_the_real_time_factor_is_data_over_wall_time():
+def test_the_real_time_factor_is_data_over_wall_time() -> None:
     blocks = [(wall, SimpleNamespace(header=SimpleNamespace(stamp=time_of(stamp)))) for wall, stamp in [(3, 0), (5, 4)]]
-    bag = SimpleNamespace(
-        result={"real_time_factor": "12.5"}, topics_of=lambda kind: ["/sensors/laser"], messages=lambda topic: blocks
+    bag: Any = SimpleNamespace(
+        result={"real_time_factor": "12.5"}, topics_of=lambda _kind: ["/sensors/laser"], messages=lambda _topic: blocks
     )
     assert real_time_factor(bag, "real time") == 2.0
     assert real_time_factor(bag, "lockstep") == 12.5
 
 
-def test_two_benches_do_not_share_a_folder(tmp_path):
+def test_two_benches_do_not_share_a_folder(tmp_path: Path) -> None:
     said = "another bench is running"
     with outdir.claimed(tmp_path), pytest.raises(BenchError, match=said), outdir.claimed(tmp_path):
         pass

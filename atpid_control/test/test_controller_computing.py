@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """While a height is being computed the loop goes on, and a result that came too late moves nothing."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from typing import Any
 
 import pytest
 
-from atpid_control.computation import InlineExecutor, threaded
-from atpid_control.controller import ControlSettings, SelectingController
-from atpid_control.hold import Estimate, Quality, Settings
+from atpid_control.identification import Estimate, Quality
+from atpid_control.loop.computation import InlineExecutor, threaded
+from atpid_control.loop.controller import SelectingController
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.hold import HoldSettings
+from atpid_control.loop.protocol import Command, ControlSettings
+from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
-from atpid_control.step_back import StepBack
-from atpid_control.watch import DriftSettings
 
-HOLD = Settings(
+HOLD = HoldSettings(
     dead_band=0.01,
     sigmas=4.0,
     steady_count=4,
@@ -28,15 +34,15 @@ SETTINGS = ControlSettings(HOLD, StepBack(0.1, 2, 3, 0.15, 0.05), DriftSettings(
 class Held(Executor):
     """Computes when the test says so."""
 
-    def __init__(self):
-        self.waiting = []
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future[Any], Callable[..., Any], Any, Any]] = []
 
-    def submit(self, fn, /, *args, **kwargs):
-        future = Future()
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
         self.waiting.append((future, fn, args, kwargs))
         return future
 
-    def compute(self):
+    def compute(self) -> None:
         """Compute what was submitted first."""
         future, fn, args, kwargs = self.waiting.pop(0)
         try:
@@ -50,10 +56,20 @@ class Linear:
 
     method, simulates = "direct", True
 
-    def __init__(self):
-        self.asked, self.error = [], None
+    def __init__(self) -> None:
+        self.asked: list[float] = []
+        self.error: Exception | None = None
 
-    def select(self, amplitude, amplitude_std=0.0, frequency=math.nan, *, margin=0.0, height=math.nan):
+    def select(
+        self,
+        amplitude: float,
+        amplitude_std: float = 0.0,
+        frequency: float = math.nan,
+        *,
+        margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:
+        del amplitude_std, frequency, height
         self.asked.append(amplitude)
         if self.error is not None:
             raise self.error
@@ -63,29 +79,32 @@ class Linear:
 class Twin:
     """Expects 0.1 m everywhere."""
 
-    def expected(self, amplitude, frequency, height):
+    def expected(self, amplitude: float, frequency: float, height: float) -> float:
+        del amplitude, frequency, height
         return 0.1
 
 
 class Loop:
     """A controller whose computations the test finishes, fed with one estimate each 50 ms."""
 
-    def __init__(self, executor=None, twin=None):
-        self.executor, self.selector, self.time, self.height = executor or Held(), Linear(), 0.0, 0.017
-        self.controller = SelectingController(SETTINGS, self.selector, (0.017, 1.0), twin, self.executor)
+    def __init__(self, executor: Executor | None = None, twin: Twin | None = None) -> None:
+        self.executor, self.selector, self.time, self.height = Held(), Linear(), 0.0, 0.017
+        self.controller = SelectingController(SETTINGS, self.selector, (0.017, 1.0), twin, executor or self.executor)
 
-    def feed(self, *amplitudes, quality=Quality.STEADY, beam=math.nan):
+    def feed(self, *amplitudes: float, quality: Quality = Quality.STEADY, beam: float = math.nan) -> list[Command]:
         """Return the commands that answer these amplitudes; the ceiling is at once where it is sent."""
         commands = []
         for amplitude in amplitudes:
-            estimate = Estimate(quality, amplitude, 1e-6, 5.49, beam)
+            estimate = Estimate(
+                quality=quality, amplitude=amplitude, amplitude_std=1e-6, frequency=5.49, beam_amplitude=beam
+            )
             commands.append(self.controller.answer(self.time, estimate, self.height).command)
             self.time += 0.05
             self.height = commands[-1].height if commands[-1].height > 0.0 else self.height
         return commands
 
 
-def test_every_estimate_is_answered_while_a_height_is_computed():
+def test_every_estimate_is_answered_while_a_height_is_computed() -> None:
     loop = Loop()
     waiting = loop.feed(*[0.015] * 10)
     assert [command.sequence for command in waiting] == [0] * 10
@@ -93,27 +112,28 @@ def test_every_estimate_is_answered_while_a_height_is_computed():
     assert [command.reason for command in waiting[3:]] == ["computing"] * 7
     loop.executor.compute()
     (selected,) = loop.feed(0.015)
-    assert (selected.sequence, selected.height, selected.reason) == (1, pytest.approx(0.285), "selected")
+    assert (selected.sequence, selected.reason) == (1, "selected")
+    assert selected.height == pytest.approx(0.285)
     assert loop.selector.asked == [0.015]
     assert loop.feed(0.015)[0].reason == "inside dead band"
 
 
-def test_a_height_that_is_only_looked_up_is_in_the_answer_that_asks_for_it():
+def test_a_height_that_is_only_looked_up_is_in_the_answer_that_asks_for_it() -> None:
     selector = Linear()
     selector.simulates = False
     machine = SelectingController(SETTINGS, selector, (0.017, 1.0), None, Held())
-    estimate = Estimate(Quality.STEADY, 0.015, 1e-6, 5.49)
+    estimate = Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49)
     assert [machine.answer(0.05 * k, estimate, 0.017).command.sequence for k in range(5)] == [0, 0, 0, 1, 1]
 
 
-def test_inline_the_height_is_in_the_answer_that_asks_for_it():
+def test_inline_the_height_is_in_the_answer_that_asks_for_it() -> None:
     loop = Loop(InlineExecutor())
     commands = loop.feed(*[0.015] * 5)
     assert [command.sequence for command in commands] == [0, 0, 0, 1, 1]
     assert "computing" not in {command.reason for command in commands}
 
 
-def test_a_height_for_an_excitation_that_fell_again_is_dropped_and_selected_anew():
+def test_a_height_for_an_excitation_that_fell_again_is_dropped_and_selected_anew() -> None:
     loop = Loop()
     loop.feed(*[0.03] * 4)
     loop.feed(*[0.015] * 2)
@@ -126,7 +146,7 @@ def test_a_height_for_an_excitation_that_fell_again_is_dropped_and_selected_anew
     assert loop.selector.asked == [0.03, 0.015]
 
 
-def test_on_a_ramp_the_ceiling_follows_with_the_heights_on_the_way():
+def test_on_a_ramp_the_ceiling_follows_with_the_heights_on_the_way() -> None:
     loop = Loop()
     ramp = [0.01 * 1.02**k for k in range(30)]
     loop.feed(*ramp[:10])
@@ -138,7 +158,7 @@ def test_on_a_ramp_the_ceiling_follows_with_the_heights_on_the_way():
     assert loop.feed(ramp[11])[0].height == pytest.approx(19.0 * ramp[10])
 
 
-def test_on_a_falling_ramp_too():
+def test_on_a_falling_ramp_too() -> None:
     loop = Loop()
     loop.feed(*[0.03] * 4)
     loop.executor.compute()
@@ -150,7 +170,7 @@ def test_on_a_falling_ramp_too():
     assert step.reason == "falling"
 
 
-def test_an_estimate_that_must_not_be_acted_on_lets_the_result_wait():
+def test_a_result_waits_while_estimates_must_not_be_acted_on() -> None:
     loop = Loop()
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
@@ -159,17 +179,20 @@ def test_an_estimate_that_must_not_be_acted_on_lets_the_result_wait():
     assert loop.feed(0.015)[0].sequence == 1
 
 
-def test_no_height_is_reported_when_it_is_known():
+def test_no_height_is_reported_when_it_is_known() -> None:
     loop = Loop()
     loop.selector.error = SelectionError("amplitude: given 1 m; allowed: up to 0.05 m")
     loop.feed(*[0.015] * 5)
     loop.executor.compute()
-    answer = loop.controller.answer(1.0, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49), 0.017)
-    assert answer.kind == "refused" and "up to 0.05 m" in answer.text
+    answer = loop.controller.answer(
+        1.0, Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49), 0.017
+    )
+    assert answer.kind == "refused"
+    assert "up to 0.05 m" in answer.text
 
 
 @pytest.mark.parametrize("now", [0.015, 0.03])
-def test_a_defect_in_a_computation_is_raised_even_where_its_result_is_not_needed(now):
+def test_a_defect_in_a_computation_is_raised_even_where_its_result_is_not_needed(now: float) -> None:
     loop = Loop()
     loop.selector.error = ZeroDivisionError("a defect")
     loop.feed(*[0.02] * 4)
@@ -178,7 +201,7 @@ def test_a_defect_in_a_computation_is_raised_even_where_its_result_is_not_needed
         loop.feed(now)
 
 
-def test_another_margin_selects_anew_and_drops_what_was_computed_with_the_last():
+def test_another_margin_selects_anew_and_drops_what_was_computed_with_the_last() -> None:
     loop = Loop()
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
@@ -196,7 +219,7 @@ def test_another_margin_selects_anew_and_drops_what_was_computed_with_the_last()
     assert loop.feed(0.015)[0].height == pytest.approx(17.1 * 0.015)
 
 
-def test_a_rumble_is_left_while_a_height_is_computed():
+def test_a_rumble_is_left_while_a_height_is_computed() -> None:
     loop = Loop()
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
@@ -206,10 +229,11 @@ def test_a_rumble_is_left_while_a_height_is_computed():
     loop.feed(*[0.014, 0.0139], beam=0.1)
     assert len(loop.executor.waiting) == 1
     (lower,) = loop.feed(0.0139, beam=0.1)
-    assert lower.reason == "rumble: stepped back" and lower.height < high
+    assert lower.reason == "rumble: stepped back"
+    assert lower.height < high
 
 
-def test_the_twin_does_not_hold_up_an_answer_and_its_comparison_comes_later():
+def test_the_twin_does_not_hold_up_an_answer_and_its_comparison_comes_later() -> None:
     loop = Loop(twin=Twin())
     loop.feed(*[0.015] * 4)
     loop.executor.compute()
@@ -218,18 +242,23 @@ def test_the_twin_does_not_hold_up_an_answer_and_its_comparison_comes_later():
     alarms = []
     for _ in range(400):
         loop.executor.compute()
-        answer = loop.controller.answer(loop.time, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, 0.2), loop.height)
+        answer = loop.controller.answer(
+            loop.time,
+            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=0.2),
+            loop.height,
+        )
         alarms += [answer.text] if answer.kind == "drift" else []
         while not loop.executor.waiting:
             loop.feed(0.015, beam=0.2)
-    assert len(alarms) == 1 and "(0.2000 m against 0.1000 m)" in alarms[0]
+    assert len(alarms) == 1
+    assert "(0.2000 m against 0.1000 m)" in alarms[0]
 
 
-def test_a_thread_computes_with_a_lower_priority_than_the_loop():
+def test_a_thread_computes_with_a_lower_priority_than_the_loop() -> None:
     import os
     import threading
 
-    def nice():
+    def nice() -> int:
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
     with threaded("computation") as executor:

@@ -20,8 +20,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Empty
 
-from atpid_control.computation import threaded
-from atpid_control.hold import Estimate, Quality
+from atpid_control.identification import Estimate, Quality
+from atpid_control.loop.computation import threaded
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.selection.request import Resonance
@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
 SCENE = load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
 MAKE = partial(make_selector, scene=SCENE, height_map=MAP)
-STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+STEADY = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.49)
 
 
 class Stand:
@@ -116,7 +116,8 @@ def test_nonsense_is_refused_by_every_method(stand: Stand, method: str) -> None:
     for request in nonsense:
         answer = stand.ask(method, **request)
         assert not answer.success
-        assert "given" in answer.message and "allowed" in answer.message
+        assert "given" in answer.message
+        assert "allowed" in answer.message
         assert math.isnan(answer.height)
 
 
@@ -140,7 +141,7 @@ class Blocked:
 
 def test_the_node_goes_on_while_a_height_is_computed_and_a_defect_is_reported() -> None:
     selector = Blocked()
-    stand = Stand(lambda method: selector)
+    stand = Stand(lambda _method: selector)
     try:
         taken: list[Empty] = []
         stand.node.create_subscription(Empty, "loop", taken.append, 10)

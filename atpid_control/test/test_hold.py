@@ -1,37 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dead band and hold: what moves the ceiling and, above all, what does not."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
-from atpid_control.controller import ControlSettings, SelectingController
-from atpid_control.hold import Estimate, Hold, HoldError, Quality, Settings
-from atpid_control.profile_controller import ProfileController
+from atpid_control.identification import Estimate, Quality
+from atpid_control.loop.controller import SelectingController
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.errors import HoldError
+from atpid_control.loop.hold import Hold, HoldSettings
+from atpid_control.loop.profile_controller import ProfileController
+from atpid_control.loop.protocol import Answer, Controller, ControlSettings
+from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
-from atpid_control.step_back import StepBack
-from atpid_control.watch import DriftSettings
 
-SETTINGS = {
+SETTINGS: dict[str, Any] = {
     "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
     "frequency": 5.49, "frequency_tolerance": 0.05,
 }  # fmt: skip
 
 
-def hold(**changes):
-    return Hold(Settings(**(SETTINGS | changes)))
+def hold(**changes: Any) -> Hold:
+    return Hold(HoldSettings(**(SETTINGS | changes)))
 
 
-def steady(amplitude, std=1e-6, frequency=5.49):
-    return Estimate(Quality.STEADY, amplitude, std, frequency)
+def steady(amplitude: float, std: float = 1e-6, frequency: float = 5.49) -> Estimate:
+    return Estimate(quality=Quality.STEADY, amplitude=amplitude, amplitude_std=std, frequency=frequency)
 
 
-def transient(amplitude):
-    return Estimate(Quality.TRANSIENT, amplitude, 1e-4, 5.49)
+def transient(amplitude: float) -> Estimate:
+    return Estimate(quality=Quality.TRANSIENT, amplitude=amplitude, amplitude_std=1e-4, frequency=5.49)
 
 
-def feed(machine, estimates):
+def feed(machine: Hold, estimates: Sequence[Estimate]) -> list[float]:
     """Return the amplitudes acted on."""
     acted = []
     for estimate in estimates:
@@ -42,35 +49,35 @@ def feed(machine, estimates):
     return acted
 
 
-def test_acts_once_on_a_steady_excitation_and_not_before_it_is_sure():
+def test_acts_once_on_a_steady_excitation_and_not_before_it_is_sure() -> None:
     machine = hold()
     assert feed(machine, [steady(0.015)] * 3) == []
     assert feed(machine, [steady(0.015)] * 100) == [0.015]
     assert machine.judge(steady(0.015)).reason == "inside dead band"
 
 
-def test_noise_moves_nothing_in_ten_minutes():
+def test_noise_moves_nothing_in_ten_minutes() -> None:
     generator = np.random.default_rng(1)
     amplitudes = 0.015 * (1.0 + 0.002 * generator.standard_normal(12_000))
     machine = hold()
     assert len(feed(machine, [steady(a, 0.002 * 0.015) for a in amplitudes])) == 1
 
 
-def test_a_change_must_stand_out_of_the_error_bar():
+def test_a_change_must_stand_out_of_the_error_bar() -> None:
     machine = hold()
     feed(machine, [steady(0.015)] * 4)
     assert feed(machine, [steady(0.0155, std=2e-4)] * 50) == []
     assert feed(machine, [steady(0.0155, std=1e-5)] * 50) == [0.0155]
 
 
-def test_a_single_rising_transient_is_not_chased_but_a_ramp_is_followed():
+def test_a_single_rising_transient_is_not_chased_but_a_ramp_is_followed() -> None:
     machine = hold()
     feed(machine, [steady(0.015)] * 4)
     assert feed(machine, [transient(0.03), transient(0.02), transient(0.028), transient(0.021)] * 5) == []
     assert feed(machine, [transient(0.016 + 0.001 * k) for k in range(8)])
 
 
-def test_a_falling_excitation_is_followed_at_once():
+def test_a_falling_excitation_is_followed_at_once() -> None:
     machine = hold()
     feed(machine, [steady(0.04)] * 4)
     assert feed(machine, [transient(0.038), transient(0.036)]) == [0.036]
@@ -79,15 +86,27 @@ def test_a_falling_excitation_is_followed_at_once():
 @pytest.mark.parametrize(
     ("estimate", "reason"),
     [
-        (Estimate(Quality.NONE, math.nan, math.nan, math.nan), "no estimate"),
-        (Estimate(Quality.POOR, 0.015, 1e-3, 5.49), "poor estimate"),
-        (Estimate(Quality.STEADY, math.nan, 1e-6, 5.49), "estimate is not a number"),
-        (Estimate(Quality.STEADY, 0.015, math.inf, 5.49), "estimate is not a number"),
-        (Estimate(Quality.STEADY, -0.015, 1e-6, 5.49), "amplitude is not positive"),
-        (Estimate(Quality.STEADY, 0.03, 1e-6, 6.0), "frequency off resonance"),
+        (Estimate(quality=Quality.NONE, amplitude=math.nan, amplitude_std=math.nan, frequency=math.nan), "no estimate"),
+        (Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49), "poor estimate"),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=math.nan, amplitude_std=1e-6, frequency=5.49),
+            "estimate is not a number",
+        ),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=math.inf, frequency=5.49),
+            "estimate is not a number",
+        ),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=-0.015, amplitude_std=1e-6, frequency=5.49),
+            "amplitude is not positive",
+        ),
+        (
+            Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-6, frequency=6.0),
+            "frequency off resonance",
+        ),
     ],
 )
-def test_an_estimate_that_cannot_be_trusted_moves_nothing(estimate, reason):
+def test_an_estimate_that_cannot_be_trusted_moves_nothing(estimate: Estimate, reason: str) -> None:
     machine = hold()
     feed(machine, [steady(0.015)] * 4)
     verdict = machine.judge(estimate)
@@ -95,10 +114,10 @@ def test_an_estimate_that_cannot_be_trusted_moves_nothing(estimate, reason):
     assert machine.acted_amplitude == 0.015
 
 
-def test_trouble_interrupts_what_was_nearly_sure():
+def test_trouble_interrupts_what_was_nearly_sure() -> None:
     machine = hold()
     feed(machine, [steady(0.015)] * 3)
-    machine.judge(Estimate(Quality.POOR, 0.015, 1e-3, 5.49))
+    machine.judge(Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49))
     assert feed(machine, [steady(0.015)] * 3) == []
 
 
@@ -106,7 +125,7 @@ def test_trouble_interrupts_what_was_nearly_sure():
     "changes",
     [{"dead_band": -0.1}, {"dead_band": math.nan}, {"steady_count": 0}, {"rising_count": 1}, {"frequency": math.nan}],
 )
-def test_contradictory_settings_are_refused_in_one_line(changes):
+def test_contradictory_settings_are_refused_in_one_line(changes: dict[str, float]) -> None:
     with pytest.raises(HoldError, match=r"given .*; allowed: "):
         hold(**changes)
 
@@ -116,27 +135,37 @@ class Linear:
 
     method, simulates = "lookup", False
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.asked = 0
 
-    def select(self, amplitude, amplitude_std=0.0, frequency=math.nan, *, margin=0.0, height=math.nan):
+    def select(
+        self,
+        amplitude: float,
+        amplitude_std: float = 0.0,
+        frequency: float = math.nan,
+        *,
+        margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:
+        del amplitude_std, frequency, margin, height
         self.asked += 1
         if amplitude > 0.05:
             raise SelectionError(f"amplitude: given {amplitude:g} m; allowed: up to 0.05 m")
         return Selection(19.0 * amplitude, 5.0 * amplitude, 0.8, "lookup")
 
 
-def controller(limits=(0.017, 1.0), settle=0):
+def controller(limits: tuple[float, float] = (0.017, 1.0), settle: int = 0) -> tuple[SelectingController, Linear]:
     selector = Linear()
     step_back, drift = StepBack(0.1, settle, 3, 0.15, 0.05), DriftSettings(0.15, 0.02, 1e4)
-    return SelectingController(ControlSettings(Settings(**SETTINGS), step_back, drift, 0.0), selector, limits), selector
+    control = ControlSettings(HoldSettings(**SETTINGS), step_back, drift, 0.0)
+    return SelectingController(control, selector, limits), selector
 
 
-def answers(machine, estimates):
+def answers(machine: Controller, estimates: Sequence[Estimate]) -> list[Answer]:
     return [machine.answer(0.05 * k, estimate, 0.3) for k, estimate in enumerate(estimates)]
 
 
-def test_each_estimate_is_answered_and_the_height_repeated():
+def test_each_estimate_is_answered_and_the_height_repeated() -> None:
     machine, selector = controller()
     commands = [answer.command for answer in answers(machine, [steady(0.015)] * 10)]
     assert len(commands) == 10
@@ -146,7 +175,7 @@ def test_each_estimate_is_answered_and_the_height_repeated():
     assert selector.asked == 1
 
 
-def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once():
+def test_an_excitation_out_of_the_map_is_refused_and_selected_for_once() -> None:
     machine, selector = controller()
     answers(machine, [steady(0.015)] * 4)
     given = answers(machine, [steady(0.08)] * 20)
@@ -157,14 +186,14 @@ def test_an_excitation_out_of_the_map_is_refused_once_and_asked_for_once():
     assert selector.asked == 2
 
 
-def test_a_refusal_is_said_again_after_a_good_estimate():
+def test_a_refusal_is_reported_again_after_a_good_estimate() -> None:
     machine, _ = controller()
-    poor = Estimate(Quality.POOR, 0.015, 1e-3, 5.49)
+    poor = Estimate(quality=Quality.POOR, amplitude=0.015, amplitude_std=1e-3, frequency=5.49)
     said = [answer.kind == "refused" for answer in answers(machine, [poor, poor, steady(0.015), poor, poor])]
     assert said == [True, False, False, True, False]
 
 
-def test_heights_stay_in_the_ceilings_range():
+def test_heights_stay_in_the_ceilings_range() -> None:
     machine, _ = controller(limits=(0.017, 0.2))
     command = answers(machine, [steady(0.015)] * 4)[-1].command
     assert command.height == 0.2
@@ -172,13 +201,18 @@ def test_heights_stay_in_the_ceilings_range():
     assert math.isnan(command.predicted_amplitude)
 
 
-def stepped(machine, count, height, swing=lambda _: 0.12):
+def stepped(
+    machine: Controller, count: int, height: float, swing: Callable[[int], float] = lambda _: 0.12
+) -> list[float]:
     """Return the heights after each of `count` steady estimates with the ceiling at `height`, the beam at swing(k)."""
-    estimates = [Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, swing(k)) for k in range(count)]
+    estimates = [
+        Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=swing(k))
+        for k in range(count)
+    ]
     return [machine.answer(1.0, estimate, height).command.height for estimate in estimates]
 
 
-def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_lasts():
+def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_lasts() -> None:
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.on_event("rumble")
@@ -192,7 +226,7 @@ def test_in_a_rumble_the_ceiling_steps_back_when_it_stands_and_again_while_it_la
 
 
 @pytest.mark.parametrize("swing", [lambda _: 0.08, lambda k: 0.2 * 0.99**k], ids=["as predicted", "dying out"])
-def test_what_calms_down_or_is_as_predicted_is_left_alone(swing):
+def test_a_decaying_or_predicted_amplitude_moves_nothing(swing: Callable[[int], float]) -> None:
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     stepped(machine, 8, high, swing)
@@ -200,7 +234,7 @@ def test_what_calms_down_or_is_as_predicted_is_left_alone(swing):
     assert stepped(machine, 30, high, lambda k: swing(k + 8)) == [high] * 30
 
 
-def test_the_beam_may_settle_before_it_counts():
+def test_the_beam_may_settle_before_it_counts() -> None:
     machine, _ = controller(settle=5)
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.on_event("rumble")
@@ -208,22 +242,29 @@ def test_the_beam_may_settle_before_it_counts():
     assert stepped(machine, 1, high)[-1] < high
 
 
-def test_a_step_back_is_said_with_the_new_height():
+def test_a_step_back_is_reported_with_the_new_height() -> None:
     machine, _ = controller()
     high = answers(machine, [steady(0.015)] * 4)[-1].command.height
     machine.on_event("rumble")
-    said = [machine.answer(1.0, Estimate(Quality.STEADY, 0.015, 1e-6, 5.49, 0.12), high) for _ in range(3)][-1]
+    said = [
+        machine.answer(
+            1.0,
+            Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49, beam_amplitude=0.12),
+            high,
+        )
+        for _ in range(3)
+    ][-1]
     assert (said.kind, said.value) == ("step_back", said.command.height)
     assert said.command.sequence == 2
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.0, 3), (1.0, 3), (math.nan, 3), (0.1, 0)])
-def test_a_step_back_that_cannot_be_is_refused(share, count):
+def test_a_step_back_that_cannot_be_is_refused(share: float, count: int) -> None:
     with pytest.raises(HoldError, match=r"given .*; allowed: "):
         StepBack(share, 0, count, 0.15, 0.05)
 
 
-def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone():
+def test_a_prescribed_ceiling_follows_its_profile_by_the_stamps_alone() -> None:
     machine = ProfileController(((6.0, 0.017), (7.0, 0.2)))
     heights = [machine.answer(t, steady(0.01), math.nan).command.height for t in (0.0, 6.5, 9.0)]
     assert heights == pytest.approx([0.017, 0.1085, 0.2])

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Spoil = Callable[[np.random.Generator, Array, Array], Array]
 
 
-def _spikes(rng: np.random.Generator, t: Array, u: Array) -> Array:
+def _spikes(_rng: np.random.Generator, t: Array, u: Array) -> Array:
     u = u.copy()
     for first in range(90, t.size - 4, 91):  # two impacts a period
         u[first : first + 4] += 0.5 * AMPLITUDE * np.array([1.0, -0.6, 0.3, -0.1])
@@ -30,19 +30,19 @@ def _lost(rng: np.random.Generator, t: Array, u: Array) -> Array:
 
 
 SPOILED: dict[str, Spoil] = {
-    "clean": lambda rng, t, u: u,
-    "hum": lambda rng, t, u: u + 0.5 * AMPLITUDE * np.sin(2 * np.pi * 50.0 * t + 1.0),
-    "offset and drift": lambda rng, t, u: u + 0.1 + 0.2 * AMPLITUDE * t,
-    "harmonics": lambda rng, t, u: (
+    "clean": lambda _rng, _t, u: u,
+    "hum": lambda _rng, t, u: u + 0.5 * AMPLITUDE * np.sin(2 * np.pi * 50.0 * t + 1.0),
+    "offset and drift": lambda _rng, t, u: u + 0.1 + 0.2 * AMPLITUDE * t,
+    "harmonics": lambda _rng, t, u: (
         u + tone(t, 0.05 * AMPLITUDE, 2 * FREQUENCY) + tone(t, 0.03 * AMPLITUDE, 3 * FREQUENCY, 1.0)
     ),
     "single spikes": lambda rng, t, u: u + np.where(rng.random(t.size) < 0.01, rng.normal(0.0, AMPLITUDE, t.size), 0.0),
     "spikes of impacts": _spikes,
     "lost samples": _lost,
-    "saturated, said": lambda rng, t, u: np.where(u > 0.8 * AMPLITUDE, np.nan, u),
-    "saturated, not said": lambda rng, t, u: np.clip(u, -0.8 * AMPLITUDE, 0.8 * AMPLITUDE),
+    "saturated, said": lambda _rng, _t, u: np.where(u > 0.8 * AMPLITUDE, np.nan, u),
+    "saturated, not said": lambda _rng, _t, u: np.clip(u, -0.8 * AMPLITUDE, 0.8 * AMPLITUDE),
     "infinite readings": lambda rng, t, u: np.where(rng.random(t.size) < 0.01, np.inf, u),
-    "quantised": lambda rng, t, u: np.round(u / (0.005 * AMPLITUDE)) * 0.005 * AMPLITUDE,
+    "quantised": lambda _rng, _t, u: np.round(u / (0.005 * AMPLITUDE)) * 0.005 * AMPLITUDE,
     "all at once": lambda rng, t, u: (
         _lost(rng, t, _spikes(rng, t, u)) + 0.1 * AMPLITUDE * np.sin(314.0 * t) + 0.1 * AMPLITUDE * t
     ),
@@ -142,7 +142,7 @@ def test_a_window_of_one_period_works() -> None:
     assert found[-1].window == pytest.approx(PERIOD, rel=0.02)
 
 
-def test_gaps_are_told_by_index() -> None:
+def test_gaps_are_detected_by_index() -> None:
     rng, t = np.random.default_rng(9), times(10.0)
     u, identifier = tone(t) + noise(rng, t.size, 40.0), Identifier(SETTINGS)
     for first in range(0, t.size, 50):
@@ -155,7 +155,7 @@ def test_gaps_are_told_by_index() -> None:
             assert e.lost == (50 if 5050 <= first < 5350 else 0 if first < 5000 or first > 5400 else e.lost)
 
 
-def test_a_stream_that_starts_anew_forgets_the_old_one() -> None:
+def test_a_stream_that_starts_anew_replaces_the_old_one() -> None:
     t, identifier = times(1.0), Identifier(SETTINGS)
     identifier.push(0, RATE, tone(t), None, 1.0)
     assert identifier.push(0, RATE, tone(t)[:50], None, 2.0).quality == Quality.NONE
@@ -167,7 +167,8 @@ def test_phase_is_that_at_the_last_sample_and_skew_is_taken_off() -> None:
     t, identifier = times(1.0), Identifier(SETTINGS)
     e = identifier.push(0, RATE, tone(t + 2e-4), None, t[-1], delay=2e-4)
     assert np.sin(e.phase) == pytest.approx(np.sin(2 * np.pi * FREQUENCY * t[-1] + 0.3), abs=1e-6)
-    assert e.time == t[-1] and e.last_index == 999
+    assert e.time == t[-1]
+    assert e.last_index == 999
 
 
 @pytest.mark.parametrize("rate", [2000.0, 7333.3, 50_000.0])

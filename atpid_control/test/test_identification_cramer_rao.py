@@ -8,10 +8,10 @@ import pytest
 from identification_signals import AMPLITUDE, FREQUENCY, RATE
 from numpy.typing import NDArray
 
-from atpid_control.identification.classic import fft_bin, hann_parabola, jacobsen
-from atpid_control.identification.cramer_rao import cramer_rao, fisher_information
 from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.sine_fit import fit_sine
+from atpid_control.studies.classic import fft_bin, hann_parabola, jacobsen
+from atpid_control.studies.cramer_rao import cramer_rao, fisher_information
 
 Array = NDArray[np.float64]
 TRIALS = 1500
@@ -26,7 +26,8 @@ def _ratio(samples: int, decibels: float, seed: int) -> dict[str, float]:
         middle = tau - tau.mean()
         u = AMPLITUDE * np.sin(2 * np.pi * FREQUENCY * middle + phase) + 0.02 + rng.normal(0.0, sigma, samples)
         fit = fit_sine(tau, u, 2 * np.pi * seed_frequency(u, RATE, 1.0, 40.0), 2 * np.pi * 50.0, 20.0)
-        assert fit is not None and fit.change == 0.0
+        assert fit is not None
+        assert fit.change == 0.0
         errors[k] = fit.amplitude - AMPLITUDE, fit.omega / (2 * np.pi) - FREQUENCY
         bound = cramer_rao(AMPLITUDE, FREQUENCY, float(phase), samples, RATE, sigma)
         bounds[k] = bound.amplitude, bound.frequency

@@ -12,8 +12,9 @@ import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from atpid_control.figures import identification as figures
-from atpid_control.identification import compiled, showcase
+from atpid_control.identification import compiled
+from atpid_control.studies import figures_identification as figures
+from atpid_control.studies import identification as showcase
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "identification.md").read_text(encoding="utf-8")
@@ -48,10 +49,12 @@ def test_the_fft_bin_is_wrong_between_whole_periods() -> None:
     assert periods[0] == 1.0
 
 
-def test_the_courses_are_told_apart() -> None:
+def test_the_courses_are_distinguished() -> None:
     safe, high = showcase.watched_courses().values()
-    assert safe.alarms == [] and np.nanmax(safe.scatter) < 0.045
-    assert len(high.alarms) == 2 and np.nanmax(high.scatter) > 0.12
+    assert safe.alarms == []
+    assert np.nanmax(safe.scatter) < 0.045
+    assert len(high.alarms) == 2
+    assert np.nanmax(high.scatter) > 0.12
 
 
 def test_the_command_writes_the_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,7 +66,7 @@ def test_the_command_writes_the_pictures(tmp_path: Path, monkeypatch: pytest.Mon
     assert isinstance(figures.draw_watch(), Figure)
 
 
-def test_the_cache_of_compiled_functions_knows_all_their_sources() -> None:
+def test_the_cache_of_compiled_functions_covers_all_their_sources() -> None:
     package = ROOT / "atpid_control" / "atpid_control"
     users = {path.stem for path in package.rglob("*.py") if "\n@compiled\n" in path.read_text(encoding="utf-8")}
     assert users == set(compiled.KERNELS)

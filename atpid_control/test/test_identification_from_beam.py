@@ -40,7 +40,7 @@ def inferred(height: float, told: float | None = None, stiffness: float = 1.0) -
     ]
 
 
-def test_the_closed_damper_tells_within_its_error_bar_while_still_swinging_up() -> None:
+def test_the_closed_damper_is_inverted_within_its_error_bar_while_the_amplitude_grows() -> None:
     found = inferred(CLOSED)
     late = [e for e in found if e.time > 2.0]  # the beam itself needs 6 s to settle
     assert {e.origin for e in found} == {Origin.BEAM}
@@ -52,7 +52,7 @@ def test_the_closed_damper_tells_within_its_error_bar_while_still_swinging_up() 
 
 
 @pytest.mark.parametrize("height", [0.08, 0.15])
-def test_the_open_damper_tells_through_simulated_amplitudes(height: float) -> None:
+def test_the_open_damper_is_inverted_by_simulated_amplitudes(height: float) -> None:
     late = [e for e in inferred(height) if e.time > 8.0]
     assert {e.quality for e in late} == {Quality.STEADY}
     assert all(abs(e.amplitude - TRUE) < min(2.0 * e.amplitude_std, 0.03 * TRUE) for e in late)
@@ -91,6 +91,7 @@ def test_the_transfer_is_that_of_one_mass() -> None:
 def test_two_support_amplitudes_for_one_response_are_a_wide_and_poor_answer() -> None:
     class Folded:
         def at(self, height: float) -> tuple[Array, Array, Array]:
+            del height
             support = np.linspace(0.0, 0.1, 21)
             return support, support * (0.1 - support) * 40.0, np.full(21, 1e-4)
 
@@ -108,7 +109,8 @@ def test_two_support_amplitudes_for_one_response_are_a_wide_and_poor_answer() ->
 def test_intervals_and_branches() -> None:
     support = np.linspace(0.0, 1.0, 11)
     ends = crossings(support, support, np.zeros(11), 0.5, 0.01)
-    assert len(ends) == 1 and ends[0][0] < 0.5 < ends[0][1] < 0.52
+    assert len(ends) == 1
+    assert ends[0][0] < 0.5 < ends[0][1] < 0.52
     assert crossings(support, support, np.zeros(11), 2.0, 0.01) == []
     branch = regular_branch(np.array([5.0, 5.0, 3.0, 4.0, 5.0]), np.array([1.0, 1.0, 0.0, 0.0, 0.0]))
     np.testing.assert_allclose(branch, [np.nan, 2.0, 3.0, 4.0, 5.0])

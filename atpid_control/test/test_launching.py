@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arguments of the launch files: what is taken, and the one line for what is not. No `launch` needed."""
 
+from __future__ import annotations
+
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,7 +22,7 @@ BAG = ROOT / "bags" / "thesis_4_3_short"
 FILES = {"bench": launch_files.BENCH, "stand": launch_files.STAND, "replay": launch_files.REPLAY}
 
 
-def refusal(name, **given):
+def refusal(name: str, **given: str) -> str:
     """Return the line that refuses `given`, beside a scene and a bag that are there."""
     here = {"scene": str(SCENE), **({"bag": str(BAG)} if name == "replay" else {}), **given}
     with pytest.raises(LaunchArgumentError) as caught:
@@ -55,7 +58,9 @@ def refusal(name, **given):
         ("replay", {"record": "there"}, "argument record: {here}/there exists already"),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_one_line(name, given, line, tmp_path, monkeypatch):
+def test_what_cannot_be_used_is_refused_in_one_line(
+    name: str, given: Any, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there").mkdir()
     (tmp_path / "file").write_text("")
@@ -66,7 +71,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(name, given, line, tmp_path,
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
-def test_what_may_not_be_read_or_written_is_refused(tmp_path):
+def test_what_may_not_be_read_or_written_is_refused(tmp_path: Path) -> None:
     secret, folder = tmp_path / "secret.yaml", tmp_path / "folder"
     secret.write_text("")
     secret.chmod(0)
@@ -75,7 +80,7 @@ def test_what_may_not_be_read_or_written_is_refused(tmp_path):
     assert f"{folder} is not a folder you may write to" in refusal("bench", bag=str(folder / "run"))
 
 
-def test_paths_are_relative_to_the_current_folder_or_to_home(tmp_path, monkeypatch):
+def test_paths_are_relative_to_the_current_folder_or_to_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "a.yaml").write_text("")
@@ -84,25 +89,25 @@ def test_paths_are_relative_to_the_current_folder_or_to_home(tmp_path, monkeypat
         assert values == {"scene": str(tmp_path / "a.yaml"), "bag": str(tmp_path / "new" / "run")}
 
 
-def test_quotes_and_spaces_are_part_of_a_path(tmp_path):
+def test_quotes_and_spaces_are_part_of_a_path(tmp_path: Path) -> None:
     odd = tmp_path / """it's "a" $(folder) with [spaces]: 1"""
     values = check("replay.launch.py", FILES["replay"], {"scene": str(SCENE), "bag": str(BAG), "record": str(odd)})
     assert values["record"] == str(odd)
 
 
 @pytest.mark.parametrize(("given", "used"), [("0", "0.0"), ("1e2", "100.0"), (" 2.5 ", "2.5"), ("1000", "1000.0")])
-def test_a_rate_is_passed_on_as_a_double(given, used):
+def test_a_rate_is_passed_on_as_a_double(given: Any, used: str) -> None:
     values = check("replay.launch.py", FILES["replay"], {"scene": str(SCENE), "bag": str(BAG), "rate": given})
     assert values["rate"] == used
 
 
-def test_a_bag_may_be_named_by_its_file():
+def test_a_bag_may_be_named_by_its_file() -> None:
     file = BAG / "bag_0.mcap"
     values = check("replay.launch.py", FILES["replay"], {"scene": str(SCENE), "bag": str(file)})
     assert values["bag"] == str(file)
 
 
-def test_what_is_left_out_keeps_its_default():
+def test_what_is_left_out_keeps_its_default() -> None:
     assert check("stand.launch.py", FILES["stand"], {"scene": str(SCENE), "map": "", "other": "x"}) == {
         "scene": str(SCENE)
     }
@@ -116,17 +121,17 @@ def test_what_is_left_out_keeps_its_default():
         ("record", "unknown argument record"),
     ],
 )
-def test_an_unknown_argument_is_refused(given, line):
+def test_an_unknown_argument_is_refused(given: Any, line: str) -> None:
     with pytest.raises(LaunchArgumentError, match=re.escape(line)):
         check_names("bench.launch.py", FILES["bench"], ["scene", given])
 
 
-def test_what_launch_itself_reads_is_known():
+def test_what_launch_itself_reads_is_known() -> None:
     check_names("bench.launch.py", FILES["bench"], ["scene", "emulate_tty", "ros_namespace", "launch-prefix"])
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_each_argument_is_described_and_its_default_exists(name):
+def test_each_argument_is_described_and_its_default_exists(name: str) -> None:
     assert len({argument.name for argument in FILES[name]}) == len(FILES[name])
     for argument in FILES[name]:
         assert argument.description
@@ -136,7 +141,7 @@ def test_each_argument_is_described_and_its_default_exists(name):
             assert argument.check(argument.default) == argument.default
 
 
-def test_the_checks_need_the_standard_library_only():
+def test_the_checks_need_the_standard_library_only() -> None:
     """`ros2 launch` runs in the Python of the ROS installation, without the project's requirements."""
     sources = f"{ROOT / 'atpid_interfaces'}:{ROOT / 'atpid_control'}"
     done = subprocess.run(

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The map action over real DDS: progress, the file, cancel and resume, refusals in one line."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
@@ -15,7 +19,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from atpid_control.nodes.map_server import MapServer
+from atpid_control.nodes.map_server import MapServer, summary_of
 from atpid_sim.maps import HeightMap
 
 SCENE = str(Path(__file__).parents[2] / "scenes" / "standard.yaml")
@@ -62,34 +66,52 @@ def stand() -> Iterator[Stand]:
     made.close()
 
 
-def test_a_map_is_made_with_progress(stand, tmp_path):
+def test_a_map_is_made_with_progress(stand: Stand, tmp_path: Path) -> None:
     answer = stand.wait(stand.ask(tmp_path / "made.npz", [0.01, 0.012, 0.014]).get_result_async())
-    assert answer.status == GoalStatus.STATUS_SUCCEEDED and answer.result.success
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.success
     assert HeightMap.load(tmp_path / "made.npz").lookup(0.012, 0.1).height == pytest.approx(0.235, abs=0.03)
-    assert stand.feedback and all(message.total == 3 for message in stand.feedback)
+    assert stand.feedback
+    assert all(message.total == 3 for message in stand.feedback)
 
 
-def test_a_cancelled_map_is_kept_and_goes_on(stand, tmp_path):
+def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand: Stand, tmp_path: Path) -> None:
+    answer = stand.wait(stand.ask(tmp_path / "made.npz", [0.01, 0.5]).get_result_async())
+    assert answer.result.success
+    made = HeightMap.load(tmp_path / "made.npz")
+    (missing,) = made.failures
+    computed = "made.npz: 1 best heights; 1 of 2 points could not be computed, the first: 0.5 m, mass fraction 0.1: "
+    assert answer.result.message.endswith(f"{computed}{missing.reason}")
+    useless = replace(made, efficiencies=-made.efficiencies, reproducible=np.zeros_like(made.reproducible), failures=())
+    assert summary_of(useless, "made.npz") == (
+        "made.npz: 2 best heights, 2 of them not reproducible, 1 of them without effect (efficiency not above 0)"
+    )
+
+
+def test_a_cancelled_map_is_kept_and_goes_on(stand: Stand, tmp_path: Path) -> None:
     amplitudes = [0.01 + 0.0005 * k for k in range(40)]
     goal = stand.ask(tmp_path / "map.npz", amplitudes)
     while not any(message.done for message in stand.feedback):
         stand.executor.spin_once(timeout_sec=0.02)
     stand.wait(goal.cancel_goal_async())
     answer = stand.wait(goal.get_result_async())
-    assert answer.status == GoalStatus.STATUS_CANCELED and not answer.result.success
+    assert answer.status == GoalStatus.STATUS_CANCELED
+    assert not answer.result.success
     assert "goes on from there" in answer.result.message
-    assert not (tmp_path / "map.npz").exists() and list(tmp_path.iterdir())
+    assert not (tmp_path / "map.npz").exists()
+    assert list(tmp_path.iterdir())
 
 
-def test_bad_input_is_answered_in_one_line(stand, tmp_path):
+def test_bad_input_is_answered_in_one_line(stand: Stand, tmp_path: Path) -> None:
     answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.02, 0.01]).get_result_async())
     assert answer.status == GoalStatus.STATUS_ABORTED
-    assert "rising" in answer.result.message and "\n" not in answer.result.message
+    assert "rising" in answer.result.message
+    assert "\n" not in answer.result.message
     answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.01, 0.02], "nowhere.yaml").get_result_async())
     assert "nowhere.yaml" in answer.result.message
 
 
-def test_a_second_map_is_aborted_with_the_reason(stand, tmp_path):
+def test_a_second_map_is_aborted_with_the_reason(stand: Stand, tmp_path: Path) -> None:
     amplitudes = [0.01 + 0.0005 * k for k in range(40)]
     first = stand.ask(tmp_path / "first.npz", amplitudes)
     while not any(message.done for message in stand.feedback):
@@ -101,8 +123,10 @@ def test_a_second_map_is_aborted_with_the_reason(stand, tmp_path):
     assert stand.wait(first.get_result_async()).status == GoalStatus.STATUS_CANCELED
 
 
-def test_a_defect_is_the_result_s_message_and_the_node_goes_on(stand, tmp_path, monkeypatch):
-    def defective(*_):
+def test_a_defect_is_the_result_s_message_and_the_node_goes_on(
+    stand: Stand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def defective(*_: object) -> None:
         raise ZeroDivisionError("a defect")
 
     monkeypatch.setattr("atpid_control.nodes.map_server.build_map", defective)

@@ -15,17 +15,18 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 from recorded import SHORT, block, make, record
+from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
-from atpid_control.recording import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
-from atpid_control.recording import __main__ as command
-from atpid_control.recording.cdr import block_shape, event_kind, header, is_handshake, truth_shape
-from atpid_control.recording.completeness import Continuity
-from atpid_control.recording.definitions import message_type
-from atpid_control.recording.order import StampOrder
-from atpid_control.recording.qos import as_yaml, from_yaml
-from atpid_control.recording.topics import DEFAULT, parse
-from atpid_control.recording.writer import Sink
+from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
+from atpid_control.bags.cdr import block_shape, event_kind, header, is_handshake, truth_shape
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.order import StampOrder
+from atpid_control.bags.qos import as_yaml, from_yaml
+from atpid_control.bags.session import Continuity
+from atpid_control.bags.topics import DEFAULT, parse
+from atpid_control.bags.writer import Sink
+from atpid_control.commands import recording as command
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 
@@ -53,9 +54,11 @@ def test_metadata_yaml_holds_all_that_rosbag2_asks_for(bag: Path) -> None:
         "version", "storage_identifier", "duration", "starting_time", "message_count", "topics_with_message_count",
         "compression_format", "compression_mode", "relative_file_paths", "files", "custom_data", "ros_distro",
     ]  # fmt: skip
-    assert information["version"] == 9 and information["storage_identifier"] == "mcap"
+    assert information["version"] == 9
+    assert information["storage_identifier"] == "mcap"
     assert information["compression_format"] == information["compression_mode"] == ""
-    assert information["relative_file_paths"] == ["run_0.mcap"] and (bag / "run_0.mcap").is_file()
+    assert information["relative_file_paths"] == ["run_0.mcap"]
+    assert (bag / "run_0.mcap").is_file()
     assert information["custom_data"]["run_id"] == "specimen"
     (file,) = information["files"]
     assert file == {
@@ -68,10 +71,12 @@ def test_metadata_yaml_holds_all_that_rosbag2_asks_for(bag: Path) -> None:
     for entry in information["topics_with_message_count"]:
         topic = entry["topic_metadata"]
         assert set(topic) == {"name", "type", "serialization_format", "offered_qos_profiles", "type_description_hash"}
-        assert topic["serialization_format"] == "cdr" and topic["type_description_hash"].startswith("RIHS01_")
+        assert topic["serialization_format"] == "cdr"
+        assert topic["type_description_hash"].startswith("RIHS01_")
         (profile,) = topic["offered_qos_profiles"]
         assert profile["deadline"] == profile["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
-        assert profile["reliability"] == "reliable" and profile["history"] == "keep_last"
+        assert profile["reliability"] == "reliable"
+        assert profile["history"] == "keep_last"
 
 
 def test_the_file_is_what_rosbag2_calls_mcap(bag: Path) -> None:
@@ -79,10 +84,12 @@ def test_the_file_is_what_rosbag2_calls_mcap(bag: Path) -> None:
         reader = make_reader(stream, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
-        assert summary is not None and summary.statistics is not None
+        assert summary is not None
+        assert summary.statistics is not None
         for channel in summary.channels.values():
             schema = summary.schemas[channel.schema_id]
-            assert channel.message_encoding == "cdr" and schema.encoding == "ros2msg"
+            assert channel.message_encoding == "cdr"
+            assert schema.encoding == "ros2msg"
             assert isinstance(channel.metadata["offered_qos_profiles"], str)
             assert channel.metadata["topic_type_hash"] == message_type(schema.name).hash
         assert all(chunk.compression == "zstd" for chunk in summary.chunk_indexes)
@@ -108,14 +115,17 @@ def test_another_implementation_reads_it(bag: Path) -> None:
     with Reader(bag) as reader:
         assert reader.message_count == verify(bag).messages == sum(1 for _ in reader.messages())
         for connection in reader.connections:
+            assert isinstance(connection.ext, ConnectionExtRosbag2)
             (offered,) = connection.ext.offered_qos_profiles
-            assert offered.depth == Qos().depth and connection.digest == message_type(connection.msgtype).hash
+            assert offered.depth == Qos().depth
+            assert connection.digest == message_type(connection.msgtype).hash
 
 
 def test_definition_names_every_type_inside() -> None:
     text = message_type(BLOCK).definition
     assert text.count("=" * 80) == 2
-    assert "MSG: std_msgs/Header" in text and "MSG: builtin_interfaces/Time" in text
+    assert "MSG: std_msgs/Header" in text
+    assert "MSG: builtin_interfaces/Time" in text
     assert message_type("atpid_interfaces/msg/Event").has_header  # its constants come before its header
     assert not message_type("rosgraph_msgs/msg/Clock").has_header
 
@@ -124,7 +134,8 @@ def test_definition_names_every_type_inside() -> None:
 def test_unknown_types_are_refused_in_one_line(name: str) -> None:
     with pytest.raises(TypeUnknownError) as caught:
         message_type(name)
-    assert name.split("/")[-1] in str(caught.value) and "\n" not in str(caught.value)
+    assert name.split("/")[-1] in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_fields_are_read_in_place_whatever_the_alignment() -> None:
@@ -132,7 +143,8 @@ def test_fields_are_read_in_place_whatever_the_alignment() -> None:
         data = make("SampleBlock", 12_345_678_901, frame_id, first_index=7, rate=1000.0, dropped=3,
                     channels=["a", "bcd"], units=["m", "m/s^2"], skew=np.zeros(2), data=np.arange(6.0))  # fmt: skip
         assert header(data) == (12_345_678_901, frame_id)
-        assert not is_handshake(data) and is_handshake(make("SampleBlock", frame_id=frame_id, handshake=True))
+        assert not is_handshake(data)
+        assert is_handshake(make("SampleBlock", frame_id=frame_id, handshake=True))
         assert block_shape(data) == (7, 1000.0, 3, 3)
         assert event_kind(make("Event", 1, frame_id, kind="finished", text="x")) == "finished"
         assert truth_shape(make("PlantTruth", 1, frame_id, first_index=9, rate=10.0, support=np.zeros(4))) == (
@@ -155,7 +167,8 @@ def test_order_is_by_stamp_topic_sender_and_arrival() -> None:
     order.add("a", 20, "", b"a20")
     order.add("b", 20, "", b"b20")
     assert [held.data for held in order.ready()] == [b"a10", b"b10", b"from y, first", b"from y, then", b"from z"]
-    assert [held.data for held in order.rest()] == [b"a20", b"b20"] and len(order) == 0
+    assert [held.data for held in order.rest()] == [b"a20", b"b20"]
+    assert len(order) == 0
 
 
 def test_gaps_are_counted_by_index() -> None:
@@ -217,9 +230,13 @@ def test_a_full_disk_is_one_line_and_the_rest_can_be_saved(tmp_path: Path, monke
         return len(data)
 
     monkeypatch.setattr(Sink, "write", limited)
-    with pytest.raises(BagError, match="the disk is full: free some space") as caught:
+
+    def fill() -> None:
         for number in range(40, 100):
             writer.write("/sensors/laser", block(50 * number, np.zeros((50, 2))), number, number)
+
+    with pytest.raises(BagError, match="the disk is full: free some space") as caught:
+        fill()
     assert "\n" not in str(caught.value)
     monkeypatch.undo()
     writer.close()
@@ -241,7 +258,8 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_a_kill_loses_at_most_one_chunk(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     killed = subprocess.run([sys.executable, "-c", _KILLED, str(folder), str(Path(__file__).parent)], check=False)
-    assert killed.returncode == -9 and not (folder / "metadata.yaml").exists()
+    assert killed.returncode == -9
+    assert not (folder / "metadata.yaml").exists()
     with pytest.raises(BagError, match="breaks off"):
         verify(folder)
     found = repair(folder)
@@ -256,7 +274,8 @@ def test_a_repaired_bag_keeps_description_and_channels(tmp_path: Path) -> None:
     writer.sync()
     assert repair(tmp_path / "run").messages == 40
     information = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert information["custom_data"]["run_id"] == "small" and "repaired" in information["custom_data"]
+    assert information["custom_data"]["run_id"] == "small"
+    assert "repaired" in information["custom_data"]
     (topic,) = information["topics_with_message_count"]
     assert topic["topic_metadata"]["offered_qos_profiles"] == [Qos().mapping()]
     writer.close()
@@ -272,11 +291,11 @@ def test_a_changed_byte_is_noticed(tmp_path: Path) -> None:
         verify(tmp_path / "run")
 
 
-def test_metadata_that_tells_another_story_is_noticed_and_repaired(tmp_path: Path) -> None:
+def test_metadata_that_contradicts_the_file_is_detected_and_repaired(tmp_path: Path) -> None:
     small_bag(tmp_path / "run").close()
     path = tmp_path / "run" / "metadata.yaml"
     path.write_text(path.read_text().replace("message_count: 40", "message_count: 39"))
-    with pytest.raises(BagError, match="says 39 messages on /sensors/laser, the file holds 40"):
+    with pytest.raises(BagError, match="lists 39 messages on /sensors/laser, the file holds 40"):
         verify(tmp_path / "run")
     assert repair(tmp_path / "run").messages == 40
 
@@ -289,7 +308,9 @@ def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.
     for given in (tmp_path / "missing", tmp_path / "empty", text):
         assert command.main([action, str(given)]) == 2
         said = capsys.readouterr().err
-        assert said.startswith("error: ") and said.count("\n") == 1 and str(given) in said
+        assert said.startswith("error: ")
+        assert said.count("\n") == 1
+        assert str(given) in said
 
 
 def test_what_a_bag_keeps_can_be_taken_out(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -306,7 +327,7 @@ import sys
 for name in ("rclpy", "ament_index_python", "atpid_interfaces", "std_msgs", "builtin_interfaces"):
     sys.modules[name] = None
 from pathlib import Path
-from atpid_control.bagread import open_bag
+from atpid_control.bags.read import open_bag
 messages = list(open_bag(Path(sys.argv[1])).messages("/excitation"))
 assert len(messages) == 40 and messages[-1][1].header.stamp.sec == 1
 """

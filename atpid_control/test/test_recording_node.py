@@ -36,11 +36,11 @@ from rosbags.typesys import Stores, get_typestore
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATUS, time_of
 from atpid_common.nodes.parameters import ParameterError
-from atpid_control.bagread import open_bag
+from atpid_control.bags import BagError, repair, verify
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.verify import find_file, records
+from atpid_control.bags.writer import Sink
 from atpid_control.nodes.recorder_node import RecorderNode
-from atpid_control.recording import BagError, repair, verify
-from atpid_control.recording.verify import find_file, records
-from atpid_control.recording.writer import Sink
 
 TOPICS: dict[str, type[Any]] = {
     "sensors/laser": SampleBlock,
@@ -54,8 +54,8 @@ BY_CLOCK = {"/rosout", "/diagnostics"}
 BLOCK_NS, SCANS = 50_000_000, 50
 
 
-class Source(Node):
-    """Publishes a run's messages and hears the recorder's status."""
+class Source(Node):  # type: ignore[misc]
+    """Publishes a run's messages and receives the recorder's status."""
 
     def __init__(self) -> None:
         super().__init__("source")
@@ -90,12 +90,12 @@ class Source(Node):
 
     def block(self, number: int) -> None:
         last = number * BLOCK_NS + 49_000_000
-        shape = {"first_index": number * SCANS, "rate": 1000.0}
+        shape: dict[str, Any] = {"first_index": number * SCANS, "rate": 1000.0}
         # in the wrong order on purpose
         self.say("ceiling/state", last)
         self.say("plant/truth", number * BLOCK_NS, **shape, support=[0.0] * SCANS)
         self.say("excitation", last)
-        channels = {"channels": ["a"], "units": ["m"], "skew": [0.0]}
+        channels: dict[str, Any] = {"channels": ["a"], "units": ["m"], "skew": [0.0]}
         self.say("sensors/laser", number * BLOCK_NS, **shape, **channels, data=[float(number)] * SCANS)
         self.say("ceiling/command", last)
 
@@ -152,11 +152,12 @@ def test_a_run_is_recorded_from_handshake_to_finished(
     assert not any(message.handshake for _, message in bag.messages("/sensors/laser"))
     if lockstep:
         assert (found.start_ns, found.end_ns) == (0, 29 * BLOCK_NS + 49_000_000)
-        order = [topic for topic, _ in bag.all_messages()][:5]
+        order = [raw.topic for raw in bag.raw][:5]
         assert order == ["/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/ceiling/state"]
     else:
         assert abs(found.end_ns - time.time_ns()) < 60e9
-    assert bag.result["finished"] == "yes" and bag.result["lost_scans /sensors/laser"] == "0"
+    assert bag.result["finished"] == "yes"
+    assert bag.result["lost_scans /sensors/laser"] == "0"
     assert not recorder.error
 
 
@@ -190,14 +191,16 @@ def test_a_full_disk_ends_the_recording_with_one_line(
     recorder, source = make(ros, tmp_path / "run", sync_period=0.0)
     spin_until(ros, source.ready)
 
-    def full(sink: Sink, data: bytes) -> int:
+    def full(_sink: Sink, _data: bytes) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Sink, "write", full)
     for number in range(60):
         source.block(number)
     spin_until(ros, lambda: "fault" in source.kinds)
-    assert recorder.done.result() == 2 and "the disk is full" in recorder.error and "repair" in recorder.error
+    assert recorder.done.result() == 2
+    assert "the disk is full" in recorder.error
+    assert "repair" in recorder.error
     spin_until(ros, lambda: source.status is not None and not source.status.recording)
     assert source.kinds.count("fault") == 1
 
@@ -253,7 +256,9 @@ def test_every_end_leaves_a_bag(ros: SingleThreadedExecutor, tmp_path: Path, num
 def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     status, said = Process(tmp_path / "run").end()
-    assert status == 2 and said.count("\n") == 1 and "exists already" in said
+    assert status == 2
+    assert said.count("\n") == 1
+    assert "exists already" in said
 
 
 @pytest.mark.slow
@@ -263,7 +268,8 @@ def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tm
     try:
         spin_until(ros, source.ready)
         status, said = Process(tmp_path / "second").end()
-        assert status == 2 and "already running" in said
+        assert status == 2
+        assert "already running" in said
         assert not (tmp_path / "second").exists()
         assert first.end(signal.SIGINT)[0] == 0
     finally:
@@ -313,12 +319,16 @@ def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(
     motor.declare_parameter("limits", [0.017, 1.0])
     ros.add_node(motor)
     recorder, source = make(ros, tmp_path / "run")
-    session = lambda: recorder.session  # noqa: E731
+
+    def recorded() -> bool:
+        session = recorder.session
+        return session is not None and session.written["/motor_node/transition_event"] > 0
+
     spin_until(ros, source.ready)
     spin_until(ros, lambda: motor.count_subscribers("motor_node/transition_event") > 0)
     motor.trigger_configure()
     motor.get_logger().warning("the belt slips")
-    spin_until(ros, lambda: session() is not None and session().written["/motor_node/transition_event"] > 0)
+    spin_until(ros, recorded)
     spin_until(ros, lambda: "motor_node.yaml" in kept_files(tmp_path / "run"))
     source.block(0)
     source.finish(1)

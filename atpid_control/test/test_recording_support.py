@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from recorded import block
 
-from atpid_control.bagread import open_bag
-from atpid_control.recording import BagError, BagWriter, new_run
-from atpid_control.recording import __main__ as command
-from atpid_control.recording.support import support_series
+from atpid_control.bags import BagError, BagWriter, new_run
+from atpid_control.bags.read import open_bag
+from atpid_control.bags.support import support_series
+from atpid_control.commands import recording as command
 from atpid_sim.integration import drive_table, undamped_amplitude
 from atpid_sim.scene import load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
@@ -71,7 +71,7 @@ def test_times_are_index_over_rate(tmp_path: Path) -> None:
     assert np.array_equal(values, 1e-3 * np.arange(20, 61))
 
 
-def test_what_is_missing_is_said_and_can_be_left_out(tmp_path: Path) -> None:
+def test_what_is_missing_is_reported_and_can_be_left_out(tmp_path: Path) -> None:
     holed = scans(200)
     holed[7, 0] = np.nan
     laser = [(0, scans(0)), (50, scans(50)), (150, scans(150)), (200, holed), (0, scans(0))]
@@ -93,7 +93,9 @@ def test_a_rate_that_changes_is_another_recording(tmp_path: Path) -> None:
         support_series(bag)
 
 
-def test_a_bag_without_the_support_says_what_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bag_without_the_support_is_refused_with_what_it_has(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = bag_of(tmp_path / "bag", [(0, scans(0))], channels=["beam_acceleration", "temperature"])
     assert command.main(["extract", str(bag), "--out", str(tmp_path), "--support"]) == 2
     said = capsys.readouterr().err

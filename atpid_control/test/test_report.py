@@ -16,10 +16,10 @@ import pytest
 from numpy.typing import NDArray
 from recorded import SHORT, block, record
 
-from atpid_control.bagread import open_bag
+from atpid_control.bags import BagError, BagWriter, new_run
+from atpid_control.bags.read import open_bag
 from atpid_control.bench.outdir import MARKER
 from atpid_control.cli import main
-from atpid_control.recording import BagError, BagWriter, new_run
 from atpid_control.report import Stage, read_run, report, stages
 from atpid_control.report.charts import thinned
 from atpid_control.report.comparison import closed_by_simulation
@@ -110,7 +110,8 @@ def test_stages_are_the_intervals_of_constant_amplitude(adaptive: Path) -> None:
         assert stage.efficiency == 1.0 - stage.amplitude / stage.undamped_amplitude
         assert 0.5 < stage.efficiency < 0.9
     # the first: 0.01 m of the standard bench, where the best of all heights takes 79 % once transients have gone
-    assert found[0].amplitude < 0.07 and found[0].undamped_amplitude > 0.19
+    assert found[0].amplitude < 0.07
+    assert found[0].undamped_amplitude > 0.19
 
 
 def test_a_stage_has_the_keys_of_the_summary(adaptive: Path) -> None:
@@ -136,9 +137,11 @@ def test_an_irregular_stage_has_the_spread_of_repeated_runs(folder: Path, tmp_pa
     for bag in (recorded(folder, "high", high, []), recorded(folder, "moved", moved, [(0.04, 0.3, 0.01)])):
         made = report(bag, tmp_path / bag.name)
         (stage,) = made.stages
-        assert stage.reproducible is False and stage.amplitude_spread is not None
+        assert stage.reproducible is False
+        assert stage.amplitude_spread is not None
         least, largest = stage.amplitude_spread
-        assert least <= stage.amplitude <= largest and largest > 1.05 * least
+        assert least <= stage.amplitude <= largest
+        assert largest > 1.05 * least
         low, high_ = (f"{100.0 * value:.0f}" for value in stage.efficiency_range)
         assert f"reduces the resonant amplitude by {low} to {high_} %; the motion is irregular" in made.headline
         assert json.loads(json.dumps(stage.as_dict()))["amplitude_spread"] == [least, largest]
@@ -149,15 +152,18 @@ def test_the_ceiling_s_recorded_motion_is_kept_by_its_corners() -> None:
     time = np.arange(0.0, 5.0, 1e-3)
     height = np.interp(time, [0.0, 1.0, 2.0, 5.0], [0.017, 0.017, 0.317, 0.317])
     times, heights = corners(time, height)
-    assert len(times) < 8 and np.max(np.abs(np.interp(time, times, heights) - height)) < 1e-12
+    assert len(times) < 8
+    assert np.max(np.abs(np.interp(time, times, heights) - height)) < 1e-12
 
 
-def test_a_height_that_was_not_reached_is_said(folder: Path, tmp_path: Path) -> None:
+def test_a_height_that_was_not_reached_is_reported(folder: Path, tmp_path: Path) -> None:
     made = report(recorded(folder, "slow", SHORT.replace("speed: 0.3", "speed: 0.01"), [(0.8, 0.19, 0.01)]), tmp_path)
     assert [stage.arrived for stage in made.stages] == [False, False]
-    assert made.stages[0].commanded_height == 0.19 and made.stages[0].height < 0.06
+    assert made.stages[0].commanded_height == 0.19
+    assert made.stages[0].height < 0.06
     said = "0.1900 m was commanded and not reached; the ceiling was at"
-    assert made.page.read_text().count(said) == 2 and "speed 0.01 m/s" in made.page.read_text()
+    assert made.page.read_text().count(said) == 2
+    assert "speed 0.01 m/s" in made.page.read_text()
 
 
 @pytest.mark.parametrize(
@@ -185,18 +191,20 @@ def test_intervals(adaptive: Path, amplitude: Any, expected: list[tuple[float, f
 
 
 def test_a_comparison_of_ones_own_can_be_given(adaptive: Path) -> None:
-    def twice(scene: Scene, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def twice(_scene: Scene, times: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(2.0 * np.sin(2.0 * np.pi * 5.0 * times))
 
     assert all(abs(stage.undamped_amplitude - 2.0) < 1e-3 for stage in stages(adaptive, closed=twice))
 
 
-def test_free_decay_is_told_by_its_decrements(free: Path) -> None:
+def test_free_decay_is_reported_by_its_decrements(free: Path) -> None:
     view = view_of(free)
-    assert view.stages == [] and view.decrements is not None
+    assert view.stages == []
+    assert view.decrements is not None
     own, closed = view.decrements
     # thesis section 2.3.1: measured 1.8 and 1.31
-    assert abs(own / 1.8 - 1.0) < 0.05 and abs(closed / 1.31 - 1.0) < 0.01
+    assert abs(own / 1.8 - 1.0) < 0.05
+    assert abs(closed / 1.31 - 1.0) < 0.01
     assert "1.31" in headline(view)
     assert view.run.scene is not None
     assert (measured_decrement(view.run.scene, 0.2), measured_decrement(view.run.scene, 0.017)) == (1.8, 1.31)
@@ -213,7 +221,9 @@ def test_peaks_of_a_damped_cosine() -> None:
 
 def test_energy_adds_up(adaptive: Path) -> None:
     ledger = read_run(adaptive).ledger
-    assert ledger is not None and ledger.residual < 1e-3 and ledger.contact_loss > 0.0
+    assert ledger is not None
+    assert ledger.residual < 1e-3
+    assert ledger.contact_loss > 0.0
 
 
 def test_the_thesis_stands_beside_its_own_bench_only(adaptive: Path) -> None:
@@ -222,7 +232,8 @@ def test_the_thesis_stands_beside_its_own_bench_only(adaptive: Path) -> None:
     scene = load_scene(Path(__file__).parents[2] / "scenes" / "thesis_4_3.yaml")
     its = [replace(stages(run)[0], excitation_amplitude=given) for given in (0.015, 0.04, 0.03)]
     printed = beside(replace(run, scene=scene), its)
-    assert printed is not None and [stage.height for stage in printed] == [0.30, 0.70, 0.57]
+    assert printed is not None
+    assert [stage.height for stage in printed] == [0.30, 0.70, 0.57]
 
 
 class Page(HTMLParser):
@@ -252,9 +263,11 @@ def test_the_page_needs_nothing_else(adaptive: Path, tmp_path: Path) -> None:
     made = report(adaptive, tmp_path)
     text = made.page.read_text()
     page = Page(text)
-    assert page.open == [] and page.fetched == []
+    assert page.open == []
+    assert page.fetched == []
     assert {"overview", "grain", "figures"} <= page.ids
-    assert text.count("Plotly.react") == 1 and "prefers-color-scheme: dark" in text
+    assert text.count("Plotly.react") == 1
+    assert "prefers-color-scheme: dark" in text
     figures = json.loads(re.search(r'id="figures">(.*?)</script>', text, re.DOTALL)[1].replace("<\\/", "</"))  # type: ignore[index]
     assert set(figures) == {"overview", "grain"}
     assert {trace["name"] for trace in figures["overview"]["data"]} >= {
@@ -282,11 +295,12 @@ def test_every_kind_of_scene_gets_a_report(free: Path, folder: Path, tmp_path: P
         (swept, "recorded run"),
     ):
         made = report(bag, tmp_path / bag.name)
-        assert said in made.headline and made.stages == []
+        assert said in made.headline
+        assert made.stages == []
         assert Page(made.page.read_text()).open == []
 
 
-def test_a_bag_of_the_stand_knows_only_what_was_measured(tmp_path: Path) -> None:
+def test_a_bag_of_the_stand_has_only_what_was_measured(tmp_path: Path) -> None:
     """No truth, no scene, a gap and a saturated sample: still a page, and the gap is told."""
     writer = BagWriter(tmp_path / "stand", new_run(run_id="<b>stand</b>", commit="none"))
     writer.add_topic("/sensors/laser", BLOCK)
@@ -299,8 +313,11 @@ def test_a_bag_of_the_stand_knows_only_what_was_measured(tmp_path: Path) -> None
     writer.close()
     made = report(tmp_path / "stand", tmp_path / "out")
     text = made.page.read_text()
-    assert made.stages == [] and "50 scans of 1950" in text and "no scene was recorded" in text
-    assert "<b>stand</b>" not in text and "&lt;b&gt;stand" in text
+    assert made.stages == []
+    assert "50 scans of 1950" in text
+    assert "no scene was recorded" in text
+    assert "<b>stand</b>" not in text
+    assert "&lt;b&gt;stand" in text
 
 
 def test_a_replayed_bag_shows_where_the_ceiling_was_sent(adaptive: Path, tmp_path: Path) -> None:
@@ -321,7 +338,8 @@ def test_a_replayed_bag_shows_where_the_ceiling_was_sent(adaptive: Path, tmp_pat
         # the laser's noise of 20 um widens a peak-to-peak by some of its own standard deviations
         assert abs(now.amplitude - then.amplitude) < 1e-4
     text = made.page.read_text()
-    assert '"name":"commanded"' in text and '"name":"moved"' not in text
+    assert '"name":"commanded"' in text
+    assert '"name":"moved"' not in text
 
 
 def test_a_bag_without_displacements_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -360,7 +378,9 @@ def test_thinning_keeps_extremes_and_gaps() -> None:
     value = np.sin(time)
     value[77_777] = 5.0
     x, y = thinned(time, value, 2000)
-    assert len(x) <= 2003 and x == sorted(x) and max(v for v in y if v is not None) == 5.0
+    assert len(x) <= 2003
+    assert x == sorted(x)
+    assert max(v for v in y if v is not None) == 5.0
     value[:1000] = np.nan
     assert None in thinned(time, value, 2000)[1]
 

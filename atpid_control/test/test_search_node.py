@@ -15,18 +15,19 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from atpid_interfaces.action import SearchHeight
 from atpid_interfaces.msg import SampleBlock
+from numpy.typing import NDArray
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, time_of
-from atpid_control.controller import Answer, Command, ControlSettings
-from atpid_control.hold import Estimate, Quality
+from atpid_control.identification import Estimate, Quality
+from atpid_control.loop.protocol import Answer, Command, ControlSettings
+from atpid_control.loop.search_run import SearchingController
 from atpid_control.nodes.search_server import SearchServer
-from atpid_control.selection.search_run import SearchingController
 
-STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+STEADY = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.49)
 START = 1_700_000_000_000_000_000  # stamp of the first sample [ns]
 GOAL = {"step": 0.1, "dwell": 2.0, "lowest": 0.1, "highest": 0.9}
 
@@ -35,6 +36,7 @@ class Inner:
     """A controller that has selected a height."""
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        del time, estimate, height
         return Answer(Command(sequence=1, height=0.3))
 
     def on_event(self, kind: str) -> None:
@@ -62,9 +64,9 @@ class Stand:
         self.height, self.block, self.seen = 0.3, 0, 0.0
         watch = self.controller.watch
 
-        def watched(at: float, beam: np.ndarray) -> None:
-            self.seen = at
-            watch(at, beam)
+        def watched(time: float, beam: NDArray[np.float64]) -> None:
+            self.seen = time
+            watch(time, beam)
 
         self.controller.watch = watched  # type: ignore[method-assign]
 
@@ -127,7 +129,7 @@ def stand() -> Iterator[Stand]:
     made.close()
 
 
-def test_a_search_ends_at_the_best_height_and_tells_on_the_way(stand: Stand) -> None:
+def test_a_search_ends_at_the_best_height_with_feedback_on_the_way(stand: Stand) -> None:
     goal, told = stand.search(**GOAL)
     assert goal.accepted
     answer = stand.wait(goal.get_result_async(), stand.turn)

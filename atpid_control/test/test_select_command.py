@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from atpid_control.bench import maps
 from atpid_control.cli import main
+from atpid_control.selection import map_cache as maps
 
 ROOT = Path(__file__).parents[2]
 SCENE = str(ROOT / "scenes" / "thesis_4_3.yaml")
@@ -86,7 +86,7 @@ def with_range(tmp_path: Path, high: float) -> str:
         ("direct", "lies at the end of ceiling.range (0.017 to 0.3 m), in which `direct` selects"),
     ],
 )
-def test_a_height_beyond_the_ceiling_s_range_is_said(
+def test_a_height_beyond_the_ceiling_s_range_is_a_warning(
     method: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     extra = ["--map", MAP] if method == "lookup" else []
@@ -94,10 +94,12 @@ def test_a_height_beyond_the_ceiling_s_range_is_said(
     assert words in capsys.readouterr().out
     assert main(["select", with_range(tmp_path, 0.3), "--method", method, "--json", *extra]) == 0
     output = capsys.readouterr()
-    assert [line for line in json.loads(output.out)["warnings"] if words in line] and output.err == ""
+    assert [line for line in json.loads(output.out)["warnings"] if words in line]
+    assert output.err == ""
     assert main(["select", SCENE, "--method", method, "--json", *extra]) == 0
     chosen = json.loads(capsys.readouterr().out)
-    assert chosen["warnings"] == [] and chosen["resonance"] == pytest.approx(5.47, abs=0.001)
+    assert chosen["warnings"] == []
+    assert chosen["resonance"] == pytest.approx(5.47, abs=0.001)
 
 
 def test_one_infeasible_amplitude_costs_no_look_up(

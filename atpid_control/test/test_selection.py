@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from atpid_control.selection import METHODS, HeightSelector, Selection, SelectionError, make_selector
+from atpid_control.selection.contract import violations
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.scene.ceiling import CONTROLLERS
 
@@ -92,3 +94,24 @@ def test_a_selection_is_plain_data() -> None:
 
 def test_the_methods_a_scene_may_name_are_those_there_are() -> None:
     assert set(METHODS) == {*CONTROLLERS, "fixed"}
+
+
+@pytest.mark.parametrize("method", SELECTING)
+def test_every_method_keeps_the_contract(selectors: dict[str, HeightSelector], scene: Scene, method: str) -> None:
+    assert violations(selectors[method], 0.03, 2.0 * scene.grain.radius) == []
+
+
+class Careless:
+    """A selector that keeps to nothing."""
+
+    method, simulates = "", 1
+
+    def select(self, amplitude: float, *_: float, margin: float = 0.0, **__: float) -> Selection:
+        del amplitude
+        return Selection(-0.1 + margin, -1.0, 2.0, "other")
+
+
+def test_the_contract_names_each_violation() -> None:
+    careless: Any = Careless()
+    refused = len([math.nan, math.inf, 0.0, -0.01])
+    assert len(violations(careless, 0.03, 0.017)) == 6 + refused

@@ -10,7 +10,7 @@ import pytest
 
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import Uncertainty
-from atpid_control.selection.study import margin_curve, pca_errors
+from atpid_control.studies.selection import margin_curve, pca_errors
 from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.scene import Scene, load_scene
 
@@ -89,7 +89,7 @@ def test_more_uncertainty_never_costs_less(scene: Scene) -> None:
 
 
 @pytest.mark.slow
-def test_without_gravity_the_pca_is_as_good_as_the_thesis_says() -> None:
+def test_without_gravity_the_pca_is_as_good_as_in_the_thesis() -> None:
     # what docs/figures/selection_pca_error.png shows: Fig. 4.43, about 4 %, at every amplitude
     amplitudes = np.geomspace(0.003, 0.1, 4)
     free, heavy = (pca_errors(amplitudes, gravity=gravity) for gravity in (False, True))

@@ -39,8 +39,8 @@ def test_the_first_impact_is_the_thesis_s(scene: Scene) -> None:
     # printed after Fig. 4.25: X_beam = -0.0402 m, V_beam = 21.92 m/s, V_grain = -22.79 m/s
     _, impact = model.first_return(model.first_height())
     assert impact.beam == pytest.approx(-0.0402, abs=0.0015)
-    assert impact.beam_rate == pytest.approx(21.92, abs=0.02)
-    assert impact.grain_rate == pytest.approx(-22.79, abs=0.06)
+    assert impact.beam_velocity == pytest.approx(21.92, abs=0.02)
+    assert impact.grain_velocity == pytest.approx(-22.79, abs=0.06)
 
 
 def test_the_second_guess_uses_the_printed_impact(scene: Scene) -> None:

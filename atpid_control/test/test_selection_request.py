@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A request for a height: what is nonsense is refused with what was given and what is allowed."""
 
+from __future__ import annotations
+
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.hold import Estimate, Quality
+from atpid_control.identification import Estimate, Quality
 from atpid_control.selection import SelectionError
 from atpid_control.selection.request import Request, Resonance, resolved
 
 RESONANCE = Resonance(5.47, 0.03)
-LATEST = Estimate(Quality.STEADY, 0.03, 1e-5, 5.5)
+LATEST = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.5)
 
 
 @pytest.mark.parametrize(
@@ -31,30 +33,34 @@ LATEST = Estimate(Quality.STEADY, 0.03, 1e-5, 5.5)
         (Request(0.03, frequency=math.nan), "frequency: given nan Hz"),
     ],
 )
-def test_nonsense_is_refused(request_, text):
+def test_nonsense_is_refused(request_: Request, text: str) -> None:
     with pytest.raises(SelectionError) as refused:
         resolved(request_, LATEST, RESONANCE)
     assert text in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
-def test_zero_stands_for_the_latest_estimate_and_the_resonance():
+def test_zero_stands_for_the_latest_estimate_and_the_resonance() -> None:
     assert resolved(Request(0.0, margin=3.0), LATEST, RESONANCE) == Request(0.03, 1e-5, 5.5, 3.0)
     assert resolved(Request(0.02), LATEST, RESONANCE) == Request(0.02, 0.0, 5.47, 0.0)
 
 
-def test_an_estimate_off_resonance_is_refused_as_in_the_loop():
+def test_an_estimate_off_resonance_is_refused_as_in_the_loop() -> None:
     with pytest.raises(SelectionError, match=r"frequency: given 6\.5 Hz"):
-        resolved(Request(0.0), Estimate(Quality.STEADY, 0.03, 1e-5, 6.5), RESONANCE)
+        resolved(
+            Request(0.0), Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=6.5), RESONANCE
+        )
 
 
-def test_without_an_estimate_an_amplitude_is_needed():
+def test_without_an_estimate_an_amplitude_is_needed() -> None:
     with pytest.raises(SelectionError, match="no steady estimate yet"):
         resolved(Request(0.0), None, RESONANCE)
 
 
 @given(*[st.floats()] * 4)
-def test_what_is_accepted_can_be_computed(amplitude, amplitude_std, frequency, margin):
+def test_what_is_accepted_can_be_computed(
+    amplitude: float, amplitude_std: float, frequency: float, margin: float
+) -> None:
     try:
         asked = resolved(Request(amplitude, amplitude_std, frequency, margin), LATEST, RESONANCE)
     except SelectionError:

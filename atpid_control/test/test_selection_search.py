@@ -59,7 +59,7 @@ def test_impossible_plans_are_refused(arguments: tuple[float, float, float, floa
 
 
 def test_without_a_beam_the_search_stops() -> None:
-    with pytest.raises(SearchError, match="the beam must be seen"):
+    with pytest.raises(SearchError, match="the beam is not measured"):
         StepSearch(Plan(0.1, 3.0, 0.1, 1.0)).observe(math.nan)
 
 

@@ -4,21 +4,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from atpid_control.controller import Answer, Command, ControlSettings
-from atpid_control.hold import Estimate, Quality
+from atpid_control.identification import Estimate, Quality
+from atpid_control.loop.protocol import Answer, Command, ControlSettings
+from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
-from atpid_control.selection.search_run import SearchingController, SearchRun
 from atpid_sim.plant import Plant
 from atpid_sim.scene import load_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
-STEADY = Estimate(Quality.STEADY, 0.03, 1e-5, 5.49)
+STEADY = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.49)
 PLAN = Plan(0.1, 2.0, 0.1, 0.9)
 
 
@@ -33,6 +35,7 @@ class Inner:
         raise AssertionError(settings)
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        del time, estimate, height
         return Answer(self.command)
 
     def on_event(self, kind: str) -> None:
@@ -46,7 +49,7 @@ class Loop:
     controller: SearchingController
     height: float = 0.3
     time: float = 0.0
-    amplitude = staticmethod(lambda height: abs(height - 0.52) + 0.1)
+    amplitude: Callable[[float], float] = lambda height: abs(height - 0.52) + 0.1
     commands: list[Command] = field(default_factory=list)
 
     def turn(self) -> Command:
@@ -101,7 +104,7 @@ def test_a_changed_excitation_ends_it(loop: Loop) -> None:
     run = loop.controller.begin(PLAN)
     for _ in range(60):
         loop.turn()
-    inner = loop.controller._inner  # type: ignore[attr-defined]
+    inner: Any = loop.controller._inner
     inner.command = replace(inner.command, sequence=5, height=0.7)
     command = loop.turn()
     assert run.done
@@ -123,11 +126,11 @@ def test_cancelled_the_ceiling_stays_where_it_is(loop: Loop) -> None:
 
 
 def test_a_beam_that_is_not_seen_ends_it(loop: Loop) -> None:
-    loop.amplitude = lambda height: math.nan
+    loop.amplitude = lambda _: math.nan
     loop.controller.begin(PLAN)
     run = loop.until_done()
     assert not run.success
-    assert "must be seen" in run.message
+    assert "is not measured" in run.message
 
 
 def test_a_ceiling_that_does_not_come_ends_it() -> None:

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The step back: only when the height is to blame, never below the lowest, never back up while it is remembered."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.hold import HoldError
-from atpid_control.step_back import Retreat, StepBack
+from atpid_control.loop.errors import HoldError
+from atpid_control.loop.step_back import StepBack, StepBackMonitor
 
 SETTINGS = StepBack(share=0.06, settle=4, count=3, excess=0.15, memory=0.05)
 LOWEST = 0.017
@@ -16,17 +19,17 @@ heights = st.floats(LOWEST, 2.0)
 amplitudes = st.floats(1e-3, 0.1)
 
 
-def retreat(**changes):
-    return Retreat(StepBack(**(vars(SETTINGS) | changes)), LOWEST)
+def retreat(**changes: float) -> StepBackMonitor:
+    return StepBackMonitor(StepBack(**(vars(SETTINGS) | changes)), LOWEST)
 
 
-def steps(machine, swings, expected=0.1, standing=True):
+def steps(machine: StepBackMonitor, swings: Sequence[float], expected: float = 0.1, standing: bool = True) -> list[int]:
     """Return at which of the estimates it is time for a step."""
     return [k for k, swing in enumerate(swings) if machine.watch(swing, expected, standing)]
 
 
 @given(heights, amplitudes, st.integers(1, 200))
-def test_every_step_goes_down_and_none_below_the_lowest(height, amplitude, count):
+def test_every_step_goes_down_and_none_below_the_lowest(height: float, amplitude: float, count: int) -> None:
     machine = retreat()
     for _ in range(count):
         lower = machine.lower(height, amplitude)
@@ -36,7 +39,9 @@ def test_every_step_goes_down_and_none_below_the_lowest(height, amplitude, count
 
 
 @given(heights, amplitudes, st.integers(1, 10), st.floats(-0.049, 0.049))
-def test_a_selection_for_nearly_the_same_amplitude_does_not_go_back_up(height, amplitude, count, change):
+def test_a_selection_for_nearly_the_same_amplitude_does_not_go_back_up(
+    height: float, amplitude: float, count: int, change: float
+) -> None:
     machine, lower = retreat(), height
     for _ in range(count):
         lower = machine.lower(lower, amplitude)
@@ -44,7 +49,7 @@ def test_a_selection_for_nearly_the_same_amplitude_does_not_go_back_up(height, a
 
 
 @given(heights, amplitudes, st.floats(0.06, 2.0))
-def test_another_excitation_forgets_it(height, amplitude, change):
+def test_another_excitation_ends_it(height: float, amplitude: float, change: float) -> None:
     machine = retreat()
     machine.lower(height, amplitude)
     assert machine.allowed(height, amplitude * (1.0 + change)) == height
@@ -52,13 +57,13 @@ def test_another_excitation_forgets_it(height, amplitude, change):
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.booleans()), max_size=60))
-def test_without_a_rumble_it_never_steps(estimates):
+def test_without_a_rumble_it_never_steps(estimates: list[tuple[float, bool]]) -> None:
     machine = retreat()
     assert not any(machine.watch(swing, 0.1, standing) for swing, standing in estimates)
 
 
 @given(st.lists(st.floats(0.0, 0.1149), max_size=60))
-def test_a_beam_as_expected_is_left_alone_whatever_the_watch_says(swings):
+def test_a_beam_as_expected_causes_no_step_whatever_the_watch_reports(swings: Sequence[float]) -> None:
     machine = retreat()
     for swing in swings:
         machine.on_event("calm")
@@ -66,14 +71,14 @@ def test_a_beam_as_expected_is_left_alone_whatever_the_watch_says(swings):
         assert not machine.watch(swing, 0.1, True)
 
 
-def test_the_ceiling_has_to_stand_and_the_beam_to_have_settled():
+def test_the_ceiling_has_to_stand_and_the_beam_to_have_settled() -> None:
     machine = retreat()
     machine.on_event("rumble")
     assert steps(machine, [0.15] * 50, standing=False) == []
     assert steps(machine, [0.15] * 7) == [6]  # 4 to settle, 3 that count
 
 
-def test_while_it_fades_nothing_is_counted_and_nothing_forgotten():
+def test_while_it_fades_the_count_is_held() -> None:
     machine = retreat(settle=0, count=12)
     machine.on_event("rumble")
     swelling, fading = [0.15 + 0.01 * k for k in range(8)], [0.2 - 0.01 * k for k in range(5)]
@@ -82,7 +87,7 @@ def test_while_it_fades_nothing_is_counted_and_nothing_forgotten():
     assert steps(machine, [0.2] * 12)
 
 
-def test_short_bursts_that_come_back_are_a_rumble():
+def test_short_bursts_that_come_back_are_a_rumble() -> None:
     machine = retreat(count=50)
     steps(machine, [0.1] * 10)
     for burst in range(2):
@@ -96,6 +101,6 @@ def test_short_bursts_that_come_back_are_a_rumble():
     "changes",
     [{"share": 0.0}, {"share": 1.0}, {"count": 0}, {"settle": -1}, {"excess": -0.1}, {"memory": math.nan}],
 )
-def test_contradictory_settings_are_refused_in_one_line(changes):
+def test_contradictory_settings_are_refused_in_one_line(changes: dict[str, float]) -> None:
     with pytest.raises(HoldError, match=r"given .*; allowed: "):
         retreat(**changes)

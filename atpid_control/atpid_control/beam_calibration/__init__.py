@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stiffness, damping and mass of the beam from a recorded decay or sweep (the thesis leaves this as future work).
 
-Support and beam displacement tell how fast the beam swings and how fast it calms down: the ratios k/m and c/m, never
-the three apart. One mass has to be known: all that swings, or one that was added for a second recording.
+Support and beam displacement determine natural frequency and decay, that is the ratios k/m and c/m, but not the three
+parameters. One mass has to be given: the whole moving mass, or one that was added for a second recording.
 """
 
 from atpid_control.beam_calibration.errors import CalibrationError

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be wrong with a calibration."""
+"""Errors of a calibration."""
 
 from atpid_common.errors import InputError
 
 
 class CalibrationError(InputError):
-    """A recording that does not tell the beam's parameters, or masses that cannot be."""
+    """A recording that does not determine the beam's parameters, or impossible masses."""

@@ -23,17 +23,17 @@ TAU = 2.0 * math.pi
 #: A residual above this share of the motion's own size means that the beam did not move as one mass; of the residual
 #: only what lies below so many natural frequencies counts, since a sensor's noise is no motion.
 MISFIT, MISFIT_BAND = 0.05, 3.0
-#: A support that lowers the residual by less than this explains nothing but noise.
+#: A support that lowers the residual by less than this is taken for noise.
 EXPLAINS = 0.02
 #: Damping ratios the search starts from and is held between.
 START, LEAST, MOST = 0.02, 1e-6, 0.7
-#: Periods a recording must last for its decay to be told.
+#: Periods a recording must last for its decay to be determined.
 PERIODS = 5.0
 
 
 @dataclass(frozen=True)
 class BeamFit:
-    """What one recording tells of the beam, per unit of the mass that swung."""
+    """The beam's parameters by one recording, per unit of the moving mass."""
 
     stiffness: float  # k/m [1/s^2]
     damping: float  # c/m [1/s]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From k/m and c/m to the scene's beam block, with the one mass that has to be known."""
+"""From k/m and c/m to the scene's beam block, with the one mass that has to be given."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class BeamParameters:
     damping_std: float
 
     def to_yaml(self) -> str:
-        """Return a scene's `beam:` block; error bars are in a comment, since a scene says values only."""
+        """Return a scene's `beam:` block; error bars are in a comment, since a scene has values only."""
         return (
             f"# standard deviations: mass {self.mass_std:.2g} kg, stiffness {self.stiffness_std:.2g} N/m, "
             f"damping {self.damping_std:.2g} N s/m\n"
@@ -36,9 +36,9 @@ class BeamParameters:
 def from_known_mass(
     fit: BeamFit, moving_mass: float, moving_mass_std: float = 0.0, grain_mass: float = 0.0
 ) -> BeamParameters:
-    """Return the parameters where all that swung weighs `moving_mass` [kg], `grain_mass` [kg] of it the grain's.
+    """Return the parameters where the moving mass is `moving_mass` [kg], `grain_mass` [kg] of it the grain's.
 
-    Raises CalibrationError for masses that cannot be.
+    Raises CalibrationError for impossible masses.
     """
     _check(moving_mass, grain_mass)
     relative = moving_mass_std / moving_mass
@@ -57,7 +57,7 @@ def from_added_mass(plain: BeamFit, loaded: BeamFit, added: float, grain_mass: f
     """Return the parameters from two recordings, the second with `added` [kg] more on the beam.
 
     m = added b/(a - b) with a and b the two k/m: the mass is as good as the difference of two nearly equal numbers, so
-    add a tenth of the mass or more. Raises CalibrationError where the added mass did not slow the beam beyond doubt.
+    add a tenth of the mass or more. Raises CalibrationError where the added mass did not clearly lower k/m.
     """
     if not added > 0.0:
         raise CalibrationError(f"added mass: given {added:g} kg; allowed: above 0")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads what was recorded: a bag, or a table with one column a channel."""
+"""Reads a recording: a bag, or a table with one column a channel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bagread import open_bag
+from atpid_control.bags.read import open_bag
 from atpid_control.beam_calibration.errors import CalibrationError
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def free_columns(count: int, step: float, stiffness: float, damping: float) -> Array:
-    """Return the two free motions and a constant (3, n): how the beam swings from any start around any rest.
+    """Return the two free motions and a constant (3, n): from any initial state, about any rest position.
 
     `stiffness` and `damping` are k/m [1/s^2] and c/m [1/s], `step` in [s]. The beam must be underdamped.
     """

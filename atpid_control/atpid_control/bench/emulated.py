@@ -2,8 +2,8 @@
 """The emulated stand: the stand's own graph on a machine without hardware.
 
 The vendor's LabJack package runs on a stand-in library, the motor node on a serial port behind which the real firmware
-runs on an emulated ATmega2560. Behind both stands the simulated plant: it hears where the emulated motor has the
-ceiling, and what its lasers would see becomes the voltages the stand-in device samples.
+runs on an emulated ATmega2560. Both are connected to the simulated plant: it receives the ceiling's height from the
+emulated motor, and its laser signals become the voltages that the stand-in device samples.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from atpid_control.bench.errors import BenchError
-from atpid_control.bench.graph import PARTS, Parameters, Part, ceiling_parameters, parameters_for
+from atpid_control.graph.errors import BenchError
+from atpid_control.graph.parts import PARTS, Parameters, Part, ceiling_parameters, parameters_for
 from atpid_sim.scene import ControlledCeiling, Scene
 
 Commands = list[tuple[str, list[str]]]
 
-#: The plant's lasers under another name: what the identifier hears comes from the device, never from the plant.
+#: The plant's lasers under another name: the identifier's blocks come from the device, never from the plant.
 _BEHIND = "emulated/sensors/laser"
 _CALIBRATIONS = ("emulated_support.yaml", "emulated_beam.yaml")
 _LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
@@ -29,8 +29,8 @@ _SERIAL = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 
 def missing_tools() -> tuple[str, ...]:
     """Return the Debian packages without which the firmware cannot be built and emulated here."""
-    ask = "from atpid_driver.emulator import missing_tools; print(*missing_tools())"
-    done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=False)
+    code = "from atpid_driver.emulator import missing_tools; print(*missing_tools())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise BenchError("package atpid_driver is not on the path: `make setup`, then `. ros2_ws/activate`")
     return tuple(done.stdout.split())
@@ -47,14 +47,14 @@ def parameters_emulated(
         raise BenchError("the emulated stand moves the ceiling by its motor: the scene's ceiling needs a controller")
     parameters = parameters_for(scene, scene_file, height_map, bag, lockstep=False)
     motor = _SERIAL.configured()
-    wanted = ceiling_parameters(scene)
-    if abs(wanted["speed"] - motor["speed"]) > 1e-9:
+    ceiling = ceiling_parameters(scene)
+    if abs(ceiling["speed"] - motor["speed"]) > 1e-9:
         raise BenchError(
-            f"ceiling.speed {wanted['speed']:g} m/s: the firmware's motor has {motor['speed']:g} m/s; "
+            f"ceiling.speed {ceiling['speed']:g} m/s: the firmware's motor has {motor['speed']:g} m/s; "
             "change the scene, or firmware/config.h and motor_serial.yaml"
         )
     if board:
-        parameters["motor_node"] = motor | wanted | {"port": str(place / "board")}
+        parameters["motor_node"] = motor | ceiling | {"port": str(place / "board")}
     rate = scene.sensors.laser.rate
     parameters["labjack_node"] = _LABJACK.configured() | {
         "rate": rate,
@@ -93,12 +93,12 @@ def commands_emulated(parameter_file: Path, place: Path, *, board: bool) -> Comm
 
 
 def _device_environment(place: Path) -> list[str]:
-    """Return the variables under which LabJack's package finds the stand-in; builds it where that has not been done."""
-    asked = [
+    """Return the environment in which LabJack's package finds the stand-in, which is built where it is missing."""
+    command = [
         sys.executable, "-m", "atpid_driver", "standin",
         "--ljm-control", str(place / "device"), "--ljm-source", f"feed:{place / 'laser'}",
     ]  # fmt: skip
-    done = subprocess.run(asked, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise BenchError(
             done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "the stand-in cannot be built"

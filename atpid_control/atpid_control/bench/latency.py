@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from atpid_common.latency import percentile
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag, stamp_of
 from atpid_control.identification.stamps import last_stamp_ns
 
 #: Stages of the loop, from the last sample of a block on.
@@ -26,7 +26,7 @@ def latency_of(bag: Bag) -> Latency:
     return {name: _spread([row[k] for row in rows]) for k, name in enumerate(STAGES)} if rows else {}
 
 
-def in_words(latency: Latency) -> str:
+def summary_line(latency: Latency) -> str:
     """Return the line of the summary; empty where nothing was measured."""
     if not latency:
         return ""
@@ -56,15 +56,9 @@ def _answered(bag: Bag) -> Iterator[tuple[float, float, float, float]]:
 
 def _recorded(bag: Bag, kind: str) -> dict[int, int]:
     """Return when the message of each stamp was recorded [ns], by the stamp [ns]."""
-    return {
-        _nanoseconds(message): received for topic in bag.topics_of(kind) for received, message in bag.messages(topic)
-    }
+    return {stamp_of(message): received for topic in bag.topics_of(kind) for received, message in bag.messages(topic)}
 
 
 def _last_stamp(block: Any) -> int:
     scans = len(block.data) // max(1, len(block.channels))
-    return last_stamp_ns(_nanoseconds(block), int(block.first_index), scans, float(block.rate))
-
-
-def _nanoseconds(message: Any) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+    return last_stamp_ns(stamp_of(block), int(block.first_index), scans, float(block.rate))

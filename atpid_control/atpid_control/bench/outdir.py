@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The output folder: the newest run lies at its top, older ones are moved aside, and nothing is ever deleted."""
+"""The output folder: the newest run at its top, older ones in folders of their own; nothing is deleted."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from atpid_control.bench.errors import BenchError
+from atpid_control.graph.errors import BenchError
 
-#: Written first: it says that what lies beside it was made by the bench.
+#: Written first: marks a folder of the bench.
 MARKER = "bench.json"
 
 
 @contextmanager
 def claimed(out: Path) -> Iterator[None]:
-    """Keep other benches of this machine out of the folder; raise BenchError where one is at work there."""
+    """Lock the folder against other benches of this machine; raise BenchError where one runs there."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as holder:
         try:
             holder.bind(f"\0atpid/bench/out/{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}")
@@ -42,7 +42,7 @@ def prepare(out: Path) -> Path | None:
 
 
 def mark(out: Path, scene: Path) -> None:
-    """Note which files and folders at the top of `out` belong to the run of `scene` that begins now."""
+    """Mark the files and folders at the top of `out` as those of the run of `scene` that begins now."""
     (out / MARKER).write_text(json.dumps({"scene": str(scene), "layout": 1}) + "\n", encoding="utf-8")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shows how far a run is: simulated time and how much faster than real time."""
+"""Shows the progress of a run: simulated time and how much faster than real time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 @contextmanager
 def shown(duration: float, label: str) -> Iterator[Callable[[float], None]]:
-    """Give a function to be told the time reached [s] of `duration` [s]; the bar goes to standard error."""
+    """Yield a function that shows the time reached [s] of `duration` [s]; the bar goes to standard error."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -26,11 +26,11 @@ def shown(duration: float, label: str) -> Iterator[Callable[[float], None]]:
         task = bar.add_task(label, total=duration, speed="")
         begun: float | None = None
 
-        def tell(reached: float) -> None:
+        def update(reached: float) -> None:
             nonlocal begun
             now = time.monotonic()
             begun = now if begun is None else begun
             speed = f"{reached / (now - begun):.1f} x real time" if now > begun else ""
             bar.update(task, completed=min(reached, duration), speed=speed)
 
-        yield tell
+        yield update

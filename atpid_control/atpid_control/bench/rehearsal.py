@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the compiled parts once before the graph starts: on a fresh machine they are compiled first, which takes long.
+"""Warm-up of the compiled parts before the graph starts: on a fresh machine compiling takes long.
 
 In lockstep everything is loaded afterwards; in real time every node finds it in the compiler's cache.
 """
@@ -7,14 +7,14 @@ In lockstep everything is loaded afterwards; in real time every node finds it in
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.identification import Identifier, Settings
+from atpid_control.identification import Identifier
+from atpid_control.loop.settings import identification_settings
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
 from atpid_sim.stream import Stream
@@ -32,8 +32,7 @@ def rehearse(scene: Scene, identifier: Mapping[str, Any]) -> None:
 
 def _identify(frequency: float, parameters: Mapping[str, Any]) -> None:
     """Feed a tone that changes, with noise, hum and a gap, so that every path of the identification is taken."""
-    given = {item.name: parameters[item.name] for item in fields(Settings) if item.name in parameters}
-    trial = Identifier(Settings(**{"saturation": None, **given}))
+    trial = Identifier(identification_settings(parameters.__getitem__))
     time = np.arange(_BLOCK * _BLOCKS) / _RATE
     tone = np.where(time < 1.5, 1.0, 1.5) * np.sin(2.0 * np.pi * frequency * time)
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))

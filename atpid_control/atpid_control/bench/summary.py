@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run amounts to: summary.json, and the same as a table for a person."""
+"""Results of a run: summary.json, and the same as a table."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from atpid_control.bagread import Bag
-from atpid_control.bench.latency import in_words, latency_of
+from atpid_control.bags.read import Bag, stamp_of
+from atpid_control.bench.latency import latency_of, summary_line
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed, beside
 from atpid_control.report.view import View, not_arrived
@@ -25,7 +25,7 @@ from atpid_sim.scene import Scene
 
 
 def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
-    """Return summary.json's object: the results, and what makes them trustworthy. NaN: unknown."""
+    """Return summary.json's object: the results, and what they depend on. NaN: unknown."""
     bag = view.run.bag
     own, closed = view.decrements or (math.nan, math.nan)
     return {
@@ -76,7 +76,7 @@ def real_time_factor(bag: Bag, mode: str) -> float:
     if mode == "lockstep":
         return float(bag.result.get("real_time_factor", "nan"))
     laser = next((topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")), "")
-    received = [(log_ns, _nanoseconds(block)) for log_ns, block in bag.messages(laser)]
+    received = [(log_ns, stamp_of(block)) for log_ns, block in bag.messages(laser)]
     if len(received) < 2:
         return math.nan
     (wall_first, first), (wall_last, last) = received[0], received[-1]
@@ -86,30 +86,26 @@ def real_time_factor(bag: Bag, mode: str) -> float:
 def unanswered_blocks(bag: Bag) -> int:
     """Return how many blocks of the laser have no estimate, or whose estimate has no command.
 
-    A device goes on after the plant has finished: what it sent then had nobody to answer it.
+    A device goes on after the plant has finished: blocks after that are not answered.
     """
     end = _finished(bag)
     lasers = [topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")]
     blocks = sum(1 for topic in lasers for received, _ in bag.messages(topic) if received <= end)
     answers = [
-        len({_nanoseconds(message) for topic in bag.topics_of(kind) for _, message in bag.messages(topic)})
+        len({stamp_of(message) for topic in bag.topics_of(kind) for _, message in bag.messages(topic)})
         for kind in ("Excitation", "CeilingCommand")
     ]
     return max(0, blocks - min(answers))
 
 
 def _finished(bag: Bag) -> int:
-    """Return when the plant's word that it has finished was received [ns]; the far future where it never was."""
+    """Return when the event `finished` of the plant was received [ns]; the far future where there is none."""
     events = (item for topic in bag.topics_of("Event") for item in bag.messages(topic))
     return min((received for received, event in events if event.kind == "finished"), default=2**63)
 
 
-def _nanoseconds(message: Any) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-
-
 def notable(bag: Bag) -> list[tuple[str, str]]:
-    """Return (kind, text) of all warnings and alarms in the order they were said."""
+    """Return (kind, text) of all warnings and alarms in order."""
     found = (event for topic in bag.topics_of("Event") for _, event in bag.messages(topic))
     return [(str(event.kind), str(event.text)) for event in found if event.severity > 0]
 
@@ -129,7 +125,7 @@ def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console)
         f"unanswered blocks: {summary['unanswered_blocks']}; seed {summary['seed']}"
     )
     if summary["latency"]:
-        console.print(in_words(summary["latency"]), soft_wrap=True)
+        console.print(summary_line(summary["latency"]), soft_wrap=True)
     if summary["lost_scans"] or summary["unanswered_blocks"]:
         line("INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", "bold")
     for kind, text in notable(view.run.bag):

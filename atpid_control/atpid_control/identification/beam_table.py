@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The beam's steady amplitude against the support's, simulated height by height when a height is first asked for."""
+"""The beam's steady amplitude against the support's, simulated for each height at its first use."""
 
 from __future__ import annotations
 

@@ -13,15 +13,15 @@ from atpid_control.identification.linear import dot, explained, factor, gram, pr
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-#: A sample this many robust standard deviations off the fit is a spike and no part of it.
+#: A sample this many robust standard deviations off the fit is a spike, and left out.
 SPIKE = 6.0
-#: More spikes than this share of the samples are no spikes but a signal the model does not describe.
+#: Above this share of the samples outliers are not spikes but a signal the model does not describe.
 SPIKES_AT_MOST = 0.15
-#: The fit takes no misfit below this share of the amplitude for a change: sensors are not better, nor is arithmetic.
+#: A misfit below this share of the amplitude is not a change: it is within the accuracy of sensors and arithmetic.
 FLOOR = 1e-4
 #: Log-likelihood every further parameter has to bring before a group may join.
 PENALTY = 6.0
-#: Harmonics cannot be told from a change inside less than this many periods.
+#: Harmonics cannot be distinguished from a change within less than this many periods.
 HARMONICS_FROM = 1.5
 
 
@@ -59,7 +59,7 @@ def residual_of(columns: Array, y: Array, tone: Array, active: Flags) -> Array:
 def without_spikes(
     columns: Array, signal: Array, tone: Array, scale: float, active: Flags, keep: Flags
 ) -> tuple[Flags, bool]:
-    """Return which samples are no spikes, and whether what sticks out may be called spikes at all.
+    """Return the inlier mask (n,), and whether the outliers are spikes.
 
     `columns` are those of all samples, `keep` marks the ones that took part in the fit.
     """
@@ -94,7 +94,7 @@ def _allowed(active: Flags, omega: float, hum: float, scale: float, step: float)
 def best_group(
     columns: Array, t: Array, y: Array, tone: Array, hum: float, scale: float, end: float, active: Flags
 ) -> tuple[int, float]:
-    """Return the group that describes the residual best and the log-likelihood it brings; -1 where none is worth it."""
+    """Return the group that describes the residual best and its log-likelihood; -1 where none is significant."""
     omega, n = tone[1], t.size
     col.write_harmonics(columns)
     col.write_changes(columns, t, end, 2.0 * np.pi / omega, tone[2], tone[3], scale)

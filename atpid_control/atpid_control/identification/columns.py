@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The columns of the fit's linear model: the tone, what may lie on top of it, and what would make it unsteady.
+"""The columns of the fit's linear model: the tone, what may lie on top of it, and what makes it unsteady.
 
-The four of IEEE 1057 always take part. The others come in groups, and only where the samples ask for them.
+The four of IEEE 1057 always take part. The others come in groups, and only where they are significant.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ GROUPS = (
 STEADY_GROUPS = 3
 RECENT_PERIODS = (0.25, 0.5, 1.0)
 OLD_PERIODS = (0.25, 0.5)
-#: Groups that only a window longer than one period can tell from the others.
+#: Groups that only a window longer than one period can distinguish from the others.
 LONG_GROUPS = (6, 7, 8)
 
 
 @compiled
 def write_tone(columns: Array, tau: Array, omega: float, cosine: float, sine: float, scale: float) -> None:
-    """Write columns that hang on the frequency, for the tone cosine cos(omega tau) + sine sin(omega tau), scale [s].
+    """Write columns that depend on the frequency, for the tone cosine cos(omega tau) + sine sin(omega tau), scale [s].
 
     The phase's rate is in units of 1/scale times the amplitude, so that all columns are of order one.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an identification says: the fields of Excitation.msg, with its meanings and units."""
+"""Result of the identification: the fields of Excitation.msg, with its meanings and units."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ from math import nan
 
 
 class Quality(IntEnum):
-    """How far an estimate may be trusted."""
+    """Quality of an estimate."""
 
     NONE = 0  # no estimate: handshake, too few samples, or no signal
     STEADY = 1  # a steady tone: the estimate can be acted on
     TRANSIENT = 2  # amplitude or frequency is changing inside the window: the estimate is a mean over it
-    POOR = 3  # a tone was fitted, but residual, harmonics, gaps or saturation make it untrustworthy
+    POOR = 3  # a tone was fitted, but residual, harmonics, gaps or saturation spoil it
+
+    @classmethod
+    def _missing_(cls, _value: object) -> Quality:
+        """Return POOR for the value of a message that has none of these."""
+        return cls.POOR
 
 
 class Origin(IntEnum):
@@ -32,7 +37,7 @@ class Estimate:
     last_index: int = 0
     quality: Quality = Quality.NONE
     origin: Origin = Origin.SUPPORT
-    changed: bool = False  # a change was seen since the last steady estimate that said so
+    changed: bool = False  # a change since the last steady estimate with this flag
     amplitude: float = nan  # [m]
     amplitude_std: float = nan  # [m]
     frequency: float = nan  # [Hz]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The excitation from the beam's response alone, where nobody measures the support.
+"""The excitation from the beam's response alone, where the support is not measured.
 
 Closed damper: beam and grain are one mass, and the transfer function of the simplified model is divided out
 (thesis equation 3.43). Open damper: through a table of simulated steady amplitudes at the present height. Either way
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 #: Up to this gap, as a share of the beam's amplitude, the damper counts as closed.
 CLOSED_GAP = 0.02
-#: Standard deviation of stiffness and damping where nobody gives one: a calibrated beam's, with room [-].
+#: Standard deviation of stiffness and damping where none is given: a calibrated beam's, with a margin [-].
 MODEL_ERROR = (0.005, 0.05)
 #: Estimates agree within this many standard deviations.
 AGREE = 3.0
@@ -34,7 +34,7 @@ REGULAR = 0.02
 
 
 class AmplitudeRelation(Protocol):
-    """How the beam's steady amplitude hangs on the support's, at a height of the open damper."""
+    """The beam's steady amplitude as a function of the support's, at a height of the open damper."""
 
     def at(self, height: float) -> tuple[Array, Array, Array]:
         """Return support amplitudes (n,), the beam's (n,) and the beam's spread (n,) [m] at `height` [m]."""
@@ -52,14 +52,14 @@ class ClosedBeam:
     def inverse(self, omega: float, growth: float = 0.0) -> complex:
         """Return support over beam displacement at `omega` [rad/s] (equation 3.43).
 
-        A beam still swinging up, by `growth` [1/s] of its amplitude, needs the support also for that.
+        A beam whose amplitude still grows, by `growth` [1/s] of its amplitude, needs the support also for that.
         """
         force = self.stiffness + 1j * self.damping * omega
         return (force - self.mass * omega**2 + growth * (2j * self.mass * omega + self.damping)) / force
 
 
 class ModelInverse:
-    """From what the beam does to what the support does, through the model at the present height."""
+    """From the beam's motion to the support's, by the model at the present height."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class ModelInverse:
         return cls(beam, 2.0 * scene.grain.radius, SimulatedRelation(scene), model_error)
 
     def support_of(self, beam: Estimate, height: float) -> Estimate:
-        """Return the support's estimate where the beam does `beam` and the ceiling is at `height` [m].
+        """Return the support's estimate for the beam's estimate `beam` and the ceiling at `height` [m].
 
         Without a height there is no estimate. Where two support amplitudes would move the beam alike, the estimate is
         their middle, with an error bar over both, and poor.
@@ -134,7 +134,7 @@ class ModelInverse:
         return chance, model
 
     def _steadiness(self, support: Estimate, chance: float) -> Quality:
-        """Steady, if the support's estimates agree over a whole window, whatever the beam still does meanwhile."""
+        """Steady, if the support's estimates agree over a whole window, even while the beam is transient."""
         while self._past and self._past[0][0] < support.time - support.window:
             self._past.popleft()
         whole = bool(self._past) and self._past[0][0] <= support.time - 0.8 * support.window
@@ -148,7 +148,7 @@ class ModelInverse:
 
     def _through_relation(self, beam: Estimate, height: float) -> Estimate:
         support, response, spread = self._relation.at(height)
-        # a beam that swings regularly is not on a rumbling branch
+        # a beam with a regular response is not on a rumbling branch
         smooth = regular_branch(response, spread) if beam.quality == Quality.STEADY else response
         ends = crossings(support, smooth, spread, beam.amplitude, beam.amplitude_std)
         ends = ends or crossings(support, response, spread, beam.amplitude, beam.amplitude_std)

@@ -23,10 +23,10 @@ TAU = 2.0 * math.pi
 
 
 class BeamInverse(Protocol):
-    """Tells the support's motion from the beam's, through a model (see `from_beam`)."""
+    """The support's motion inferred from the beam's by a model (see `from_beam`)."""
 
     def support_of(self, beam: Estimate, height: float) -> Estimate:
-        """Return what the support does where the beam does `beam` and the ceiling is at `height` [m]."""
+        """Return the support's estimate for the beam's estimate `beam` and the ceiling at `height` [m]."""
         ...
 
 
@@ -37,12 +37,12 @@ def warm_up() -> None:
 
 
 class Identifier:
-    """Takes blocks of samples and returns an estimate for each; it has no clock but the samples' own."""
+    """Takes blocks of samples and returns an estimate for each; its only clock is that of the samples."""
 
     def __init__(self, settings: Settings, inverse: BeamInverse | None = None) -> None:
         """With `inverse` the excitation is inferred from the beam, otherwise read from the support."""
         self._settings, self._inverse = settings, inverse
-        # a beam that still swings up tells by how fast it does, which a longer window shows better
+        # the growth of a transient beam is estimated better in a longer window
         self._finder = ToneFinder(settings, shorten=inverse is None)
         self._tracker = ChangeTracker(settings.change)
         self._buffer: SampleBuffer | None = None
@@ -69,9 +69,9 @@ class Identifier:
         """Take the next block and return the estimate at its last sample.
 
         `support` and `beam` are (n,) [m], NaN where invalid, or None where not measured; `rate` [Hz]; `t_last` [s] is
-        when the last scan was taken and is only handed on; `delay` [s]: the channel's sampling after its scan;
-        `height` [m]: of the ceiling. Blocks may be missing: `first_index` tells. Raises IdentificationError for samples
-        that cannot be: no channel at all, or a rate too low for the tones looked for.
+        when the last scan was taken and is only passed on; `delay` [s]: the channel's sampling after its scan;
+        `height` [m]: of the ceiling. Missing blocks show in `first_index`. Raises IdentificationError for
+        impossible samples: no channel at all, or a rate too low for the tones looked for.
         """
         samples = self._stacked(support, beam)
         if self._buffer is None or self._buffer.rate != rate:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the identification has to be told; docs/identification.md says how each value was chosen."""
+"""Settings of the identification; docs/identification.md explains how each value was chosen."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from atpid_common.errors import InputError
 
 
 class IdentificationError(InputError):
-    """Settings, or samples, the identification cannot work with."""
+    """Settings, or samples, that cannot be used."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Limits of the search and of trust; none has a physical default, the parameter file says them."""
+    """Limits of the search and of quality; none has a physical default, the parameter file has the values."""
 
     window_periods: float  # length of the sliding window in periods of the tone, one at least
     lowest_frequency: float  # [Hz]
     highest_frequency: float  # [Hz]
-    mains_frequency: float  # hum that joins the fit where it is seen [Hz], 0: none
+    mains_frequency: float  # hum that joins the fit where it is present [Hz], 0: none
     least_amplitude: float  # a tone smaller than this is no signal [m]
     saturation: tuple[float, float] | None  # at or beyond these a sample is not valid [m]
     change: float  # relative change of a steady amplitude that counts as one [-]
-    change_likelihood: float  # log-likelihood from which a tone is believed to change inside the window [-]
+    change_likelihood: float  # log-likelihood from which a tone counts as changing within the window [-]
     poor_residual: float  # residual over amplitude from which an estimate is poor [-]
     poor_harmonics: float  # harmonics over amplitude from which an estimate is poor [-]
     poor_lost: float  # share of lost samples from which an estimate is poor [-]

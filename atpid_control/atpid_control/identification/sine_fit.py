@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The four-parameter sine fit of IEEE 1057, with covariance, made to stand what real signals do.
 
-Spikes are left out, offset drift, harmonics and mains hum join the model where the samples ask for them, and a tone
-that changes inside the window is told from a steady one. Each decision compares the sums of squares two models leave
-(a likelihood ratio), so the plain four parameters are what remains for a tone in white noise.
+Spikes are left out, offset drift, harmonics and mains hum join the model where they are significant, and a tone
+that changes inside the window is distinguished from a steady one. Each decision compares the sums of squares of two
+models (a likelihood ratio), so the plain four parameters are what remains for a tone in white noise.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: flo
     """Fit a tone to `signal` (n,) [m] at `tau` (n,) [s], tau = 0 at the window's end, from the seed `omega` [rad/s].
 
     `hum` [rad/s] is the angular frequency of the mains, 0 for none; `threshold` is the log-likelihood from which a
-    change is believed. No NaN may be among the samples. None is returned where no tone can be fitted.
+    change is accepted. No NaN may be among the samples. None is returned where no tone can be fitted.
     """
     out = _fit(tau, signal, omega, hum, threshold)
     if out[OK] == 0.0 or not np.all(np.isfinite(out)):
@@ -88,10 +88,7 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) 
             return out
         omega = tone[1]
         if rejecting and turn < SPIKE_ROUNDS:
-            whole = columns
-            if used < count:
-                whole = np.zeros((col.COUNT, count))
-                _write_steady(whole, tau - centre, tone, hum, scale)
+            whole = columns if used == count else _steady_columns(tau - centre, tone, hum, scale)
             fresh, rejecting = without_spikes(whole, signal, tone, scale, active, keep)
             if not rejecting:
                 fresh = np.ones(count, dtype=np.bool_)
@@ -113,11 +110,13 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) 
 
 
 @compiled
-def _write_steady(columns: Array, t: Array, tone: Array, hum: float, scale: float) -> None:
-    """Write all columns of a steady tone."""
+def _steady_columns(t: Array, tone: Array, hum: float, scale: float) -> Array:
+    """Return the columns (p, n) with those of a steady tone written."""
+    columns = np.zeros((col.COUNT, t.size))
     col.write_constant(columns, t, hum, scale)
     col.write_tone(columns, t, tone[1], tone[2], tone[3], scale)
     col.write_harmonics(columns)
+    return columns
 
 
 @compiled

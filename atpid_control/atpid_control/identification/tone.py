@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the tone in a buffer: seed, window of whole periods, fit, and how far to trust it."""
+"""Finds the tone in a buffer: seed, window of whole periods, fit, and its quality."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RECUT = 0.05
 NEAR = 0.15
 #: One period may be called steady while two are not, if no larger change of amplitude can hide in its noise [-].
 HIDDEN_CHANGE = 0.02
-#: With more than this share of the samples lost a change cannot be told from what the gaps hide.
+#: With more than this share of the samples lost a change cannot be distinguished from the gaps.
 CHANGE_LOST = 0.25
 
 
@@ -52,7 +52,7 @@ class ToneFinder:
     """Follows the tone of one channel of a buffer."""
 
     def __init__(self, settings: Settings, shorten: bool = True) -> None:
-        """Start without knowing a frequency; with `shorten` a transient is looked at in one period, too."""
+        """Start without a frequency; with `shorten` a transient is looked at in one period, too."""
         self._settings, self._shorten = settings, shorten
         self.frequency = math.nan  # of the last tone found [Hz]
 
@@ -74,7 +74,7 @@ class ToneFinder:
         return tone
 
     def _search(self, buffer: SampleBuffer, channel: int, count: int) -> Tone | None:
-        """Seed from the newest `count` samples, then fit in the window the seed asks for."""
+        """Seed from the newest `count` samples, then fit in the window that the seed defines."""
         s = self._settings
         signal = without_clipping(buffer.newest(count)[channel], s.saturation)
         seed = seed_frequency(signal, 1.0 / buffer.step, s.lowest_frequency, s.highest_frequency)
@@ -88,7 +88,7 @@ class ToneFinder:
         return tone
 
     def _shorter(self, buffer: SampleBuffer, channel: int, tone: Tone) -> Tone:
-        """Return the newest period alone where it is steady beyond doubt, which is a period earlier; else `tone`."""
+        """Return the newest period alone where it is certainly steady, which is a period earlier; else `tone`."""
         short = self._in_window(buffer, channel, tone.frequency, 1.0)
         if short is None or short.quality == Quality.POOR:
             return tone

@@ -82,8 +82,8 @@ class SampleBuffer:
 def without_clipping(signal: Array, saturation: tuple[float, float] | None) -> Array:
     """Return `signal` (n,) with NaN where the sensor was at its limit.
 
-    `saturation` [m] holds the known limits; a flat top, three or more equal extreme samples in a row, is taken for one
-    that nobody told us about.
+    `saturation` [m] holds the known limits; a flat top, three or more equal extreme samples in a row, counts as an
+    unknown one.
     """
     clean = signal
     if saturation is not None:
@@ -101,7 +101,7 @@ def half_peak_to_peak(signal: Array, step: float, frequency: float) -> float:
     """Return half the range of `signal` (n,), `step` [s] apart, NaN where nothing is left of it.
 
     Noise widens a range of hundreds of samples by several standard deviations, so the signal is averaged over a
-    fortieth of a period first, and what that takes off a tone at `frequency` [Hz] is put back.
+    fortieth of a period first, and the attenuation of a tone at `frequency` [Hz] is corrected.
     """
     length = 1 + 2 * int(0.0125 / (frequency * step)) if frequency > 0.0 else 1
     if signal.size < length:

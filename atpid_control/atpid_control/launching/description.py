@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Launch descriptions whose arguments are checked before any node starts and whose nodes all have to live."""
+"""Launch descriptions whose arguments are checked before any node starts and whose nodes all have to run."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from atpid_control.launching.values import existing_bag, existing_file, new_fold
 
 #: What starts a node. SIGINT, SIGTERM and SIGHUP are blocked until the node handles them, so that Ctrl-C while Python
 #: starts is neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it
-#: does not move the ceiling alone.
+#: does not go on moving the ceiling.
 START = "env --block-signal=INT --block-signal=TERM --block-signal=HUP setpriv --pdeathsig TERM"
 
 _BAG = Argument("bag", "folder of the bag to make; not given: run-<id> in the current folder", new_folder, "")

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that all have to live: one that ends badly, or before its time, ends the launch with status 1."""
+"""Nodes that all have to run: one that fails, or ends early, ends the launch with status 1.
+
+The others are then stopped before the recorder, whose bag has their last events. After Ctrl-C the terminal itself sends
+SIGINT to all of them at once.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +12,12 @@ import signal
 from collections.abc import Sequence
 from typing import Any
 
-from launch import LaunchContext, Substitution
+from launch import LaunchContext, LaunchDescription, Substitution
 from launch.actions import EmitEvent, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.event import Event
 from launch.event_handler import EventHandler
-from launch.events.process import ProcessExited
+from launch.events import matches_action
+from launch.events.process import ProcessExited, ProcessStarted, ShutdownProcess
 from launch_ros.actions import Node
 
 from atpid_common.errors import AtpidError
@@ -41,56 +46,127 @@ class NodeEndedError(AtpidError):
     """A node that ended with an exit status other than 0, or although the run had not ended."""
 
 
+class SupervisedNode(Node):
+    """A node whose end ends the launch: well, if `ends_run` and its exit status is 0."""
+
+    def __init__(self, package: str, executable: str, *, ends_run: bool, ends_last: bool, **options: Any) -> None:
+        """See `node`."""
+        self.label, self.ends_run, self.ends_last = executable, ends_run, ends_last
+        super().__init__(
+            package=package,
+            executable=executable,
+            exec_name=executable,
+            prefix=[StartPrefix(executable)],
+            output="screen",
+            on_exit=self._on_exit,
+            sigterm_timeout=str(SIGTERM_TIMEOUT),
+            sigkill_timeout=str(SIGKILL_TIMEOUT),
+            **options,
+        )
+
+    def _on_exit(self, event: ProcessExited, _context: LaunchContext) -> EmitEvent:
+        # judged by an event of its own, after a Ctrl-C that arrived together with this end
+        return EmitEvent(event=NodeEnded(self, event.returncode))
+
+
 class NodeEnded(Event):
     """The process of a node has ended."""
 
     name = "atpid_control.launching.NodeEnded"
 
-    def __init__(self, node: str, status: int, ends_run: bool) -> None:
-        """Keep the node's name, its exit status (negative: the signal), and whether its end is that of the run."""
-        self.node, self.status, self.ends_run = node, status, ends_run
+    def __init__(self, node: SupervisedNode, status: int) -> None:
+        """Keep the node and its exit status (negative: the signal)."""
+        self.node, self.status = node, status
 
 
-def node(package: str, executable: str, parameters: Sequence[Any], *, ends_run: bool = False, **options: Any) -> Node:
-    """Return a node whose end ends the launch: well, if `ends_run` and its exit status is 0."""
-
-    def on_exit(event: ProcessExited, context: LaunchContext) -> EmitEvent:
-        # judged by an event of its own, after a Ctrl-C that arrived together with this end
-        return EmitEvent(event=NodeEnded(executable, event.returncode, ends_run))
-
-    return Node(
-        package=package,
-        executable=executable,
-        exec_name=executable,
-        prefix=[StartPrefix(executable)],
-        parameters=list(parameters),
-        output="screen",
-        on_exit=on_exit,
-        sigterm_timeout=str(SIGTERM_TIMEOUT),
-        sigkill_timeout=str(SIGKILL_TIMEOUT),
-        **options,
+def node(
+    package: str,
+    executable: str,
+    parameters: Sequence[Any],
+    *,
+    ends_run: bool = False,
+    ends_last: bool = False,
+    **options: Any,
+) -> SupervisedNode:
+    """Return a node of a launch. ends_run: its end is that of the run; ends_last: it is stopped after the others."""
+    return SupervisedNode(
+        package, executable, parameters=list(parameters), ends_run=ends_run, ends_last=ends_last, **options
     )
 
 
-def supervision() -> RegisterEventHandler:
-    """Return the action that judges the end of each `node`."""
-    judging = OpaqueFunction(function=_judge)
-    return RegisterEventHandler(EventHandler(matcher=lambda event: isinstance(event, NodeEnded), entities=[judging]))
+def supervision() -> LaunchDescription:
+    """Return the actions that judge the end of each `node`."""
+    supervisor = Supervisor()
+    return LaunchDescription([
+        RegisterEventHandler(EventHandler(matcher=_is_start, entities=[OpaqueFunction(function=supervisor.on_start)])),
+        RegisterEventHandler(
+            EventHandler(
+                matcher=lambda event: isinstance(event, NodeEnded),
+                entities=[OpaqueFunction(function=supervisor.on_end)],
+            )
+        ),
+    ])  # fmt: skip
 
 
-def _judge(context: LaunchContext) -> list[Shutdown]:
-    """End the launch; an exception is how `launch` ends with a status other than 0."""
-    ended: NodeEnded = context.locals.event
-    if context.is_shutdown and ended.status == -signal.SIGINT:
-        return []  # interrupted before `START` could block it: the node had not begun
-    if ended.status != 0:
-        rest = " while it was being stopped" if context.is_shutdown else "; the launch ends"
-        raise NodeEndedError(f"{ended.node} {_in_words(ended.status)}{rest}")
-    if context.is_shutdown:
-        return []
-    if ended.ends_run:
-        return [Shutdown(reason=f"{ended.node} has finished the run")]
-    raise NodeEndedError(f"{ended.node} ended by itself (exit status 0) before the run was over; the launch ends")
+def _is_start(event: Event) -> bool:
+    return isinstance(event, ProcessStarted) and isinstance(event.action, SupervisedNode)
+
+
+class Supervisor:
+    """Ends a launch when one of its nodes has ended; an exception is how `launch` ends with a status other than 0."""
+
+    def __init__(self) -> None:
+        """Start without nodes."""
+        self._running: list[SupervisedNode] = []
+        self._outcome: NodeEndedError | str = ""  # why the launch ends; empty: it goes on
+
+    def on_start(self, context: LaunchContext) -> list[EmitEvent]:
+        """Take a node that has started; stop it where the launch is ending."""
+        started: SupervisedNode = context.locals.event.action
+        self._running.append(started)
+        return self._stopped([started]) if self._outcome else []
+
+    def on_end(self, context: LaunchContext) -> list[Any]:
+        """Judge a node that has ended: stop the others, those that end last when only they are left."""
+        ended: NodeEnded = context.locals.event
+        if ended.node in self._running:
+            self._running.remove(ended.node)
+        stopping = bool(self._outcome) or context.is_shutdown
+        outcome = _outcome_of(ended, stopping=stopping, shutdown=context.is_shutdown)
+        if outcome and not isinstance(self._outcome, NodeEndedError):
+            self._outcome = outcome
+        if context.is_shutdown:
+            return self._concluded(shutdown=True)
+        others = [node for node in self._running if not node.ends_last]
+        if not others:
+            return self._concluded(shutdown=False)
+        return [] if stopping else self._stopped(others)
+
+    def _stopped(self, nodes: Sequence[SupervisedNode]) -> list[EmitEvent]:
+        return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node))) for node in nodes]
+
+    def _concluded(self, *, shutdown: bool) -> list[Any]:
+        """Raise the error the launch ends with, once, or shut down what is left."""
+        outcome = self._outcome
+        if isinstance(outcome, NodeEndedError):
+            self._outcome = str(outcome)
+            raise outcome
+        return [] if shutdown else [Shutdown(reason=outcome)]
+
+
+def _outcome_of(ended: NodeEnded, *, stopping: bool, shutdown: bool) -> NodeEndedError | str:
+    """Return why the launch ends with this node; empty: it does not, for the node was being stopped."""
+    name, status = ended.node.label, ended.status
+    if shutdown and status == -signal.SIGINT:
+        return ""  # interrupted before `START` could block it: the node had not begun
+    if status != 0:
+        rest = " while it was being stopped" if stopping else "; the launch ends"
+        return NodeEndedError(f"{name} {_in_words(status)}{rest}")
+    if stopping:
+        return ""
+    if ended.node.ends_run:
+        return f"{name} has finished the run"
+    return NodeEndedError(f"{name} ended by itself (exit status 0) before the run was over; the launch ends")
 
 
 def _in_words(status: int) -> str:

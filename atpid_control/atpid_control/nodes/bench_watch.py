@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the real-time bench sees of its graph: how far the data are, and what the nodes wait for before."""
+"""Monitors the graph of the real-time bench: the time of its data, and what the nodes wait for before."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ class BenchWatch(Node):
 
     def _on_log(self, log: Log) -> None:
         text = f"{log.name}: {log.msg}"
-        wanted = log.level >= Log.WARN or log.msg.startswith(COMPILING)
-        if wanted and self._first is None and text not in self._reported:
+        relevant = log.level >= Log.WARN or log.msg.startswith(COMPILING)
+        if relevant and self._first is None and text not in self._reported:
             self._reported.add(text)
             self._report(text)
 
 
 @contextmanager
 def watching(report: Callable[[str], None], namespace: str = "") -> Iterator[tuple[BenchWatch, Callable[[], None]]]:
-    """Give the watch and a function that lets it listen for up to a tenth of a second."""
+    """Yield the watch and a function that spins it for up to a tenth of a second."""
     rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
     try:
         watch = BenchWatch(report, namespace=namespace)

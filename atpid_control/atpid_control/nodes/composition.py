@@ -17,15 +17,15 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
-from atpid_control.bench.errors import BenchError, NodeDiedError, PlantFailedError
+from atpid_control.graph.errors import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
-HANDSHAKE_PATIENCE, LOOP_PATIENCE = 30.0, 60.0
+HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
 
-#: Every entity costs time in every round of the executor, and nobody asks for parameters in the short life of a run.
-LEAN: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
+#: Every entity costs time in every round of the executor, and parameter services are not used in a run.
+NODE_OPTIONS: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
 
 
 def node_class(package: str, name: str) -> type[Node]:
@@ -39,7 +39,7 @@ def node_class(package: str, name: str) -> type[Node]:
 
 
 def _without_events(node: Node) -> Callable[[], None]:
-    """Take the node's QoS event handlers, half of the executor's work, off it; return what puts them back.
+    """Remove the node's QoS event handlers, half of the executor's work; return what restores them.
 
     They would only log incompatible queues, which the handshake shows as well. Destroying a node needs them in place.
     """
@@ -47,29 +47,29 @@ def _without_events(node: Node) -> Callable[[], None]:
     for waitable in held:
         node.remove_waitable(waitable)
 
-    def put_back() -> None:
+    def restore() -> None:
         for waitable in held:
             node.add_waitable(waitable)
 
-    return put_back
+    return restore
 
 
 class Composition:
-    """Nodes on one single-threaded executor, in a context of their own that leaves the process's signals alone."""
+    """Nodes on one single-threaded executor, in a context of their own, without signal handlers."""
 
     def __init__(self, parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]]) -> None:
         """Start (package, name) parts with their parameters; what a node refuses is raised as it is."""
         self._stack = ExitStack()
         self.nodes: dict[str, Node] = {}
         with ExitStack() as undo:
-            # one context for all: nodes look up the default one where they are not told
+            # one context for all: nodes use the default one unless another is given
             rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
             undo.callback(rclpy.try_shutdown)
             self.executor = SingleThreadedExecutor()
             undo.callback(self.executor.shutdown)
             for package, name in parts:
                 overrides = [Parameter(key, value=value) for key, value in parameters[name].items()]
-                node = node_class(package, name)(parameter_overrides=overrides, **LEAN)
+                node = node_class(package, name)(parameter_overrides=overrides, **NODE_OPTIONS)
                 undo.callback(node.destroy_node)
                 undo.callback(_without_events(node))
                 close = getattr(node, "close", None)
@@ -80,7 +80,7 @@ class Composition:
             self._stack = undo.pop_all()
 
     def __enter__(self) -> Composition:
-        """Nothing more to do."""
+        """Return the running composition."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -97,7 +97,7 @@ def run_lockstep(
 ) -> None:
     """Run the graph until the plant is done; `progress` is called with the simulated time [s].
 
-    Raises PlantFailedError where the plant fails, NodeDiedError where another node gives up, BenchError where handshake
+    Raises PlantFailedError where the plant fails, NodeDiedError where another node ends, BenchError where handshake
     or loop stops, with what is missing.
     """
     with ExitStack() as stack:
@@ -115,24 +115,24 @@ def run_lockstep(
             elif computed <= 0 and not reported and time.monotonic() - since > ANNOUNCE_AFTER:
                 reported = True
                 to_stderr(f"no samples yet: waiting for {plant.waiting_for()}")
-            elif time.monotonic() - since > (LOOP_PATIENCE if computed > 0 else HANDSHAKE_PATIENCE):
+            elif time.monotonic() - since > (LOOP_TIMEOUT if computed > 0 else HANDSHAKE_TIMEOUT):
                 raise BenchError(_stopped(plant, computed))
         if plant.failure:
             raise PlantFailedError(plant.failure)
 
 
 def _check(nodes: Mapping[str, Any]) -> None:
-    """Raise NodeDiedError where a node has given up: the recorder on a full disk, say."""
+    """Raise NodeDiedError where a node has ended: the recorder on a full disk, for example."""
     for name, node in nodes.items():
         if node.done.done():
-            said = getattr(node, "error", "") or f"status {node.done.result()}; see log/"
-            raise NodeDiedError(f"{name} gave up: {said}")
+            reason = getattr(node, "error", "") or f"status {node.done.result()}; see log/"
+            raise NodeDiedError(f"{name} ended: {reason}")
 
 
 def _stopped(plant: Any, computed: int) -> str:
     if computed == 0:
-        return f"the graph did not get ready within {HANDSHAKE_PATIENCE:g} s: still waiting for {plant.waiting_for()}"
+        return f"the graph did not get ready within {HANDSHAKE_TIMEOUT:g} s: still waiting for {plant.waiting_for()}"
     at = computed / plant.stream.rate
     return (
-        f"the loop stopped at {at:g} s: no ceiling/state answered the last block within {LOOP_PATIENCE:g} s (see log/)"
+        f"the loop stopped at {at:g} s: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The SelectHeight services: `~/select` by the loop's method, `~/lookup`, `~/pca`, `~/direct`; nothing moves."""
+"""The SelectHeight services: `~/select` by the loop's method, `~/lookup`, `~/pca`, `~/direct`. They move nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from atpid_common.errors import AtpidError
-from atpid_control.hold import Estimate
+from atpid_control.identification import Estimate
 from atpid_control.nodes.background import computed
 from atpid_control.selection import HeightSelector, Selection
 from atpid_control.selection.request import Request, Resonance, resolved
@@ -25,7 +25,7 @@ Answer = Callable[[SelectHeight.Request, SelectHeight.Response], Awaitable[Selec
 
 
 class HeightServices:
-    """Services of a node. A method is made ready when it is first asked, and used by these services only."""
+    """Services of a node. A selector is made at the first request, and used by these services only."""
 
     def __init__(
         self,
@@ -52,27 +52,31 @@ class HeightServices:
             try:
                 latest, height, resonance = self._situation()
                 given = Request(request.amplitude, request.amplitude_std, request.frequency, request.margin)
-                asked = resolved(given, latest, resonance)
-                chosen = await computed(self._node, self._executor, partial(self._select, method, asked, height))
+                excitation = resolved(given, latest, resonance)
+                chosen = await computed(self._node, self._executor, partial(self._select, method, excitation, height))
             except AtpidError as error:
                 return refused(method, str(error), response)
             except Exception as error:  # a defect: reported, but the loop goes on
                 self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
                 return refused(method, f"internal error: {type(error).__name__}: {error}", response)
-            return filled(chosen, asked.amplitude, response)
+            return filled(chosen, excitation.amplitude, response)
 
         return answer
 
-    def _select(self, method: str, asked: Request, height: float) -> Selection:
+    def _select(self, method: str, excitation: Request, height: float) -> Selection:
         if method not in self._selectors:
             self._selectors[method] = self._make(method)
         return self._selectors[method].select(
-            asked.amplitude, asked.amplitude_std, asked.frequency, margin=asked.margin, height=height
+            excitation.amplitude,
+            excitation.amplitude_std,
+            excitation.frequency,
+            margin=excitation.margin,
+            height=height,
         )
 
 
 def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:
-    """Answer with a height selected for `amplitude` [m]."""
+    """Fill the response with a height selected for `amplitude` [m]."""
     response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m"
     response.method, response.height = chosen.method, chosen.height
     response.beam_amplitude, response.efficiency = chosen.beam_amplitude, chosen.efficiency
@@ -81,7 +85,7 @@ def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response)
 
 
 def refused(method: str, message: str, response: SelectHeight.Response) -> SelectHeight.Response:
-    """Answer that there is no height, and why."""
+    """Fill the response where there is no height, with the reason."""
     response.success, response.message, response.method = False, message, method
     response.height = response.beam_amplitude = response.efficiency = response.price = math.nan
     return response

@@ -27,11 +27,11 @@ from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.control_setup import identification_settings, rumble_settings
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.identification.stamps import last_stamp_ns
+from atpid_control.loop.rumble import RumbleSettings, RumbleState, RumbleWatch
+from atpid_control.loop.settings import identification_settings, rumble_settings
 from atpid_control.nodes.identifier_parameters import TABLE, inverse_of
-from atpid_control.watch import RumbleSettings, RumbleState, RumbleWatch
 
 LASER = "sensors/laser"
 
@@ -56,7 +56,7 @@ class IdentifierNode(Node):
         self.done: Future = Future()
         self._height = math.nan
         self._progress = _Progress()
-        self.last_error = ""  # what was last wrong with a block, one sentence
+        self.last_error = ""  # last error of a block, one sentence
         self._make_topics(timeout, from_beam=inverse is not None)
         self.parameters.follow(_settings, self._configure, self._events.publish)
 
@@ -74,7 +74,7 @@ class IdentifierNode(Node):
         self.create_subscription(SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
         if from_beam:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:
         self.identifier.configure(settings[0])
@@ -147,8 +147,7 @@ class IdentifierNode(Node):
     def _statuses(self) -> list[DiagnosticStatus]:
         return [self._progress.status(self, self.last_error)]
 
-    def _stay_alone(self) -> None:
-        """Leave where another node of this name works already."""
+    def _check_alone(self) -> None:
         try:
             check_alone(self)
         except StartedTwiceError as error:
@@ -163,7 +162,7 @@ class IdentifierNode(Node):
 
 
 class _Progress:
-    """What diagnostics show: blocks answered, how late, and what was lost on the way."""
+    """Data of the diagnostics: blocks answered, latencies, scans lost."""
 
     def __init__(self) -> None:
         self.blocks = 0
@@ -224,13 +223,12 @@ def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
     return Event.WARNING, Event.RUMBLE, state.scatter, text
 
 
-#: What an estimate holds and the message does not.
-_NOT_SAID = ("time", "growth", "growth_std")
+#: Fields of an estimate that the message does not have.
+_NOT_IN_MESSAGE = ("time", "growth", "growth_std")
 
 
 def _fields(estimate: Estimate) -> dict[str, Any]:
-    """Return the estimate as the message's fields."""
-    fields = {name: value for name, value in vars(estimate).items() if name not in _NOT_SAID}
+    fields = {name: value for name, value in vars(estimate).items() if name not in _NOT_IN_MESSAGE}
     return fields | {"quality": int(estimate.quality), "origin": int(estimate.origin)}
 
 

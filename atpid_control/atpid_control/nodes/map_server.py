@@ -12,6 +12,7 @@ import traceback
 from concurrent.futures import Executor
 from typing import Any
 
+import numpy as np
 from atpid_interfaces.action import ComputeMap
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -20,9 +21,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from atpid_common.errors import AtpidError, InputError
-from atpid_control.computation import threaded
+from atpid_control.loop.computation import threaded
 from atpid_control.nodes.search_server import concluded
-from atpid_sim.maps import build_map
+from atpid_sim.maps import HeightMap, build_map
 from atpid_sim.scene import load_scene
 
 #: Period of the feedback [s].
@@ -30,33 +31,35 @@ _PERIOD = 0.5
 
 
 class _StoppedError(InputError):
-    """The goal was cancelled, or the node goes down."""
+    """The goal was cancelled, or the node is shut down."""
 
 
-class _Making:
-    """One map being made; what is done lies in the map's journal, so a stop costs one point."""
+class _MapJob:
+    """One map being computed; points computed are in its journal, so a stop costs one point."""
 
     def __init__(self, goal: ComputeMap.Goal, executor: Executor) -> None:
         self.done, self.total = 0, len(goal.amplitudes) * len(goal.mass_fractions)
         self.began = time.monotonic()
         self._stop = threading.Event()
-        self.made = executor.submit(self._make, goal)
+        self.result = executor.submit(self._make, goal)
 
-    def _make(self, goal: ComputeMap.Goal) -> str:
-        """Make the map; return why it could not be made, empty where it was."""
+    def _make(self, goal: ComputeMap.Goal) -> tuple[bool, str]:
+        """Make the map; return whether it was made, and what it holds or why it was not."""
         try:
-            build_map(load_scene(goal.scene), list(goal.amplitudes), list(goal.mass_fractions), goal.out, self._note)
+            made = build_map(
+                load_scene(goal.scene), list(goal.amplitudes), list(goal.mass_fractions), goal.out, self._on_point
+            )
         except (AtpidError, OSError) as error:
-            return str(error)  # not the error itself, whose traceback would keep the threads of a stopped map
-        return ""
+            return False, str(error)  # not the error itself, whose traceback would keep a stopped map's threads
+        return True, summary_of(made, goal.out)
 
-    def _note(self, done: int, total: int) -> None:
+    def _on_point(self, done: int, total: int) -> None:
         self.done, self.total = done, total
         if self._stop.is_set():
             raise _StoppedError(f"stopped after {done} of {total} points; the same call goes on from there")
 
     def stop(self) -> None:
-        """Ask it to end after the point it is at."""
+        """Stop it after the present point."""
         self._stop.set()
 
     def remaining(self) -> float:
@@ -72,10 +75,10 @@ class MapServer:
         self._node = node
         # one thread of lower priority than the loop, which the threads it starts inherit
         self._executor = threaded("compute-map")
-        self._making: _Making | None = None
+        self._job: _MapJob | None = None
         self._goal: ServerGoalHandle | None = None
         self._ended: Future | None = None
-        # the node's own turn publishes: a thread that makes maps must not touch the middleware
+        # published by the node's timer: the thread that makes maps must not use the middleware
         self._timer = node.create_timer(_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._server = ActionServer(
             node,
@@ -87,39 +90,55 @@ class MapServer:
         )
 
     def close(self) -> None:
-        """Stop a map that is being made, and take the action down; a second time does nothing."""
-        if self._making:
-            self._making.stop()
+        """Stop a map that is being made, and destroy the action; idempotent."""
+        if self._job:
+            self._job.stop()
         self._executor.shutdown(cancel_futures=True)
         if self._server in self._node.waitables:
             self._server.destroy()
 
     def _report(self) -> None:
-        making, goal, ended = self._making, self._goal, self._ended
-        if making is None or goal is None or ended is None or ended.done():
+        job, goal, ended = self._job, self._goal, self._ended
+        if job is None or goal is None or ended is None or ended.done():
             return
         if goal.is_cancel_requested:
-            making.stop()
-        goal.publish_feedback(ComputeMap.Feedback(done=making.done, total=making.total, remaining=making.remaining()))
-        if making.made.done():
+            job.stop()
+        goal.publish_feedback(ComputeMap.Feedback(done=job.done, total=job.total, remaining=job.remaining()))
+        if job.result.done():
             ended.set_result(None)
 
     async def _execute(self, goal: ServerGoalHandle) -> ComputeMap.Result:
-        if self._making is not None:
+        if self._job is not None:
             busy = "another map is being computed; cancel it or wait for its result"
             return concluded(goal, ComputeMap.Result(success=False, message=busy, out=goal.request.out))
-        self._goal, self._ended, self._making = goal, Future(), _Making(goal.request, self._executor)
+        self._goal, self._ended, self._job = goal, Future(), _MapJob(goal.request, self._executor)
         await self._ended
-        making, self._making, self._goal = self._making, None, None
-        return concluded(goal, self._result(making, goal.request.out))
+        job, self._job, self._goal = self._job, None, None
+        return concluded(goal, self._result(job, goal.request.out))
 
-    def _result(self, making: _Making, out: str) -> Any:
-        defect = making.made.exception()
+    def _result(self, job: _MapJob, out: str) -> Any:
+        defect = job.result.exception()
         if defect is not None:  # reported, and the loop goes on
             self._node.get_logger().error("".join(traceback.format_exception(defect)))
-            message = f"internal error: {type(defect).__name__}: {defect}"
+            success, message = False, f"internal error: {type(defect).__name__}: {defect}"
         else:
-            message = making.made.result()
-        success, message = not message, message or f"{out}: {making.total} best heights"
-        wall = time.monotonic() - making.began
+            success, message = job.result.result()
+        wall = time.monotonic() - job.began
         return ComputeMap.Result(success=success, message=message, out=out, wall_time=wall)
+
+
+def summary_of(made: HeightMap, out: str) -> str:
+    """Return how many best heights a map holds, and how many of its points are missing or of no use."""
+    computed = made.heights.size - len(made.failures)
+    text = f"{out}: {computed} best heights"
+    irregular = computed - int(np.count_nonzero(made.reproducible))
+    useless = int(np.count_nonzero(made.efficiencies <= 0.0))
+    text += f", {irregular} of them not reproducible" if irregular else ""
+    text += f", {useless} of them without effect (efficiency not above 0)" if useless else ""
+    if not made.failures:
+        return text
+    first = made.failures[0]
+    return (
+        f"{text}; {len(made.failures)} of {made.heights.size} points could not be computed, the first: "
+        f"{first.amplitude:g} m, mass fraction {first.mass_fraction:g}: {first.reason}"
+    )

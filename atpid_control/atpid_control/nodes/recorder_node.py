@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records the graph's topics to a bag; serialised messages go from the wire to the file without being decoded."""
+"""Records the graph's topics to a bag; serialised messages are written without being decoded."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from atpid_common.nodes.messages import STATUS, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
-from atpid_control.nodes.parameter_keeper import ParameterKeeper
-from atpid_control.nodes.wire import DEPTH, class_of, in_words, subscription_qos
-from atpid_control.recording import BagError, Qos, check_new, new_run
-from atpid_control.recording.session import Session
-from atpid_control.recording.topics import DEFAULT, Topic, parse
-from atpid_control.recording.writer import CHUNK, COMPRESSIONS
+from atpid_control.bags import BagError, Qos, check_new, new_run
+from atpid_control.bags.session import Session
+from atpid_control.bags.topics import DEFAULT, Topic, parse
+from atpid_control.bags.writer import CHUNK, COMPRESSIONS
+from atpid_control.nodes.parameter_reader import ParameterReader
+from atpid_control.nodes.wire import DEPTH, class_of, qos_of, subscription_qos
 from atpid_sim.scene import load_scene
 
 TURN = 0.05  # between two checks whether the run has ended [s]
@@ -40,15 +40,15 @@ NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_n
 
 PARAMETERS = (
     Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
-    Row("scene", "", "scene file, kept in the bag word for word; empty: none"),
-    Row("files", [""], "further configuration files to keep in the bag word for word"),
+    Row("scene", "", "scene file, kept in the bag verbatim; empty: none"),
+    Row("files", [""], "further configuration files to keep in the bag verbatim"),
     Row("run_id", "", "name of the run; empty: date, time and a random part"),
-    Row("commit", "", "version of the code; empty: asked from git"),
+    Row("commit", "", "version of the code; empty: that of git"),
     Row("lockstep", False, "true: log times are the messages' stamps and the order is theirs; false: as received"),
     Row("topics", list(DEFAULT), "what to record: 'name pkg/msg/Type', then best_effort or transient_local"),
     Row("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
     Row("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
-    Row("chunk", 0, "size of a chunk: what a crash can lose; 0: as the scene says", "bytes", 0, 16_777_216),
+    Row("chunk", 0, "size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
     Row("sync_period", 1.0, "between two flushes to the disk: what a power cut can lose; 0: never", "s", 0.0, 3600.0),
 )
 
@@ -57,7 +57,7 @@ class RecorderNode(Node):
     """Parameters, topics, and one call into the session for each message."""
 
     def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
-        """Check what is asked for; the bag is made on the executor's first turn. Raises BagError, ParameterError."""
+        """Check the parameters; the bag is made on the executor's first turn. Raises BagError, ParameterError."""
         super().__init__("recorder_node", parameter_overrides=parameter_overrides, **node_options)
         self._values = declare(self, PARAMETERS)
         self._lockstep = bool(self._values["lockstep"])
@@ -86,7 +86,7 @@ class RecorderNode(Node):
             take = partial(self._on_message, topic.name)
             self.create_subscription(class_of(topic.type), topic.name, take, subscription_qos(topic), raw=True)
         nodes = [] if self._lockstep else [name for name in self._values["parameters_of"] if name]
-        self._keeper = ParameterKeeper(self, nodes, self._keep_parameters)
+        self._parameter_reader = ParameterReader(self, nodes, self._keep_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._own_timers = [
             self.create_timer(TURN, self._turn, clock=steady),
@@ -98,7 +98,7 @@ class RecorderNode(Node):
     # recording
 
     def _open(self) -> Session:
-        """Make the bag with the first message or turn, so that a node refused before leaves nothing behind."""
+        """Make the bag with the first message or turn, so that a node with bad parameters makes no bag."""
         if self.session is None:
             self.session = Session(
                 self.bag, self.run, self.topics, lockstep=self._lockstep, offered=self._offered,
@@ -139,7 +139,7 @@ class RecorderNode(Node):
             self._fail(error)
 
     def _finish(self) -> None:
-        """Close the bag; the node stays, so that whoever waits for its status gets it."""
+        """Close the bag; the node stays, so that its status is still published."""
         if self.session is None or not self.session.recording:
             return
         late = self.session.missing_topics()
@@ -147,7 +147,7 @@ class RecorderNode(Node):
         count = sum(self.session.written.values())
         self.get_logger().info(f"closed {self.bag}: {count} messages")
         if late:
-            self.get_logger().warning(f"the run has finished but {', '.join(late)} did not come to its end")
+            self.get_logger().warning(f"the run has finished but {', '.join(late)} did not reach its end")
         self._publish_status()
 
     def _sync(self) -> None:
@@ -177,9 +177,9 @@ class RecorderNode(Node):
     def _offered(self, topic: str) -> tuple[Qos, ...]:
         """Quality of service of the publishers discovered; that of the subscription where none is."""
         profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-        return tuple(dict.fromkeys(in_words(profile) for profile in profiles)) or (Qos(depth=DEPTH),)
+        return tuple(dict.fromkeys(qos_of(profile) for profile in profiles)) or (Qos(depth=DEPTH),)
 
-    # what it publishes
+    # publishing
 
     def _publish_status(self) -> None:
         if not self.context.ok():
@@ -203,11 +203,10 @@ class RecorderNode(Node):
             check_alone(self)
         except StartedTwiceError as error:
             self.get_logger().error(str(error))
-        self._keeper.poll()
+        self._parameter_reader.poll()
         self._publish_status()
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the state of the recording, for /diagnostics."""
         session = self.session
         lost = sum(flow.lost for flow in session.continuity.values()) if session else 0
         level = DiagnosticStatus.ERROR if self.error else DiagnosticStatus.WARN if lost else DiagnosticStatus.OK
@@ -225,7 +224,7 @@ class RecorderNode(Node):
         return [diagnostic_status(self, "recording", level, message, values)]
 
     def close(self) -> None:
-        """Close the bag, whatever happened: this is what Ctrl-C comes to."""
+        """Close the bag, after Ctrl-C and after an error too."""
         self._diagnostics.cancel()
         for timer in self._own_timers:
             timer.cancel()

@@ -27,13 +27,13 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.playback import Item, load_playback
+from atpid_control.bags.topics import BLOCK
 from atpid_control.nodes.wire import class_of
-from atpid_control.recording.errors import BagError
-from atpid_control.recording.playback import Item, load_playback
-from atpid_control.recording.topics import BLOCK
 
-TURN = 0.005  # how finely a paced replay is cut, and /clock with it [s]
-PATIENCE = 5.0  # how long an answer may take before a warning [s]
+TURN = 0.005  # resolution of a paced replay, and of /clock [s]
+TIMEOUT = 5.0  # how long an answer may take before a warning [s]
 #: Stamps of one instant may differ by rounding [ns].
 SAME_INSTANT = 10_000
 
@@ -44,7 +44,7 @@ PARAMETERS = (
     Row(
         "topics",
         ["sensors/*"],
-        "topics to play, * for anything; add ceiling/state where the selector needs to know the height",
+        "topics to play, * for anything; add ceiling/state where the selector needs the height",
     ),
     Row(
         "answer",
@@ -71,8 +71,8 @@ class ReplayNode(Node):
         for note in self.playback.notes:
             self.get_logger().warning(note)
         self.played = 0
-        self._awaited: int | None = None  # stamp of the answer that lets the next block out [ns]
-        self._asked = self._started = 0.0  # steady [s]
+        self._awaited: int | None = None  # stamp of the answer after which the next block is played [ns]
+        self._played_at = self._started = 0.0  # steady clock [s]
         self._make_topics(bool(values["expect_recorder"]))
 
     def _make_topics(self, expect_recorder: bool) -> None:
@@ -115,7 +115,7 @@ class ReplayNode(Node):
         self._events.publish_handshake()
 
     def _start(self) -> None:
-        self._started = self._asked = time.monotonic()
+        self._started = self._played_at = time.monotonic()
         seconds = self.playback.seconds
         paced = f"at {self._rate:g} x real time" if self._rate else "as fast as it is answered"
         text = f"replaying {self._bag.name}: {seconds:g} s {paced}"
@@ -142,7 +142,7 @@ class ReplayNode(Node):
     def _on_recorder(self, status: RecorderStatus) -> None:
         self._handshake.on_status(status)
 
-    def _report_recorder(self, severity: int, kind: str, text: str, value: float) -> None:
+    def _report_recorder(self, _severity: int, _kind: str, text: str, _value: float) -> None:
         # no event: a replay is recorded by its stamps, and two of one bag give the same
         self.get_logger().warning(text)
 
@@ -169,7 +169,7 @@ class ReplayNode(Node):
         self._end()
 
     def _turn(self) -> None:
-        """Play what is due, where the replay is paced; see that answers come."""
+        """Play what is due, where the replay is paced; check that answers arrive."""
         now = time.monotonic()
         if self._rate:
             bag_ns = self.playback.start_ns + round((now - self._started) * self._rate * 1e9)
@@ -178,17 +178,17 @@ class ReplayNode(Node):
                 self._play(self.playback.items[self.played])
             if self.played == len(self.playback.items) and self._awaited is None:
                 self._end()
-        if self._awaited is not None and now - self._asked > PATIENCE:
-            self._asked = now
+        if self._awaited is not None and now - self._played_at > TIMEOUT:
+            self._played_at = now
             at = (self._awaited - self.playback.start_ns) * 1e-9
-            text = f"no {self._answer} answers the block that ends at {at:.3f} s: do its nodes still run?"
+            text = f"no {self._answer} answers the block that ends at {at:.3f} s: check that its nodes are running"
             self.get_logger().warning(text)
 
     def _play(self, item: Item) -> None:
         self.played += 1
         if item.answer_ns is not None:
             # before publishing: in one process the answer may come back at once
-            self._awaited, self._asked = item.answer_ns, time.monotonic()
+            self._awaited, self._played_at = item.answer_ns, time.monotonic()
         self._out[item.topic].publish(item.data)
 
     def _publish_clock(self, nanoseconds: int) -> None:
@@ -197,7 +197,7 @@ class ReplayNode(Node):
     # the end
 
     def _end(self) -> None:
-        """Publish that the bag is over, let the recorder close its own, and leave."""
+        """Publish the end of the bag, wait until the recorder has closed its own, and end."""
         if self._leaving.status is not None:
             return
         wall = max(time.monotonic() - self._started, 1e-9)
@@ -211,7 +211,6 @@ class ReplayNode(Node):
         self._events.publish(severity, kind, text, value, time_of(stamp_ns))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        """Return the state of the replay, for /diagnostics."""
         waiting = self._handshake.waiting_for() if self._handshake.active else ""
         ended = self._leaving.status is not None
         values = {
@@ -224,7 +223,7 @@ class ReplayNode(Node):
         return [diagnostic_status(self, "replay", DiagnosticStatus.OK, message, values)]
 
     def close(self) -> None:
-        """Stop the timers; the nodes of the loop notice the silence."""
+        """Stop the timers."""
         self._handshake.cancel()
         self._turn_timer.cancel()
         self._recorder.cancel()

@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
+from atpid_control.loop.search_run import Progress, SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
-from atpid_control.selection.search_run import Progress, SearchingController, SearchRun
 
 _BEAM = "beam_displacement"
 
@@ -47,7 +47,7 @@ class SearchServer:
         )
 
     def report(self) -> None:
-        """Publish feedback when a new height was watched; end the goal when the search has ended."""
+        """Publish feedback after each height; end the goal when the search has ended."""
         run, goal = self._controller.run, self._goal
         if goal is None or self._ended is None or self._ended.done():
             return
@@ -68,7 +68,7 @@ class SearchServer:
         ended.set_result(None)
 
     def close(self) -> None:
-        """Take the action down; a second time does nothing."""
+        """Destroy the action; idempotent."""
         if self._server in self._node.waitables:
             self._server.destroy()
 
@@ -78,13 +78,13 @@ class SearchServer:
         return CancelResponse.ACCEPT
 
     async def _execute(self, goal: ServerGoalHandle) -> SearchHeight.Result:
-        asked = goal.request
+        request = goal.request
         try:
-            run = self._controller.begin(Plan(asked.step, asked.dwell, asked.lowest, asked.highest))
+            run = self._controller.begin(Plan(request.step, request.dwell, request.lowest, request.highest))
         except SearchError as error:
             return concluded(goal, _no_result(str(error)))
         self._goal, self._ended, self._reported = goal, Future(), -1
-        # only now: receiving every block for nothing would cost the loop time
+        # only now: receiving every block costs the loop time
         blocks = self._node.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
         await self._ended
         self._node.destroy_subscription(blocks)

@@ -32,21 +32,21 @@ from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.stale_monitor import MISSING
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.computation import InlineExecutor, threaded
-from atpid_control.control_setup import control_settings, controller_of, selector_of
-from atpid_control.controller import Answer, Command, Controller, ControlSettings
-from atpid_control.hold import Estimate, Quality
+from atpid_control.identification import Estimate, Quality
+from atpid_control.loop.computation import InlineExecutor, threaded
+from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
+from atpid_control.loop.search_run import SearchingController
+from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.search_server import SearchServer
-from atpid_control.nodes.selector_parameters import TABLE
+from atpid_control.nodes.selector_parameters import table
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.request import Resonance
-from atpid_control.selection.search_run import SearchingController
 from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.scene import ControlledCeiling
 
-#: A command answers each block; a gap this long means that the controller or the sensors are gone [s].
+#: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5
 
 ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
@@ -58,11 +58,11 @@ class SelectorNode(Node):
     def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
         """Read scene and map; raise an AtpidError where they, or parameters, do not fit. `done`: exit status."""
         super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
-        self.parameters = LiveParameters(self, TABLE)
+        self.parameters = LiveParameters(self, table())
         self._scene = scene_given(self)
         self._block, self._lockstep = self._scene.recording.block, bool(self.parameters["lockstep"])
         self._method = self.parameters["method"] or getattr(self._scene.ceiling, "controller", "fixed")
-        # heights for the loop and heights on request never wait for each other
+        # selections for the loop and on request run in executors of their own
         self._loop_executor, self._request_executor = self._executors()
         with announced(COMPILING, self.get_logger().info):
             self._controller = self._make_controller()
@@ -133,7 +133,7 @@ class SelectorNode(Node):
         # a ceiling that no controller moves cannot be searched
         borrowed = self._controller if isinstance(self._controller, SearchingController) else None
         self._search = SearchServer(self, borrowed, lambda: self._start_ns) if borrowed else None
-        self._alone_timer = self.create_timer(1.0, self._stay_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     # parameters that change while the node runs
 
@@ -166,7 +166,11 @@ class SelectorNode(Node):
             # the first stamp is that of the first block's last sample
             self._start_ns = now - round(self._block * 1e9)
         estimate = Estimate(
-            message.quality, message.amplitude, message.amplitude_std, message.frequency, message.beam_amplitude
+            quality=Quality(message.quality),
+            amplitude=message.amplitude,
+            amplitude_std=message.amplitude_std,
+            frequency=message.frequency,
+            beam_amplitude=message.beam_amplitude,
         )
         if estimate.quality == Quality.STEADY:
             self._latest = estimate
@@ -193,7 +197,7 @@ class SelectorNode(Node):
             text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
             self._events.publish(Event.WARNING, Event.SLOW, text, taken, answered.header.stamp)
 
-    # what others ask
+    # services
 
     def _situation(self) -> tuple[Estimate | None, float, Resonance]:
         tolerance = float(self.parameters["frequency_tolerance"])
@@ -209,7 +213,7 @@ class SelectorNode(Node):
             self._search.stop(f"no messages on {', '.join(stale)}")
 
     def _follow_refusal(self) -> None:
-        """Keep the text of a refusal, which the controller reports once, for as long as its reason stands."""
+        """Hold the text of a refusal, which the controller reports once, while its reason holds."""
         if self._answer.kind == Event.REFUSED:
             self._refusal, self._refused_reason = self._answer.text, self._answer.command.reason
         elif self._refusal and self._answer.command.reason != self._refused_reason:
@@ -226,18 +230,18 @@ class SelectorNode(Node):
 
     # the end
 
-    def _stay_alone(self) -> None:
+    def _check_alone(self) -> None:
         try:
             check_alone(self)
         except StartedTwiceError as error:
             self.get_logger().error(str(error))
             self._alone_timer.cancel()
             if self._latest is None and not self.done.done():
-                # nothing commanded yet: the newcomer goes, the one that works stays
+                # nothing commanded yet: this node ends, the other one goes on
                 self.done.set_result(BAD_INPUT)
 
     def close(self) -> None:
-        """Stop timers and computations; the motor holds the ceiling when commands stay away."""
+        """Stop timers and computations; the motor holds the ceiling without commands."""
         self._supervision.close()
         self._maps.close()
         if self._search:

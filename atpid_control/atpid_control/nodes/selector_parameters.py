@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from atpid_common.nodes.parameters import Row
-from atpid_control.selection.registry import METHODS
+from atpid_control.selection.registry import METHODS, plug_ins
 
 TABLE = (
     Row("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
@@ -34,7 +36,7 @@ TABLE = (
         10.0, live=True,
     ),
     Row(
-        "step_back_memory", 0.05, "change of the excitation's amplitude over which a step back is remembered", "-", 0.0,
+        "step_back_memory", 0.05, "change of the excitation's amplitude over which a step back applies", "-", 0.0,
         10.0, live=True,
     ),
     Row("drift_tolerance", 0.15, "relative error the model may have without a drift alarm", "-", 1e-3, 10.0, live=True),
@@ -56,3 +58,9 @@ TABLE = (
         60.0, live=True,
     ),
 )  # fmt: skip
+
+
+def table() -> tuple[Row, ...]:
+    """Return the table with the methods that other distributions have installed. Raises SelectionError."""
+    further = tuple(plug_ins())
+    return tuple(replace(row, choices=(*row.choices, *further)) if row.name == "method" else row for row in TABLE)

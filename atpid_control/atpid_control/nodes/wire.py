@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between a bag's words and rclpy: message classes by name, quality of service in words."""
+"""Between bags and rclpy: message classes by name, quality of service."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from atpid_control.recording import Qos
-from atpid_control.recording.definitions import split_name
-from atpid_control.recording.topics import Topic
+from atpid_control.bags import Qos
+from atpid_control.bags.definitions import split_name
+from atpid_control.bags.topics import Topic
 
 #: Messages kept per topic while the recorder is busy: 50 s of blocks at 20 a second.
 DEPTH = 1000
@@ -24,7 +24,7 @@ def class_of(name: str) -> type[Any]:
 
 
 def subscription_qos(topic: Topic) -> QoSProfile:
-    """Return what a recorder asks the publishers of `topic` for."""
+    """Return the quality of service a recorder requests for `topic`."""
     return QoSProfile(
         depth=DEPTH,
         reliability=ReliabilityPolicy.BEST_EFFORT if topic.best_effort else ReliabilityPolicy.RELIABLE,
@@ -32,8 +32,8 @@ def subscription_qos(topic: Topic) -> QoSProfile:
     )
 
 
-def in_words(profile: QoSProfile) -> Qos:
-    """Return a profile in words; DDS does not announce history and depth, so the recorder's own stand in."""
+def qos_of(profile: QoSProfile) -> Qos:
+    """Return a profile as a bag describes it; DDS does not announce history and depth: the recorder's are taken."""
     known = profile.history in (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL)
     return Qos(
         depth=profile.depth or DEPTH,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reports of recorded runs: stages, tables, pictures and one page that tells the story (docs/recording.md)."""
+"""Reports of recorded runs: stages, tables, pictures and one page (docs/recording.md)."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def overview(view: View) -> Figure:
 
 
 def grain(view: View) -> Figure | None:
-    """Return the grain between floor and ceiling over the last periods; None where nobody knows where it was."""
+    """Return the grain between floor and ceiling over the last periods; None where its position is unknown."""
     if view.grain_window is None:
         return None
     begin, until = view.grain_window
@@ -183,11 +183,11 @@ def _error(figure: Figure, view: View, axis: str, top: float) -> None:
 def _ceiling(figure: Figure, view: View, axis: str, top: float) -> None:
     _title(figure, top, "Ceiling height", "m")
     ceiling = view.run.ceiling
-    told = np.isfinite(ceiling.commanded)
-    if told.any() and view.own_name == "adaptive":
-        _line(figure, axis, ceiling.commanded_time[told], ceiling.commanded[told], "commanded", "@given", 4.5,
+    sent = np.isfinite(ceiling.commanded)
+    if sent.any() and view.own_name == "adaptive":
+        _line(figure, axis, ceiling.commanded_time[sent], ceiling.commanded[sent], "commanded", "@given", 4.5,
               "%{y:.4f} m", shape="hv")  # fmt: skip
-        _label(figure, axis, float(ceiling.commanded[told][-1]), "commanded", "@given_text", 8.0)
+        _label(figure, axis, float(ceiling.commanded[sent][-1]), "commanded", "@given_text", 8.0)
     time, height = moved(view)
     if len(height):
         _line(figure, axis, time, height, "moved", "@own", 1.8, "%{y:.4f} m")

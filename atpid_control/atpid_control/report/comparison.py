@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the same beam would have done with the damper closed: the measure of everything in a report."""
+"""The same beam with the damper closed, simulated: the baseline of a report."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def closed_by_simulation(scene: Scene, times: Array) -> Array:
 
 
 def closed_motion(run: Run, closed: Closed | None = None) -> Array | None:
-    """Return the closed damper's beam (n,) [m] at the run's times; None without a scene, or where it cannot be had."""
+    """Return the closed damper's beam (n,) [m] at the run's times; None without a scene or a simulation."""
     if run.scene is None:
         return None
     try:

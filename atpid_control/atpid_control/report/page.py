@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page: one file that needs nothing else, light or dark as the reader's machine is."""
+"""The page: one self-contained file, light or dark by the reader's setting."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def style(palette: Palette) -> Any:
 
 
 def overview(view: View, palette: Palette) -> Figure:
-    """Draw the story top to bottom: the beam, its excitation, how well that was known, where the ceiling went."""
+    """Draw top to bottom: the beam, its excitation, the error of its identification, the ceiling."""
     panels = [(_beam, 3.4)]
     panels += [(_excitation, 1.35), (_error, 1.0)] if view.stages else []
     panels += [(_ceiling, 1.5)] if view.moving else []
@@ -168,15 +168,15 @@ def rounded_up(value: float) -> float:
 def _ceiling(axes: Any, view: View, palette: Palette) -> None:
     ceiling = view.run.ceiling
     _title(axes, "Ceiling height", "m", palette)
-    told = np.isfinite(ceiling.commanded)
-    if told.any() and view.own_name == "adaptive":
-        axes.step(ceiling.commanded_time[told], ceiling.commanded[told], where="post", color=palette.given, lw=4.0)
-        _beside(axes, float(ceiling.commanded[told][-1]), "commanded", palette.given_text, 7.0)
+    sent = np.isfinite(ceiling.commanded)
+    if sent.any() and view.own_name == "adaptive":
+        axes.step(ceiling.commanded_time[sent], ceiling.commanded[sent], where="post", color=palette.given, lw=4.0)
+        _beside(axes, float(ceiling.commanded[sent][-1]), "commanded", palette.given_text, 7.0)
     time, height = moved(view)
     top = float(np.nanmax(np.append(height, ceiling.commanded)))
     if len(height):
         axes.plot(time, height, color=palette.own, lw=1.6)
-        _beside(axes, float(height[-1]), "moved", palette.own, -7.0 if told.any() else 0.0)
+        _beside(axes, float(height[-1]), "moved", palette.own, -7.0 if sent.any() else 0.0)
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)
         if view.own_name == "adaptive" and math.isfinite(stage.height):
@@ -202,7 +202,7 @@ def moved(view: View) -> tuple[Any, Any]:
 
 
 def grain(view: View, palette: Palette) -> Figure | None:
-    """Draw the grain between floor and ceiling over the last periods; None where nobody knows where it was."""
+    """Draw the grain between floor and ceiling over the last periods; None where its position is unknown."""
     if view.grain_window is None:
         return None
     begin, end = view.grain_window

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a simulated stage would come out the same again: the scene repeated with the ceiling as it was recorded."""
+"""Reproducibility of a simulated stage: the scene repeated with the ceiling as it was recorded."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bagread import Bag, open_bag
-from atpid_control.recording.errors import BagError
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.read import Bag, open_bag, stamp_of
 from atpid_sim.excitation import amplitude_at
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
@@ -27,8 +27,8 @@ class Motion:
     time: Array  # (n,) since the first sample [s]
     support: Array  # (n,) [m]; NaN where not measured
     beam: Array  # (n,) [m]
-    grain: Array  # (n,) [m]; NaN where nobody knows
-    ceiling: Array  # (n,) height [m]; NaN where nobody knows
+    grain: Array  # (n,) [m]; NaN where unknown
+    ceiling: Array  # (n,) height [m]; NaN where unknown
 
 
 @dataclass(frozen=True)
@@ -65,27 +65,27 @@ class Ledger:
 
     @property
     def residual(self) -> float:
-        """What does not add up, relative to all energy that came in or was there to be spent [-]."""
-        brought = abs(self.input) + abs(self.ceiling_work) + max(0.0, -self.stored)
+        """The imbalance, relative to the energy supplied and stored at the start [-]."""
+        supplied = abs(self.input) + abs(self.ceiling_work) + max(0.0, -self.stored)
         left = self.input + self.ceiling_work - self.beam_loss - self.contact_loss - self.stored
-        return abs(left) / brought if brought else 0.0
+        return abs(left) / supplied if supplied else 0.0
 
 
 @dataclass(frozen=True)
-class Happening:
+class RunEvent:
     """One event."""
 
     time: float  # [s]
     severity: int  # 0 info, 1 warning, 2 alarm
     kind: str
-    who: str
+    source: str  # the node
     text: str
     count: int = 1  # how many times in a row
 
 
 @dataclass(frozen=True)
 class Run:
-    """Everything a report needs of a bag."""
+    """The data of a bag that a report shows."""
 
     bag: Bag
     scene: Scene | None
@@ -95,7 +95,7 @@ class Run:
     estimates: Estimates
     ceiling: Ceiling
     ledger: Ledger | None
-    events: list[Happening] = field(default_factory=list)
+    events: list[RunEvent] = field(default_factory=list)
     blocks: int = 0  # sensor blocks
     lost: int = 0  # scans missing between them
 
@@ -106,7 +106,7 @@ class Run:
         return float(time[-1] + (np.median(np.diff(time)) if len(time) > 1 else 0.0))
 
     def true_amplitude(self) -> Array | None:
-        """Return the excitation's true amplitude (n,) [m] at the motion's times, None where nobody knows it."""
+        """Return the excitation's true amplitude (n,) [m] at the motion's times, None where it is unknown."""
         if self.scene is None or self.scene.excitation.kind in ("free", "series"):
             return None
         return np.array([amplitude_at(self.scene, float(t)) for t in self.motion.time])
@@ -162,7 +162,7 @@ def _joined(blocks: list[Any]) -> _Laser:
     time = (index - first.first_index) / first.rate
     motion = Motion(time, support, data[:, names.index("beam_displacement")], nothing, nothing)
     lost = int(index[-1] - index[0] + 1 - len(index))
-    start = _nanoseconds(first)
+    start = stamp_of(first)
     return _Laser(motion, start, len(blocks), lost)
 
 
@@ -196,25 +196,25 @@ def _estimates(bag: Bag, start: int) -> Estimates:
 
 
 def _ceiling(bag: Bag, start: int) -> Ceiling:
-    told, been = (
+    commands, states = (
         np.array(
             [(_seconds(m, start), m.height) for topic in bag.topics_of(kind) for _, m in bag.messages(topic)],
             dtype=float,
         ).reshape(-1, 2)
         for kind in ("CeilingCommand", "CeilingState")
     )
-    return Ceiling(told[:, 0], told[:, 1], been[:, 0], been[:, 1])
+    return Ceiling(commands[:, 0], commands[:, 1], states[:, 0], states[:, 1])
 
 
-def _events(bag: Bag, start: int) -> list[Happening]:
-    """Return the events, those that repeat themselves as one."""
-    events: list[Happening] = []
+def _events(bag: Bag, start: int) -> list[RunEvent]:
+    """Return the events; consecutive equal ones are one."""
+    events: list[RunEvent] = []
     for topic in bag.topics_of("Event"):
         for _, m in bag.messages(topic):
-            new = Happening(_seconds(m, start), int(m.severity), m.kind, m.header.frame_id, m.text)
+            new = RunEvent(_seconds(m, start), int(m.severity), m.kind, m.header.frame_id, m.text)
             if events and (events[-1].kind, events[-1].text) == (new.kind, new.text):
                 last = events.pop()
-                new = Happening(last.time, last.severity, last.kind, last.who, last.text, last.count + 1)
+                new = RunEvent(last.time, last.severity, last.kind, last.source, last.text, last.count + 1)
             events.append(new)
     return events
 
@@ -229,10 +229,5 @@ def _scene(bag: Bag) -> tuple[Scene | None, str]:
         return None, str(error)
 
 
-def _nanoseconds(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
 def _seconds(message: Any, start: int) -> float:
-    return (_nanoseconds(message) - start) * 1e-9
+    return (stamp_of(message) - start) * 1e-9

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page's parts, each as HTML; empty where a run has nothing to say on it."""
+"""The page's parts, each as HTML; empty where a run has no data for it."""
 
 from __future__ import annotations
 
 import math
 from html import escape
 
-from atpid_control.report.run import Happening, Ledger
+from atpid_control.report.run import Ledger, RunEvent
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import measured_decrement
 from atpid_control.report.view import View, headline
@@ -88,20 +88,20 @@ def _decrement(value: float, what: str, measured: float | None, kind: str) -> st
 
 def overview(view: View) -> str:
     """Return the place of the main chart and how to read it."""
-    said = []
+    notes = []
     if view.windows:
-        said.append("Shaded: where each stage is measured.")
+        notes.append("Shaded: where each stage is measured.")
     if view.stages:
-        said.append("The error of an estimate is shown where the identifier calls it steady.")
+        notes.append("The error of an estimate is shown where the identifier calls it steady.")
     if view.printed:
-        said.append('<b class="accent">Orange</b>: heights the thesis prints (Fig. 4.6).')
+        notes.append('<b class="accent">Orange</b>: heights the thesis prints (Fig. 4.6).')
     if view.standing is not None:
-        said.append(f"The ceiling stands at {view.standing:.4g} m.")
+        notes.append(f"The ceiling stands at {view.standing:.4g} m.")
     if not view.run.simulated:
-        said.append("Displacements as the laser measured them.")
+        notes.append("Displacements as the laser measured them.")
     return (
         '<figure><div class="chart" id="overview" role="img" aria-label="Beam displacement, excitation amplitude and '
-        f'ceiling height over time"></div><figcaption>{" ".join(said)}</figcaption></figure>'
+        f'ceiling height over time"></div><figcaption>{" ".join(notes)}</figcaption></figure>'
     )
 
 
@@ -109,11 +109,11 @@ def grain(view: View) -> str:
     """Return the place of the grain's chart."""
     if view.grain_window is None:
         return ""
-    said = "Where lines touch, the grain is in contact with a wall, which dissipates energy."
+    text = "Where lines touch, the grain is in contact with a wall, which dissipates energy."
     if view.own_name == "adaptive":
-        said = _OPTIMAL_NOTE
+        text = _OPTIMAL_NOTE
     return (
-        f"<h2>The grain</h2><p>{said}</p>"
+        f"<h2>The grain</h2><p>{text}</p>"
         '<figure><div class="chart" id="grain" role="img" aria-label="Motion of the grain between floor and ceiling">'
         "</div></figure>"
     )
@@ -162,21 +162,21 @@ def _power(value: float) -> str:
     return f"{mantissa} · 10<sup>{int(exponent)}</sup>".replace("-", "−")
 
 
-def events(events: list[Happening]) -> str:
-    """Return what the nodes said, in order."""
+def events(events: list[RunEvent]) -> str:
+    """Return the events, in order."""
     if not events:
         return ""
     rows = "".join(
         f'<li class="{_SEVERITIES[min(event.severity, 2)]}"><time>{event.time:.2f} s</time><i></i>'
         f"<span>{escape(event.text or event.kind)}{f', {event.count} times' if event.count > 1 else ''} "
-        f'<span class="who">{escape(event.who)}</span></span></li>'
+        f'<span class="who">{escape(event.source)}</span></span></li>'
         for event in events
     )
     return f'<h2>What happened when</h2><ol class="events">{rows}</ol>'
 
 
 def facts(view: View) -> str:
-    """Return where the run comes from, what was lost, and what the scene leaves unsaid."""
+    """Return where the run comes from, what was lost, and which defaults the scene takes."""
     run, result, scene = view.run.bag.run, view.run.bag.result, view.run.scene
     known = {
         "scene": run.get("scene", "–"),
@@ -194,7 +194,7 @@ def facts(view: View) -> str:
     unusual = _listed("Values of the scene that are unusual:", scene.warnings() if scene else [])
     defaults = _listed("Values left to defaults:", scene.decisive_defaults(measured=True) if scene else [])
     text = view.run.bag.scene_text
-    whole = f"<details><summary>The scene, word for word</summary><pre>{escape(text)}</pre></details>" if text else ""
+    whole = f"<details><summary>The scene, verbatim</summary><pre>{escape(text)}</pre></details>" if text else ""
     return f"<h2>The run</h2><dl>{rows}</dl>{unusual}{defaults}{whole}"
 
 

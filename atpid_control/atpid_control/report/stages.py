@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_motion
 from atpid_control.report.repetition import repeated
 from atpid_control.report.run import Array, Run, read_run
 from atpid_sim.excitation import amplitude_points
+from atpid_sim.scene import Scene
 
 #: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
 _ARRIVED = 5e-3
@@ -27,7 +28,7 @@ WINDOW = 2.0
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage: the keys of the bench's summary. NaN: not known."""
+    """One stage: the keys of the bench's summary. NaN: unknown."""
 
     t0: float  # [s]
     t1: float  # [s]
@@ -39,7 +40,7 @@ class Stage:
     undamped_amplitude: float  # the same with the damper closed [m]
     efficiency: float  # 1 - amplitude / undamped_amplitude [-]
     commanded_height: float = math.nan  # the last one before the window's end [m]
-    reproducible: bool | None = None  # whether repeated simulations agree; None: not known
+    reproducible: bool | None = None  # whether repeated simulations agree; None: unknown
     amplitude_spread: tuple[float, float] | None = None  # least and largest of them, where they do not agree [m]
 
     def as_dict(self) -> dict[str, Any]:
@@ -57,7 +58,7 @@ class Stage:
 
     @property
     def arrived(self) -> bool:
-        """Whether the ceiling was where it had been commanded to; true where that is not known."""
+        """Whether the ceiling was where it had been commanded to; true where that is unknown."""
         return not abs(self.height - self.commanded_height) > _ARRIVED
 
     def efficiency_text(self) -> str:
@@ -81,8 +82,12 @@ def intervals(run: Run) -> list[tuple[float, float]]:
     """Return (begin, end) [s] of the intervals of constant amplitude above zero that the run reached the end of."""
     if run.scene is None or run.scene.excitation.kind != "harmonic":
         return []
-    points = amplitude_points(run.scene)
-    end = min(run.scene.duration, run.duration)
+    return constant_intervals(run.scene, min(run.scene.duration, run.duration))
+
+
+def constant_intervals(scene: Scene, end: float) -> list[tuple[float, float]]:
+    """Return (begin, end) [s] of the intervals of constant amplitude above zero, of a harmonic excitation, to `end`."""
+    points = amplitude_points(scene)
     bounds = [*points, (end, points[-1][1])]
     if points[0][0] > 0.0:
         bounds.insert(0, (0.0, points[0][1]))
@@ -140,8 +145,8 @@ def _spread(repeated: tuple[float, float, float], amplitude: float) -> tuple[flo
 def _commanded(run: Run, end: float) -> float:
     """Return the height [m] commanded last before `end` [s]; NaN where none was."""
     ceiling = run.ceiling
-    told = ceiling.commanded[np.isfinite(ceiling.commanded) & (ceiling.commanded_time <= end + 1e-9)]
-    return float(told[-1]) if len(told) else math.nan
+    commanded = ceiling.commanded[np.isfinite(ceiling.commanded) & (ceiling.commanded_time <= end + 1e-9)]
+    return float(commanded[-1]) if len(commanded) else math.nan
 
 
 def _height(run: Run, begin: float, end: float) -> float:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One grammar of colour for all pictures: grey is what was given or would have been, blue what the damper did.
+"""Colours of all pictures: grey for the given excitation and the closed damper, blue for the damper.
 
-Orange is kept for the thesis's printed figures and for warnings. Text stands out of the paper by 4.5 to 1 or more.
+Orange is kept for the thesis's printed figures and for warnings. The contrast of text is at least 4.5 to 1.
 """
 
 from __future__ import annotations

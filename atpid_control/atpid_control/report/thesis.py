@@ -22,7 +22,7 @@ class Printed:
     closed: float  # of the beam, closed damper [m]
     best_height: float  # what a search over all heights finds with this model [m]
     best_efficiency: float  # there [-]
-    height_sign: str = ""  # "above", where the thesis says so
+    height_sign: str = ""  # "above", where the thesis prints it
 
     @property
     def efficiency(self) -> float:

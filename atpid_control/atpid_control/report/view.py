@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pictures and page show, computed once: the run, the closed damper beside it, stages, the sum in words."""
+"""The data of pictures and page, computed once: the run, the closed damper beside it, stages, the headline."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from atpid_control.bagread import Bag
+from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_height, closed_motion
 from atpid_control.report.run import Array, Run, read_run
 from atpid_control.report.stages import Stage, measure, window_of
@@ -23,7 +23,7 @@ _PERIODS = 4.0
 
 @dataclass(frozen=True)
 class View:
-    """Everything there is to show."""
+    """A run and its comparison."""
 
     run: Run
     beam: Array  # (n,) displacement from rest [m]
@@ -49,7 +49,7 @@ class View:
 
     @property
     def standing(self) -> float | None:
-        """Height of a ceiling that stands still [m]; None where it moves, or nobody said where it was."""
+        """Height of a ceiling that stands still [m]; None where it moves, or its position is unknown."""
         seen = self.run.motion.ceiling if self.run.simulated else self.run.ceiling.height
         seen = seen[np.isfinite(seen)]
         return float(seen[-1]) if len(seen) and float(np.ptp(seen)) <= 1e-6 else None
@@ -70,7 +70,7 @@ class View:
 
     @property
     def grain_window(self) -> tuple[float, float] | None:
-        """Which periods of the grain's motion to show [s]; None where nobody knows it."""
+        """Which periods of the grain's motion to show [s]; None where it is unknown."""
         if not self.run.simulated or self.run.scene is None or self.always_closed:
             return None
         length = _PERIODS / self.run.scene.frequency_hz

@@ -4,6 +4,6 @@
 from __future__ import annotations
 
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
-from atpid_control.selection.registry import METHODS, make_selector
+from atpid_control.selection.registry import METHODS, make_selector, methods
 
-__all__ = ["METHODS", "HeightSelector", "Selection", "SelectionError", "make_selector"]
+__all__ = ["METHODS", "HeightSelector", "Selection", "SelectionError", "make_selector", "methods"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every computing selector asks of its input, and the simulation it gets for a frequency."""
+"""Checks of a computing selector's input, and its simulation for a frequency."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SAME = 1e-3
 
 
 def check_excitation(amplitude: float, amplitude_std: float, frequency: float, margin: float) -> None:
-    """Raise SelectionError, in one line, for numbers no height can be given for."""
+    """Raise SelectionError, in one line, for numbers without a height."""
     if not (math.isfinite(amplitude) and amplitude > 0.0):
         raise SelectionError(f"amplitude: given {amplitude:g} m; allowed is a number above 0; the ceiling stays")
     if not (math.isfinite(amplitude_std) and amplitude_std >= 0.0):

@@ -27,19 +27,19 @@ _LOG = 4000
 _JUST_ABOVE = 1e-9
 
 #: How long an impact may last, in periods, and how finely its end is looked for.
-_LONGEST_IMPACT, _LOOKS = 0.6, 600
+_LONGEST_IMPACT, _SAMPLES_OF_IMPACT = 0.6, 600
 
 
 @dataclass(frozen=True)
 class Observed:
-    """What was seen at one height."""
+    """The observation of one height."""
 
     amplitude: float  # half peak-to-peak of the beam in the window [m]
     verdict: Verdict
 
 
 class ComplexModel:
-    """One simulation that goes on while the ceiling is moved; times count from the first impact on the floor."""
+    """One simulation, continued while the ceiling is moved; times count from the first impact on the floor."""
 
     def __init__(self, damper: DamperResponse, amplitude: float, t: float, start: Impact, height: float) -> None:
         """Begin with an impact on the floor at time t [s] of the Simplified Model."""
@@ -47,9 +47,9 @@ class ComplexModel:
         omega = 2.0 * math.pi * damper.frequency
         self._phase = omega * t + response_lag(damper.system, damper.frequency)
         beam = start.beam - damper.system.beam_mass * damper.system.gravity / damper.system.stiffness
-        self._state = State.resting(beam, start.beam_rate)
+        self._state = State.resting(beam, start.beam_velocity)
         self._state.y[columns.GRAIN] += _JUST_ABOVE
-        self._state.y[columns.GRAIN_VELOCITY] = start.grain_rate
+        self._state.y[columns.GRAIN_VELOCITY] = start.grain_velocity
         self._state.n[columns.MODE] = columns.FREE
         self.evaluations = 0
 
@@ -75,7 +75,7 @@ class ComplexModel:
         return self._impact()
 
     def observe(self, height: float, settle: float, window: float) -> Observed:
-        """Move the ceiling to a height [m] within one period, let `settle` periods pass and watch `window` periods."""
+        """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods."""
         damper, begun = self._damper, self.time
         begin = begun + (1.0 + settle) * damper.period
         end = begin + window * damper.period
@@ -101,12 +101,12 @@ class ComplexModel:
     def _leave_floor(self) -> None:
         """Go on until floor and grain no longer overlap, at most for the longest time an impact may last."""
         length = _LONGEST_IMPACT * self._damper.period
-        samples = sample_series(_LOOKS)
-        self._advance(self._state.copy(), self.time + length, samples=samples, rate=_LOOKS / length)
+        samples = sample_series(_SAMPLES_OF_IMPACT)
+        self._advance(self._state.copy(), self.time + length, samples=samples, rate=_SAMPLES_OF_IMPACT / length)
         apart = np.flatnonzero(samples[columns.S_GRAIN] > samples[columns.S_BEAM])
         apart = apart[apart > 0]
-        looks = int(apart[0]) if len(apart) else _LOOKS
-        self._advance(self._state, self.time + looks * length / _LOOKS)
+        last = int(apart[0]) if len(apart) else _SAMPLES_OF_IMPACT
+        self._advance(self._state, self.time + last * length / _SAMPLES_OF_IMPACT)
 
     def _impact(self) -> Impact:
         state, s = self._state, self._damper.system

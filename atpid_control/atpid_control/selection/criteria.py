@@ -25,7 +25,7 @@ class Verdict:
     """Which criteria hold."""
 
     floor_opposed: bool  # 4.1: on the floor the beam goes up and the grain comes down
-    ceiling_opposed: bool  # 4.2: on the ceiling the other way round
+    ceiling_opposed: bool  # 4.2: on the ceiling the reverse
     every_period: bool  # 4.3: both walls are struck in every period
     near_top_speed: bool  # 4.4: the beam is near its top speed at the impacts
     no_sticking: bool  # 4.5: contacts are short
@@ -45,18 +45,18 @@ class Verdict:
         return tuple(name for name, value in zip(names, values, strict=True) if not value)
 
 
-def judge(impacts: Array, times: Array, rates: Array, longest: float, period: float) -> Verdict:
+def judge(impacts: Array, times: Array, velocities: Array, longest: float, period: float) -> Verdict:
     """Judge a window.
 
-    impacts: (k, 3) time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]; times, rates: (n,) of the beam [s, m/s];
-    longest: longest contact [s]; period: of the excitation [s].
+    impacts: (k, 3) time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]; times, velocities: (n,) of the beam [s],
+    [m/s]; longest: longest contact [s]; period: of the excitation [s].
     """
     inside = impacts[(impacts[:, 0] >= times[0]) & (impacts[:, 0] <= times[-1])]
     floor, ceiling = (_meetings(inside[inside[:, 1] == wall], period) for wall in (1.0, -1.0))
     if not len(floor) or not len(ceiling):
         return Verdict(False, False, False, False, longest < 0.5 * GAMMA * period)
-    beam_floor, beam_ceiling = (np.interp(wall[:, 0], times, rates) for wall in (floor, ceiling))
-    top = float(np.max(np.abs(rates)))
+    beam_floor, beam_ceiling = (np.interp(wall[:, 0], times, velocities) for wall in (floor, ceiling))
+    top = float(np.max(np.abs(velocities)))
     near = np.concatenate([beam_floor, -beam_ceiling]) >= _NEAR_TOP * top
     return Verdict(
         floor_opposed=bool(np.all((beam_floor > 0.0) & (beam_floor - floor[:, 2] < 0.0))),

@@ -15,7 +15,7 @@ from atpid_sim.maps import FROM_CLOSED, Approach, Best, DamperResponse, Timing, 
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
-#: Tolerance of the runs: heights are told apart by 0.2 % of an amplitude.
+#: Tolerance of the runs: 0.2 % of an amplitude is resolved.
 _RTOL = 1e-5
 
 #: Speed of the ceiling where the scene gives none [m/s]: that of the thesis's bench in scenes/.

@@ -41,7 +41,7 @@ class LookupSelector:
             safe = self._map.lookup(lower, self._mass_fraction) if margin > 0.0 else best
         except MapError as error:
             raise SelectionError(str(error)) from None
-        # the map knows the best height only, not what another height does at this amplitude
+        # the map holds the best height only, not the amplitude at another height
         price = math.nan if margin > 0.0 else 0.0
         wall = time.perf_counter() - begun
         return Selection(safe.height, safe.amplitude, safe.efficiency, self.method, wall_s=wall, price=price)

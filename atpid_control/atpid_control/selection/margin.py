@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The margin: the height that is best in the worst case of what is not known exactly."""
+"""The margin: the height that is best in the worst case of the uncertainties."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from atpid_sim.scene import Scene
 #: Shares of the bare optimum's clearance that are tried, batch by batch, until the best lies inside.
 _BATCH, _STEP, _LEAST = 9, 0.025, 0.2
 
-#: An irregular motion in any case counts as this many times as large: the margin is there to keep out of it.
+#: An irregular motion in any case counts as this many times as large: the margin is to avoid it.
 _RUMBLE = 1.5
 
 #: Tolerance of the runs.
@@ -22,7 +22,7 @@ _RTOL = 1e-4
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What is not known exactly, apart from the amplitude."""
+    """Uncertainties apart from that of the amplitude."""
 
     stiffness: float = 0.05  # relative, of the beam: the model's own uncertainty [-]
     resolution: float = 5e-4  # of the ceiling's position [m]
@@ -30,7 +30,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Robust:
-    """A height that is safe, and what it is worth."""
+    """A safe height, and the amplitudes there."""
 
     height: float  # [m]
     amplitude: float  # of the beam where everything is as expected [m]

@@ -15,16 +15,16 @@ from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
-#: Iterations of Complex and Predictive Model before the last height is tuned whatever the criteria say.
+#: Iterations of Complex and Predictive Model before the last height is tuned whether the criteria hold or not.
 _ITERATIONS = 6
 
 #: Periods the grain gets to come back to the floor.
 _RETURN = 4.0
 
-#: Heights below this share of the ballistic clearance are nearly closed: no guess goes there.
+#: Heights below this share of the ballistic clearance are nearly closed: guesses are limited to it.
 _LEAST_SHARE = 0.1
 
-#: Tolerance of the runs: what is told apart is 1 % of an amplitude.
+#: Tolerance of the runs: 1 % of an amplitude is resolved.
 _RTOL = 1e-4
 
 
@@ -72,7 +72,7 @@ class PcaSelector:
 
 
 class _Run:
-    """One run of the algorithm, keeping what each stage gave."""
+    """One run of the algorithm, with its stages."""
 
     def __init__(self, damper: DamperResponse, amplitude: float) -> None:
         self.damper, self.amplitude = damper, amplitude
@@ -87,24 +87,24 @@ class _Run:
         """Return the best height [m] and the beam's amplitude there [m]."""
         height = self._iterate()[1]
         least = self._opened(height)
-        self._tell("PCA", height, least, "before tuning, opened from closed")
+        self._record("PCA", height, least, "before tuning, opened from closed")
         height, amplitude = tune(self._tuning, height, least, self._lowest, self._highest)
         final = self.damper.opened(self.amplitude, height, Timing(self.damper.settling(), 16.0)).amplitude
         self.evaluations += 1
-        self._tell("result", height, final, f"{amplitude:.5g} m while tuning")
+        self._record("result", height, final, f"{amplitude:.5g} m while tuning")
         return height, final
 
     def _iterate(self) -> Start:
         """Simplified and Predictive Model, then Complex and Predictive Model until the criteria hold.
 
-        Guesses that swing back are taken half way: for heavy grains equation 4.31 otherwise jumps to and fro across
-        the best height without end (docs/selection.md). Where the criteria never hold, the iteration with the least
+        Guesses that change direction are taken half way: for heavy grains equation 4.31 otherwise alternates across
+        the best height (docs/selection.md). Where the criteria never hold, the iteration with the least
         amplitude is what tuning starts from.
         """
         sm = simplified(self.damper.system, self.damper.frequency, self.amplitude)
-        self._tell("SM", math.nan, sm.amplitude, f"V = {sm.top_speed:.2f} m/s")
+        self._record("SM", math.nan, sm.amplitude, f"V = {sm.top_speed:.2f} m/s")
         guess = sm.first_height()
-        self._tell("SM + PM1", guess, math.nan, "first guess, equation 4.30")
+        self._record("SM + PM1", guess, math.nan, "first guess, equation 4.30")
         t, start = sm.first_return(max(guess, self._lowest))
         model = ComplexModel(self.damper, self.amplitude, t, start, self._within(guess))
         seen: list[Start] = []
@@ -112,11 +112,11 @@ class _Run:
         for iteration in range(1, _ITERATIONS + 1):
             impact = model.next_floor_impact(_RETURN)
             if impact is None:
-                self._tell(f"CM{iteration}", model.height, math.nan, "the grain does not come back to the floor")
+                self._record(f"CM{iteration}", model.height, math.nan, "the grain does not come back to the floor")
                 guess = model.height
             else:
-                said = f"impact ends at {impact.beam:.4f} m, grain {impact.grain_rate:.2f} m/s"
-                self._tell(f"CM{iteration}", model.height, math.nan, said)
+                text = f"impact ends at {impact.beam:.4f} m, grain {impact.grain_velocity:.2f} m/s"
+                self._record(f"CM{iteration}", model.height, math.nan, text)
                 guess = sm.next_height(impact)
                 if (guess - model.height) * (model.height - before) < 0.0:
                     guess = 0.5 * (guess + model.height)
@@ -124,8 +124,8 @@ class _Run:
             observed = model.observe(self._within(guess), self._settle, self._window)
             self.evaluations += 1
             broken = ", ".join(observed.verdict.broken)
-            said = f"criteria {broken} do not hold" if broken else "all criteria hold"
-            self._tell(f"PM{iteration + 1} + CM{iteration + 1}", model.height, observed.amplitude, said)
+            text = f"criteria {broken} do not hold" if broken else "all criteria hold"
+            self._record(f"PM{iteration + 1} + CM{iteration + 1}", model.height, observed.amplitude, text)
             seen.append((observed.amplitude, model.height))
             if observed.verdict.hold:
                 return seen[-1]
@@ -136,14 +136,14 @@ class _Run:
         return self.damper.opened(self.amplitude, height, Timing(self.damper.settling(), 8.0)).amplitude
 
     def _tuning(self, height: float) -> float:
-        """Amplitude [m] at a height opened from closed: going on from the last height would depend on the order."""
+        """Amplitude [m] at a height opened from closed: continuing from the last height would depend on the order."""
         amplitude = self._opened(height)
         self._tuned += 1
-        self._tell(f"tuning {self._tuned}", height, amplitude, "")
+        self._record(f"tuning {self._tuned}", height, amplitude, "")
         return amplitude
 
     def _within(self, height: float) -> float:
         return min(max(height, self._lowest), self._highest)
 
-    def _tell(self, name: str, height: float, amplitude: float, note: str) -> None:
+    def _record(self, name: str, height: float, amplitude: float, note: str) -> None:
         self.stages.append(Stage(name, height, amplitude, note))

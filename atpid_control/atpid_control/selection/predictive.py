@@ -18,11 +18,11 @@ _BISECTIONS = 60
 
 @dataclass(frozen=True)
 class Impact:
-    """The moment after an impact on the floor, as the Predictive Model needs it."""
+    """The moment after an impact on the floor, input of the Predictive Model."""
 
     beam: float  # displacement [m]
-    beam_rate: float  # [m/s]
-    grain_rate: float  # [m/s]
+    beam_velocity: float  # [m/s]
+    grain_velocity: float  # [m/s]
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,14 @@ class Simplified:
         """Displacement of the floor [m] at time t [s]."""
         return self.amplitude * math.sin(self.omega * t)
 
-    def rate(self, t: float) -> float:
+    def velocity(self, t: float) -> float:
         """Velocity of the floor [m/s] at time t [s]."""
         return self.top_speed * math.cos(self.omega * t)
 
-    def height(self, floor: float, grain_rate: float, t_floor: float, t_ceiling: float) -> float:
-        """Return h_pred [m] for a grain that leaves the floor at `floor` [m] with `grain_rate` [m/s] (eq. 4.29)."""
+    def height(self, floor: float, grain_velocity: float, t_floor: float, t_ceiling: float) -> float:
+        """Return h_pred [m] for a grain that leaves the floor at `floor` [m] with `grain_velocity` [m/s] (eq. 4.29)."""
         flight = t_ceiling - t_floor
-        risen = grain_rate * flight - 0.5 * self.gravity * flight**2
+        risen = grain_velocity * flight - 0.5 * self.gravity * flight**2
         return 2.0 * self.radius + floor + risen - self.displacement(t_ceiling)
 
     def first_height(self) -> float:
@@ -64,7 +64,7 @@ class Simplified:
         Simplified Model ever goes, at the end of that range.
         """
         t_floor = math.asin(min(max(last.beam / self.amplitude, -1.0), 1.0)) / self.omega
-        return self.height(last.beam, last.grain_rate, t_floor, math.pi / self.omega)
+        return self.height(last.beam, last.grain_velocity, t_floor, math.pi / self.omega)
 
     def first_return(self, height: float) -> tuple[float, Impact]:
         """Return when [s] and how a grain thrown down by the ceiling at `height` [m] meets the floor (Fig. 4.25).
@@ -72,11 +72,11 @@ class Simplified:
         Beyond the ceiling the grain has the beam's velocity, as it had beyond the floor.
         """
         start = math.pi / self.omega
-        room = height - 2.0 * self.radius
+        clearance = height - 2.0 * self.radius
 
         def gap(t: float) -> float:
             fall = t - start
-            return room - self.top_speed * fall - 0.5 * self.gravity * fall**2 - self.displacement(t)
+            return clearance - self.top_speed * fall - 0.5 * self.gravity * fall**2 - self.displacement(t)
 
         left, right = start, 2.0 * start
         while gap(right) > 0.0:
@@ -85,7 +85,7 @@ class Simplified:
             middle = 0.5 * (left + right)
             left, right = (middle, right) if gap(middle) > 0.0 else (left, middle)
         return right, Impact(
-            self.displacement(right), self.rate(right), -self.top_speed - self.gravity * (right - start)
+            self.displacement(right), self.velocity(right), -self.top_speed - self.gravity * (right - start)
         )
 
 

@@ -16,17 +16,17 @@ class SelectionError(InputError):
 
 @dataclass(frozen=True)
 class Stage:
-    """One step on the way to a selection."""
+    """One step of a selection."""
 
     name: str  # as the thesis calls it: SM, PM1, CM1, ..., tuning 1, ...
     height: float  # [m], NaN: none yet
     amplitude: float  # of the beam there [m], NaN: not computed
-    note: str  # what was found, in words
+    note: str  # the result of the step
 
 
 @dataclass(frozen=True)
 class Selection:
-    """A height, and what it is worth."""
+    """A height, and what is expected there."""
 
     height: float  # [m]
     beam_amplitude: float  # half peak-to-peak expected there [m], NaN: unknown
@@ -43,7 +43,7 @@ class HeightSelector(Protocol):
 
     @property
     def method(self) -> str:
-        """Name in the registry: lookup, pca, direct, search or fixed."""
+        """Name in the registry, or of the entry point."""
         ...
 
     @property

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Methods by name: those a scene may name (atpid_sim/scene/ceiling.py), and `fixed` for a ceiling of the scene's own.
+"""Methods of selection by name: those of this package, and selectors of other distributions by entry point.
 
-A new method is one file, one entry here and its name there (docs/selection.md).
+A scene names the built-in ones (atpid_sim/scene/ceiling.py) or a plug-in; `fixed` is for a ceiling no controller moves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+from atpid_common.errors import AtpidError
 from atpid_control.selection.protocol import HeightSelector, SelectionError
 from atpid_sim.scene import Scene
+from atpid_sim.scene.ceiling import SELECTORS
 
+#: Makes a selector for a scene, with the height map given (None: none).
 Factory = Callable[[Scene, Path | None], HeightSelector]
 
 
@@ -26,31 +30,27 @@ def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
     return LookupSelector(scene, HeightMap.load(height_map))
 
 
-def _fixed(scene: Scene, height_map: Path | None) -> HeightSelector:
+def _fixed(scene: Scene, _height_map: Path | None) -> HeightSelector:
     from atpid_control.selection.fixed import FixedSelector
 
-    del height_map
     return FixedSelector(scene.ceiling.heights[-1][1])
 
 
-def _pca(scene: Scene, height_map: Path | None) -> HeightSelector:
+def _pca(scene: Scene, _height_map: Path | None) -> HeightSelector:
     from atpid_control.selection.pca import PcaSelector
 
-    del height_map
     return PcaSelector(scene)
 
 
-def _direct(scene: Scene, height_map: Path | None) -> HeightSelector:
+def _direct(scene: Scene, _height_map: Path | None) -> HeightSelector:
     from atpid_control.selection.direct import DirectSelector
 
-    del height_map
     return DirectSelector(scene)
 
 
-def _search(scene: Scene, height_map: Path | None) -> HeightSelector:
+def _search(scene: Scene, _height_map: Path | None) -> HeightSelector:
     from atpid_control.selection.search import SearchSelector
 
-    del height_map
     return SearchSelector(scene)
 
 
@@ -63,8 +63,59 @@ METHODS: dict[str, Factory] = {
 }
 
 
+def plug_ins() -> dict[str, EntryPoint]:
+    """Return the installed entry points of the group `atpid.selectors` by name.
+
+    Raises SelectionError for a name that is taken: by a built-in method, or by another distribution.
+    """
+    found: dict[str, EntryPoint] = {}
+    for point in sorted(set(entry_points(group=SELECTORS)), key=lambda point: (point.name, point.value)):
+        if point.name in METHODS or point.name in found:
+            other = f"by {found[point.name].value}" if point.name in found else "by a built-in method"
+            raise SelectionError(
+                f"selector {point.name}: {point.value} has a name that is taken {other}; rename its entry point in "
+                f"the group {SELECTORS}"
+            )
+        found[point.name] = point
+    return found
+
+
+def methods() -> tuple[str, ...]:
+    """Return the names of all methods, built-in ones first. Raises SelectionError as `plug_ins` does."""
+    return (*METHODS, *plug_ins())
+
+
 def make_selector(method: str, scene: Scene, height_map: Path | None = None) -> HeightSelector:
-    """Return the selector called `method` for `scene`; raise SelectionError or MapError where it cannot be."""
-    if method not in METHODS:
-        raise SelectionError(f"method: given {method!r}; allowed: {', '.join(METHODS)}")
-    return METHODS[method](scene, height_map)
+    """Return the selector called `method` for `scene`; raise SelectionError or MapError where it cannot be made."""
+    if method in METHODS:
+        return METHODS[method](scene, height_map)
+    installed = plug_ins()
+    if method not in installed:
+        raise SelectionError(f"method: given {method!r}; allowed: {', '.join((*METHODS, *installed))}")
+    return _plugged_in(installed[method], scene, height_map)
+
+
+def _plugged_in(point: EntryPoint, scene: Scene, height_map: Path | None) -> HeightSelector:
+    """Return the selector of another distribution; whatever is wrong with it is one line."""
+    what = f"selector {point.name} ({point.value})"
+    try:
+        factory = point.load()
+    except Exception as error:
+        reason = _one_line(error)
+        raise SelectionError(f"{what}: cannot be loaded: {reason}; reinstall or remove its package") from error
+    try:
+        selector: HeightSelector = factory(scene, height_map)
+    except AtpidError:
+        raise
+    except Exception as error:
+        raise SelectionError(f"{what}: cannot be made for this scene: {_one_line(error)}") from error
+    missing = [name for name in ("method", "simulates", "select") if not hasattr(selector, name)]
+    if missing:
+        raise SelectionError(f"{what}: lacks {', '.join(missing)}; needed: what HeightSelector has")
+    if selector.method != point.name:
+        raise SelectionError(f"{what}: its method is {selector.method!r}; allowed: the entry point's name")
+    return selector
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A request for a height, checked before any method computes: what the loop would refuse is refused here too."""
+"""A request for a height, checked before any method computes: the limits are those of the loop."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from atpid_control.hold import Estimate
+from atpid_control.identification import Estimate
 from atpid_control.selection.protocol import SelectionError
 
-#: Most standard deviations a height can be asked to be safe for [-].
+#: Most standard deviations of a margin [-].
 MOST_MARGIN = 100.0
 
 
@@ -25,7 +25,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Resonance:
-    """Where heights hold."""
+    """The frequency heights are valid for."""
 
     frequency: float  # of the closed damper [Hz]
     tolerance: float  # relative [-]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search on the running damper (thesis section 4.2): step the ceiling up, watch, go back when it gets worse."""
+"""Search on the running damper (thesis section 4.2): step the ceiling up, observe, return when the amplitude grows."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Plan:
     highest: float  # [m]
 
     def __post_init__(self) -> None:
-        """Raise SearchError for a plan that goes nowhere."""
+        """Raise SearchError for an impossible plan."""
         if not (self.step > 0.0 and math.isfinite(self.step)):
             raise SearchError(f"step: given {self.step:g} m; allowed is a number above 0")
         if not (self.dwell > 0.0 and math.isfinite(self.dwell)):
@@ -44,7 +44,7 @@ class Plan:
 
 
 class StepSearch:
-    """The thesis's algorithm as a state machine: it says where to go, and is told the amplitude seen there."""
+    """The thesis's algorithm as a state machine: `target` is the next height, `observe` takes the amplitude there."""
 
     def __init__(self, plan: Plan, worse: float = 0.0) -> None:
         """Begin at the plan's lowest height; `worse` is how much a larger amplitude must exceed the least [-]."""
@@ -55,11 +55,11 @@ class StepSearch:
         self.done = False
 
     def observe(self, amplitude: float) -> float:
-        """Take the beam's settled amplitude [m] at `target`; return where to go now [m]. Raises SearchError for NaN."""
+        """Take the beam's settled amplitude [m] at `target`; return the next height [m]. Raises SearchError for NaN."""
         if self.done:
             return self.target
         if not (math.isfinite(amplitude) and amplitude >= 0.0):
-            raise SearchError(f"amplitude: given {amplitude:g} m; the beam must be seen, so the search stops here")
+            raise SearchError(f"amplitude: given {amplitude:g} m; the beam is not measured, so the search stops")
         self.iterations += 1
         if amplitude <= self.best_amplitude:
             self.best_height, self.best_amplitude = self.target, amplitude

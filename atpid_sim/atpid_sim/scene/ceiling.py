@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, get_args
+from importlib.metadata import entry_points
+from typing import Annotated, Any, ClassVar
 
-from pydantic import Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, Tag, model_validator
+from pydantic_core import PydanticKnownError
 
 from atpid_sim.scene.fields import (
     Block,
@@ -70,8 +72,22 @@ class ProfileCeiling(Block):
 
 
 #: Methods that may move a ceiling; atpid_control/selection/registry.py has the code of each.
-Controller = Literal["lookup", "pca", "direct", "search"]
-CONTROLLERS: tuple[str, ...] = get_args(Controller)
+CONTROLLERS = ("lookup", "pca", "direct", "search")
+#: Entry-point group of further methods, installed by other distributions (docs/howto_selector.md).
+SELECTORS = "atpid.selectors"
+
+
+def _installed(name: Any) -> Any:
+    if name in CONTROLLERS:
+        return name
+    names = [*CONTROLLERS, *sorted(entry_points(group=SELECTORS).names)]
+    if name in names:
+        return name
+    *first, last = map(repr, names)
+    raise PydanticKnownError("literal_error", {"expected": f"{', '.join(first)} or {last}"})
+
+
+Controller = Annotated[str, BeforeValidator(_installed)]
 
 
 class ControlledCeiling(Block):

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""metadata.yaml, version 9: required by rosbag2 of Jazzy."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from atpid_control.bags.qos import Qos
+
+FILE_NAME = "metadata.yaml"
+
+
+@dataclass
+class TopicSummary:
+    """One topic of a bag."""
+
+    name: str
+    type: str
+    hash: str
+    qos: tuple[Qos, ...]
+    count: int = 0
+
+
+@dataclass
+class BagSummary:
+    """The contents of a bag's metadata.yaml."""
+
+    file_name: str
+    topics: dict[str, TopicSummary] = field(default_factory=dict)
+    start_ns: int | None = None  # earliest log time [ns]
+    end_ns: int = 0  # latest log time [ns]
+
+    @property
+    def count(self) -> int:
+        """Number of messages."""
+        return sum(topic.count for topic in self.topics.values())
+
+    def add(self, topic: str, log_ns: int) -> None:
+        """Count one message."""
+        self.topics[topic].count += 1
+        self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
+        self.end_ns = max(self.end_ns, log_ns)
+
+
+def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]:
+    """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
+    start = summary.start_ns or 0
+    starting, duration = {"nanoseconds_since_epoch": start}, {"nanoseconds": max(0, summary.end_ns - start)}
+    information = {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "duration": duration,
+        "starting_time": starting,
+        "message_count": summary.count,
+        "topics_with_message_count": [_topic(topic) for topic in summary.topics.values()],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [summary.file_name],
+        "files": [
+            {
+                "path": summary.file_name,
+                "starting_time": dict(starting),
+                "duration": dict(duration),
+                "message_count": summary.count,
+            }
+        ],
+        "custom_data": dict(custom),
+        "ros_distro": "jazzy",
+    }
+    return {"rosbag2_bagfile_information": information}
+
+
+def write(folder: Path, summary: BagSummary, custom: Mapping[str, str]) -> Path:
+    """Write metadata.yaml whole or not at all; return its path. Raises OSError."""
+    path, partial = folder / FILE_NAME, folder / f".{FILE_NAME}.partial"
+    with partial.open("w", encoding="utf-8") as stream:
+        yaml.safe_dump(mapping_of(summary, custom), stream, sort_keys=False, allow_unicode=True)
+        stream.flush()
+        os.fsync(stream.fileno())
+    partial.replace(path)
+    return path
+
+
+def _topic(topic: TopicSummary) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": [profile.mapping() for profile in topic.qos],
+            "type_description_hash": topic.hash,
+        },
+        "message_count": topic.count,
+    }

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads bags: messages decoded with the schemas inside them, so that neither ROS nor the workspace is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+
+from atpid_control.bags import metadata
+from atpid_control.bags.convert import Converter
+from atpid_control.bags.decode import Decoder
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.run_info import RESULT, RUN, SCENE
+from atpid_control.bags.verify import find_file, records
+
+
+@dataclass(frozen=True)
+class Raw:
+    """One message as it is in the file."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+@dataclass
+class Bag:
+    """A bag in memory: serialised messages in the order of their log times, decoded on demand."""
+
+    path: Path
+    types: dict[str, str] = field(default_factory=dict)  # message type by topic
+    hashes: dict[str, str] = field(default_factory=dict)  # type hash by topic
+    run: dict[str, str] = field(default_factory=dict)  # run_id, commit, created, ...
+    result: dict[str, str] = field(
+        default_factory=dict
+    )  # wall_s, data_s, real_time_factor, lost_scans ...; empty: not closed
+    files: dict[str, bytes] = field(default_factory=dict)  # configuration, verbatim
+    raw: list[Raw] = field(default_factory=list)
+    _decoder: Decoder = field(default_factory=Decoder)
+    _schemas: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def scene_text(self) -> str | None:
+        """The scene the run was started with, None where none was recorded."""
+        return self.files[SCENE].decode() if SCENE in self.files else None
+
+    def decode(self, raw: Raw) -> Any:
+        """Return the message: fields by name, number sequences as arrays. Raises BagError."""
+        return self._decoder.decode(self._schemas[raw.topic], raw.data)
+
+    def converter(self, kind: str) -> Converter:
+        """Return what converts decoded messages of the type `kind` to the definition installed. Raises BagError."""
+        return Converter(kind, self._decoder)
+
+    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yield (log time [ns], message) of one topic; nothing where the bag does not have it."""
+        for raw in self.raw:
+            if raw.topic == topic:
+                yield raw.log_ns, self.decode(raw)
+
+    def topics_of(self, kind: str) -> list[str]:
+        """Return the topics of message type atpid_interfaces/msg/`kind`, sorted."""
+        return sorted(topic for topic, name in self.types.items() if name == f"atpid_interfaces/msg/{kind}")
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp in the header of a decoded message [ns]."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def open_bag(path: Path) -> Bag:
+    """Read a bag, given as its folder or its .mcap file. Raises BagError: no bag, not closed, or damaged."""
+    file = find_file(path)
+    if path.is_dir() and not (path / metadata.FILE_NAME).is_file():
+        repair = f"`python -m atpid_control.recording repair {path}` makes it whole"
+        raise BagError(f"{path}: {metadata.FILE_NAME} is missing, so the recording was not closed; {repair}")
+    bag, channels = Bag(path), dict[int, Channel]()
+    for record in records(file):
+        if isinstance(record, Message):
+            topic = channels[record.channel_id].topic
+            bag.raw.append(Raw(topic, record.log_time, record.publish_time, record.data))
+        elif isinstance(record, Schema):
+            bag._decoder.add(record)
+        elif isinstance(record, Channel) and record.id not in channels:
+            channels[record.id] = record
+        elif isinstance(record, Attachment):
+            bag.files[record.name] = record.data
+        elif isinstance(record, Metadata):
+            {RUN: bag.run, RESULT: bag.result}.get(record.name, {}).update(record.metadata)
+    bag.raw.sort(key=lambda raw: raw.log_ns)
+    _describe(bag, channels, file)
+    return bag
+
+
+def _describe(bag: Bag, channels: dict[int, Channel], file: Path) -> None:
+    for channel in channels.values():
+        if channel.message_encoding != "cdr" or channel.schema_id == 0:
+            given = channel.message_encoding
+            raise BagError(
+                f"{file}: {channel.topic} is encoded as {given!r}; allowed: "
+                "cdr with its definition, as recorder_node writes it"
+            )
+        bag._schemas[channel.topic] = channel.schema_id
+        bag.types[channel.topic] = bag._decoder.name(channel.schema_id)
+        bag.hashes[channel.topic] = channel.metadata.get("topic_type_hash", "")

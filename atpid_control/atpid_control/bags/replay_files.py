@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a bag to the files its replay needs: the scene, the height map, and a parameter file for every node."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from atpid_control.bags.errors import BagError, in_words
+from atpid_control.bags.read import Bag, open_bag
+from atpid_control.bags.run_info import SCENE, commit_of
+from atpid_control.graph.parts import PARTS, Parameters, Part, parameters_in
+
+PARAMETER_FILE = "parameters.yaml"
+#: There is no motor: the ceiling's state comes from the bag as well.
+PLAYED = ["sensors/*", "ceiling/state"]
+_NODES = {part.name: part for part in PARTS}
+IDENTIFIER, SELECTOR, RECORDER = (_NODES[f"{name}_node"] for name in ("identifier", "selector", "recorder"))
+REPLAY = Part("atpid_control", "replay_node", "")
+#: Parameters that name a file, or how messages are queued; a replay sets them itself.
+OF_THE_RUN = ("scene", "map", "lockstep")
+#: Parameters that a parameter file of the package leaves open, beside those.
+_LEFT_OPEN = ("method",)
+
+
+@dataclass(frozen=True)
+class ReplayFiles:
+    """What a replay is started with."""
+
+    parameters: Path  # parameter file of identifier_node, selector_node, recorder_node and replay_node
+    scene: Path
+    height_map: Path | None
+    notes: tuple[str, ...]  # where the replay differs from the run, a line each; empty: nowhere
+
+
+def write_replay_files(
+    bag: Path,
+    folder: Path,
+    *,
+    rate: float = 0.0,
+    record: Path | None = None,
+    scene: Path | None = None,
+    height_map: Path | None = None,
+) -> ReplayFiles:
+    """Write what a replay of `bag` needs into `folder`, with the parameters the bag was made with.
+
+    rate: speed against the recording [-], 0: as fast as the loop answers.
+    record: bag to make of the replay, None: none.
+    scene, height_map: files to use in place of those kept in the bag.
+
+    Raises BagError: no bag, no scene or map in it and none given, or a folder that cannot be written.
+    """
+    opened = open_bag(bag)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        scene_file = scene or _scene(opened, folder)
+        chosen = {part.name: _parameters(opened, part) for part in (IDENTIFIER, SELECTOR)}
+        map_file = height_map or _height_map(opened, chosen[SELECTOR.name], folder)
+        parameters = _all_parameters(chosen, bag, scene_file, map_file, rate, record)
+        path = folder / PARAMETER_FILE
+        document = {f"/**/{name}": {"ros__parameters": values} for name, values in parameters.items()}
+        path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise BagError(f"{folder}: cannot be written: {in_words(error)}") from None
+    return ReplayFiles(path, scene_file, map_file, tuple(_notes(opened)))
+
+
+def _parameters(bag: Bag, part: Part) -> dict[str, Any]:
+    return part.configured() | parameters_kept(bag, part.name)
+
+
+def _all_parameters(
+    chosen: Parameters, bag: Path, scene: Path, height_map: Path | None, rate: float, record: Path | None
+) -> Parameters:
+    """Return the parameters of the four nodes; what depends on this machine is this machine's."""
+    run = {"scene": str(scene.absolute()), "lockstep": True}
+    identifier = chosen[IDENTIFIER.name] | {"lockstep": True}
+    if identifier.get("scene"):
+        identifier["scene"] = run["scene"]
+    selector = chosen[SELECTOR.name] | run | {"map": str(height_map.absolute()) if height_map else ""}
+    recorder = RECORDER.configured() | run | {"bag": str(record.absolute()) if record else ""}
+    replay = {"bag": str(bag.absolute()), "rate": float(rate), "topics": PLAYED, "expect_recorder": record is not None}
+    return {IDENTIFIER.name: identifier, SELECTOR.name: selector, RECORDER.name: recorder, REPLAY.name: replay}
+
+
+def _scene(bag: Bag, folder: Path) -> Path:
+    if bag.scene_text is None:
+        raise BagError(
+            f"{bag.path}: no scene is kept in this bag, so the selector cannot be started; give one (--scene)"
+        )
+    path = folder / SCENE
+    path.write_text(bag.scene_text, encoding="utf-8")
+    return path
+
+
+def _height_map(bag: Bag, selector: dict[str, Any], folder: Path) -> Path | None:
+    """Write the height map that the selector used; None where it used none."""
+    used = str(selector.get("map", ""))
+    if not used:
+        return None
+    name = Path(used).name
+    if name not in bag.files:
+        raise BagError(f"{bag.path}: the height map {name} of the run is not kept in this bag; give it (--map)")
+    (folder / name).write_bytes(bag.files[name])
+    return folder / name
+
+
+def _notes(bag: Bag) -> list[str]:
+    lines = [line for part in (IDENTIFIER, SELECTOR) for line in differences(part, parameters_kept(bag, part.name))]
+    recorded, installed = bag.run.get("commit", "unknown"), commit_of(Path(__file__))
+    if recorded.removesuffix("-dirty") != installed.removesuffix("-dirty"):
+        lines.append(f"recorded with version {recorded}, replayed with {installed}")
+    return lines + changes_while_running(bag)
+
+
+def parameters_kept(bag: Bag, node: str) -> dict[str, Any]:
+    """Return the parameters of `node` that the bag keeps; empty: none.
+
+    What the node itself reported to the recorder (`NODE.yaml`) takes precedence over the files it was started with.
+    """
+    found: dict[str, Any] = {}
+    own = f"{node}.yaml"
+    for name, data in sorted(bag.files.items(), key=lambda file: file[0] == own):
+        if name.endswith((".yaml", ".yml")) and name != SCENE:
+            found.update(parameters_in(_blocks(data), node))
+    return found
+
+
+def differences(part: Part, kept: Mapping[str, Any]) -> list[str]:
+    """Return, one parameter a line, where a replay cannot use what the bag keeps and what it uses instead."""
+    today = part.configured()
+    name = part.name
+    if not kept:
+        values = ", ".join(f"{key} {value}" for key, value in today.items())
+        return [f"{name}: the bag keeps none of its parameters, those of {part.config} are used: {values}"]
+    known = {*today, *OF_THE_RUN, *_LEFT_OPEN}
+    lines = [f"{name}: {key} is not in the bag, {value} is used" for key, value in today.items() if key not in kept]
+    unknown = {key: value for key, value in kept.items() if key not in known}
+    return lines + [f"{name}: {key} was {value} and does not exist any more" for key, value in unknown.items()]
+
+
+def changes_while_running(bag: Bag) -> list[str]:
+    """Return, one a line, which parameters were changed during the run: a replay keeps the values of its start."""
+    events = (event for topic in bag.topics_of("Event") for _, event in bag.messages(topic))
+    return [
+        f"{event.header.frame_id}: changed during the run, which is not replayed: {event.text}"
+        for event in events
+        if event.kind == "parameter"
+    ]
+
+
+def _blocks(data: bytes) -> dict[str, Any]:
+    """Return the blocks with `ros__parameters` of a parameter file; none where it is another file."""
+    try:
+        document = yaml.safe_load(data)
+    except yaml.YAMLError:
+        return {}
+    if not isinstance(document, dict):
+        return {}
+    blocks = {str(key): block for key, block in document.items() if isinstance(block, dict)}
+    return {key: block for key, block in blocks.items() if isinstance(block.get("ros__parameters"), dict)}

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One recording from its first message to its last: what is counted, what is written and when it is complete."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from atpid_control.bags import cdr
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.order import StampOrder
+from atpid_control.bags.qos import Qos
+from atpid_control.bags.run_info import RunInfo
+from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
+from atpid_control.bags.writer import CHUNK, BagWriter
+
+Offered = Callable[[str], tuple[Qos, ...]]
+
+#: Kinds of Event at the begin and the end of a run.
+_STARTED, _FINISHED = "started", "finished"
+#: Stamps of one instant may differ by rounding [ns].
+_SAME_INSTANT = 10_000
+#: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
+TIMEOUT = 2.0
+
+
+@dataclass
+class Continuity:
+    """The scans of one stream; each block has to begin at the sample index where the one before ended."""
+
+    next_index: int | None = None
+    scans: int = 0  # received
+    lost: int = 0  # missing between blocks
+    gaps: int = 0  # times that scans were missing
+    dropped: int = 0  # lost by the device's own count
+
+    def add(self, block: cdr.BlockShape) -> int:
+        """Take the next block; return how many scans are missing before it (0: none)."""
+        missing = 0 if self.next_index is None else max(0, block.first_index - self.next_index)
+        self.next_index = block.first_index + block.scans
+        self.scans += block.scans
+        self.lost += missing
+        self.gaps += missing > 0
+        self.dropped = block.dropped
+        return missing
+
+
+class Session:
+    """Takes serialised messages as they arrive and keeps the bag; pure, so that it can be tested without ROS."""
+
+    def __init__(
+        self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: Offered,
+        chunk: int = CHUNK, compression: str = "zstd",
+    ) -> None:  # fmt: skip
+        """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
+        self.topics = {topic.name: topic for topic in topics}
+        self.received = dict.fromkeys(self.topics, 0)
+        self.written = dict.fromkeys(self.topics, 0)
+        self.continuity = {topic.name: Continuity() for topic in topics if topic.type == BLOCK}
+        self._lockstep, self._offered = lockstep, offered
+        self._order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
+        self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
+        self._sources: set[str] = set()  # nodes that have published the event `started`
+        self._first_ns = 0
+        self._finished_ns: int | None = None
+        self._began = self._ended = self._progress = 0.0  # monotonic [s]
+        self.writer = BagWriter(folder, run, chunk=chunk, compression=compression)
+        self.recording = True
+
+    @property
+    def waiting(self) -> int:
+        """Number of messages that wait for their place in the order."""
+        return len(self._order)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """How far the run's data have come [ns]; None before the first."""
+        return max(self._reached.values(), default=None)
+
+    def receive(self, topic: str, data: bytes, now_ns: int) -> int:
+        """Take one message received at `now_ns`; return how many scans are missing before it. Raises BagError."""
+        self.received[topic] += 1
+        if not self.recording:
+            return 0
+        kind = self.topics[topic]
+        if not kind.has_header:
+            self._write(topic, data, now_ns, now_ns)
+            return 0
+        head = cdr.header(data)
+        if kind.has_handshake and cdr.is_handshake(data):
+            return 0
+        missing = self._follow(kind, head, data)
+        if not self._lockstep:
+            self._write(topic, data, now_ns, head.stamp_ns)
+        else:
+            self._order.add(topic, head.stamp_ns, head.frame_id, data)
+            for held in self._order.ready():
+                self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
+        return missing
+
+    def _follow(self, topic: Topic, head: cdr.Header, data: bytes) -> int:
+        """Follow the progress of the run; return how many scans are missing."""
+        missing, reached, now = 0, head.stamp_ns, time.monotonic()
+        if topic.type == BLOCK:
+            shape = cdr.block_shape(data)
+            missing = self.continuity[topic.name].add(shape)
+            reached = _end_of(shape, head.stamp_ns)
+        elif topic.type == TRUTH:
+            reached = _end_of(cdr.truth_shape(data), head.stamp_ns)
+        elif topic.type == EVENT:
+            self._follow_event(cdr.event_kind(data), head, now)
+        if topic.in_loop:
+            if not self._began:
+                self._began, self._first_ns = now, head.stamp_ns
+            self._progress = now if topic.name in self.missing_topics() else self._progress
+            self._reached[topic.name] = max(reached, self._reached.get(topic.name, reached))
+        return missing
+
+    def _follow_event(self, kind: str, head: cdr.Header, now: float) -> None:
+        """Take the begin and the end of the run; the end only from a source, where one has announced its begin."""
+        if kind == _STARTED:
+            self._sources.add(head.frame_id)
+        elif kind == _FINISHED and (not self._sources or head.frame_id in self._sources):
+            self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
+
+    def missing_topics(self) -> list[str]:
+        """Return the topics that have not reached the end of a finished run; none before."""
+        if self._finished_ns is None:
+            return []
+        return [name for name, reached in self._reached.items() if reached < self._finished_ns - _SAME_INSTANT]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run has finished and every topic that took part has reached its end, or is silent."""
+        if self._finished_ns is None or not self.recording:
+            return False
+        return not self.missing_topics() or time.monotonic() - self._progress > TIMEOUT
+
+    def result(self) -> dict[str, str]:
+        """Return the results, as the bag stores them: durations [s], real-time factor, scans lost."""
+        if not self._began:
+            return {"finished": "no"}
+        ended = self._ended or time.monotonic()
+        last = max((*self._reached.values(), self._finished_ns or self._first_ns))
+        wall, seconds = max(ended - self._began, 1e-9), (last - self._first_ns) * 1e-9
+        lost = {f"lost_scans {name}": str(flow.lost) for name, flow in self.continuity.items() if flow.scans}
+        return {
+            "finished": "no" if self._finished_ns is None else "yes",
+            "wall_s": f"{wall:.3f}",
+            "data_s": f"{seconds:.3f}",
+            "real_time_factor": f"{seconds / wall:.3f}",
+            **lost,
+        }
+
+    def sync(self) -> None:
+        """Make sure that a power cut from now on loses only what comes later. Raises BagError."""
+        if self.recording:
+            self._guarded(self.writer.sync)
+
+    def keep(self, name: str, data: bytes) -> None:
+        """Keep a file in the bag, verbatim. Raises BagError."""
+        if self.recording:
+            self._guarded(lambda: self.writer.attach(name, data))
+
+    def close(self) -> None:
+        """Write what still waits, the result and the index; twice does nothing. Raises BagError."""
+        if not self.recording:
+            return
+        for held in self._order.rest():
+            self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
+        self.recording = False
+        self.writer.close(self.result())
+
+    def _write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
+        if topic not in self.writer.channels:
+            self._guarded(lambda: self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic)))
+        self._guarded(lambda: self.writer.write(topic, data, log_ns, publish_ns))
+        self.written[topic] += 1
+
+    def _guarded(self, act: Callable[[], None]) -> None:
+        """Call `act`; an error of the disk ends the recording."""
+        try:
+            act()
+        except BagError:
+            self.recording = False
+            raise
+
+
+def _end_of(shape: cdr.BlockShape, stamp_ns: int) -> int:
+    """Return the instant after the last scan of a block [ns]; its stamp where it has no rate."""
+    if not shape.rate > 0.0:
+        return stamp_ns
+    return stamp_ns + round(shape.scans / shape.rate * 1e9)

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the graph: in lockstep, all nodes in this process, or in real time, each node a process as on the stand.
+
+Only nodes/ imports rclpy; it is imported when a run begins, so that this module is read and tested without it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from atpid_common.waiting import to_stderr
+from atpid_control.graph.errors import BenchError, PlantFailedError
+from atpid_control.graph.parts import PARTS, Parameters
+from atpid_control.graph.processes import Processes
+
+#: Five interpreters load their libraries, and after an update compile their kernels, before the first handshake [s].
+_START_TIMEOUT = 180.0
+#: Data may stop for so long before the run is ended [s].
+_LOOP_TIMEOUT = 20.0
+_FAILED = 3
+
+
+def run_lockstep(parameters: Parameters, progress: Callable[[float], None]) -> None:
+    """Run the graph until the plant has finished; `progress` is called with the simulated time [s].
+
+    The next block follows as soon as the loop has answered the last. Raises PlantFailedError where the plant fails,
+    BenchError where the loop stops.
+    """
+    from atpid_control.nodes import composition
+
+    composition.run_lockstep([(part.package, part.name) for part in PARTS], parameters, progress)
+
+
+def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
+    """Return (name, command) of every node of the simulated stand, in the order of stopping."""
+    return [(part.name, [str(part.executable), "--ros-args", "--params-file", str(parameter_file)]) for part in PARTS]
+
+
+def run_realtime(
+    commands: Sequence[tuple[str, list[str]]],
+    logs: Path,
+    progress: Callable[[float], None],
+    *,
+    source: str = "plant_node",
+    namespace: str = "",
+) -> None:
+    """Run the graph until the node `source` has ended; `progress` is called with the data time [s].
+
+    What the nodes wait for, or compile, before the first estimate goes to standard error. Raises NodeDiedError, at
+    once and with its reason, where a node ends early; PlantFailedError where the plant fails, BenchError where data
+    stop. KeyboardInterrupt passes through after all nodes have been stopped and the bag is closed.
+    """
+    from atpid_control.nodes.bench_watch import watching
+
+    with Processes(commands, logs) as nodes, watching(to_stderr, namespace) as (watch, listen):
+        last = nodes[source]
+        elapsed, since = 0.0, time.monotonic()
+        while last.status is None:
+            listen()
+            nodes.check(except_for=source)
+            if watch.elapsed != elapsed:
+                elapsed, since = watch.elapsed, time.monotonic()
+                progress(elapsed)
+            elif time.monotonic() - since > (_LOOP_TIMEOUT if elapsed else _START_TIMEOUT):
+                raise BenchError(
+                    f"no estimate for {time.monotonic() - since:.0f} s, at {elapsed:.1f} s of the run: see {logs}"
+                )
+        if last.status == _FAILED:
+            raise PlantFailedError(watch.failure or last.reason())
+        if last.status != 0:
+            nodes.check(except_for="")

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`calibrate-beam`: a recording in, the scene's `beam:` block out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from atpid_common import output
+from atpid_control.beam_calibration.errors import CalibrationError
+from atpid_control.beam_calibration.fit import BeamFit, fit_beam
+from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
+from atpid_control.beam_calibration.recording import read_recording
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("recording", type=Path, help="a decay or sweep with the damper closed or empty: bag or .csv (time, channels)")
+    add("--moving-mass", type=float, metavar="KG", help="the moving mass: reduced beam mass, container, grain [kg]")
+    add("--moving-mass-std", type=float, default=0.0, metavar="KG", help="its standard deviation [kg]")
+    add(
+        "--grain-mass",
+        type=float,
+        default=0.0,
+        metavar="KG",
+        help="the grain's part of it; a scene's beam is without [kg]",
+    )
+    add("--added-mass", type=float, metavar="KG", help="mass added to the beam for the second recording [kg]")
+    add("--with-added", type=Path, metavar="RECORDING", help="the second recording")
+    add("--from", dest="begin", type=float, default=0.0, metavar="S", help="begin of the part used [s]")
+    add("--to", dest="end", type=float, default=math.inf, metavar="S", help="its end [s]")
+    add("--support-channel", default="support_displacement", help="name of the support's channel")
+    add("--beam-channel", default="beam_displacement", help="name of the beam's channel")
+    add("--out", type=Path, metavar="FILE", help="write the beam: block here")
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate and print; raise CalibrationError for bad input."""
+    _check(args)
+    if args.out is not None:
+        output.file(args.out)
+    fit = _fitted(args.recording, args)
+    parameters = _parameters(fit, args)
+    if parameters is None and args.out is not None:
+        raise CalibrationError(
+            "--out: a beam: block needs a mass, and a recording determines k/m and c/m only; give --moving-mass, or "
+            "--added-mass with --with-added"
+        )
+    if args.out is not None and parameters is not None:
+        with output.writing(args.out):
+            args.out.write_text(parameters.to_yaml(), encoding="utf-8")
+    print(json.dumps(_plain(fit, parameters)) if args.json else _text(fit, parameters))
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    if (args.added_mass is None) != (args.with_added is None):
+        raise CalibrationError("--added-mass and --with-added: given one; allowed: both or none")
+    if args.added_mass is not None and args.moving_mass is not None:
+        raise CalibrationError("--moving-mass and --added-mass: given both; allowed: one of them")
+
+
+def _fitted(path: Path, args: argparse.Namespace) -> BeamFit:
+    recording = read_recording(path, args.support_channel, args.beam_channel).between(args.begin, args.end)
+    return fit_beam(recording.beam, recording.support, recording.rate)
+
+
+def _parameters(fit: BeamFit, args: argparse.Namespace) -> BeamParameters | None:
+    if args.with_added is not None:
+        return from_added_mass(fit, _fitted(args.with_added, args), args.added_mass, args.grain_mass)
+    if args.moving_mass is not None:
+        return from_known_mass(fit, args.moving_mass, args.moving_mass_std, args.grain_mass)
+    return None
+
+
+def _plain(fit: BeamFit, parameters: BeamParameters | None) -> dict[str, Any]:
+    stiffness_std, damping_std = (math.sqrt(fit.covariance[i, i]) for i in (0, 1))
+    return {
+        "stiffness_over_mass": fit.stiffness, "stiffness_over_mass_std": stiffness_std,
+        "damping_over_mass": fit.damping, "damping_over_mass_std": damping_std,
+        "frequency": fit.frequency, "damping_ratio": fit.damping_ratio,
+        "residual": fit.residual, "samples": fit.samples, "driven": fit.driven,
+        "beam": None if parameters is None else asdict(parameters),
+    }  # fmt: skip
+
+
+def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:
+    found = _plain(fit, None)
+    lines = [
+        f"# {'driven' if fit.driven else 'free'} motion, {fit.samples} samples, residual {fit.residual:.3g} m",
+        f"# k/m = {fit.stiffness:.7g} +- {found['stiffness_over_mass_std']:.2g} 1/s^2, "
+        f"c/m = {fit.damping:.5g} +- {found['damping_over_mass_std']:.2g} 1/s",
+        f"# natural frequency {fit.frequency:.5f} Hz, damping ratio {fit.damping_ratio:.5f}",
+    ]
+    if parameters is None:
+        lines.append(
+            "# stiffness, damping and mass cannot be separated without a known mass: --moving-mass or --added-mass"
+        )
+        return "\n".join(lines)
+    return "\n".join(lines) + "\n" + parameters.to_yaml().rstrip()

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control figures NAME`."""
+
+from __future__ import annotations
+
+import argparse
+
+from atpid_control.studies import figures_identification, figures_selection
+
+#: Each has `add_arguments(parser)` and `run(arguments) -> status`.
+FIGURES = {"identification": figures_identification, "selection": figures_selection}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare one sub-command for each module."""
+    chosen = parser.add_subparsers(metavar="NAME", required=True)
+    for name, module in FIGURES.items():
+        figure = chosen.add_parser(name, help=(module.__doc__ or name).strip().splitlines()[0])
+        module.add_arguments(figure)
+        figure.set_defaults(figure=module.run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the figures; return the exit status."""
+    return int(args.figure(args))

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control seeds SCENE.yaml ...`: scenes through the loop with many noises, one row a stage."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from atpid_control.graph.errors import BenchError
+from atpid_control.studies.seeds import SeedRun, configured, run_all
+from atpid_sim.display import counting
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE", help="scenes whose ceiling a controller moves")
+    parser.add_argument("--seeds", type=int, default=50, help="runs of each scene, each with a noise of its own")
+    parser.add_argument(
+        "--decibels", type=float, help="signal to noise at the smallest amplitude [dB]; default: the scene's noise"
+    )
+    parser.add_argument(
+        "--margin", type=float, help="standard deviations the height is safe for; default: selector.yaml"
+    )
+    parser.add_argument("--json", action="store_true", help="print every run as JSON instead of the table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run all scenes with all seeds; print one row a stage."""
+    if args.seeds < 1:
+        raise BenchError(f"--seeds: given {args.seeds}; allowed: at least 1")
+    parameters = configured()
+    if args.margin is not None:
+        parameters["selector_node"]["margin"] = args.margin
+    done = []
+    with counting("runs", len(args.scenes) * args.seeds) as count:
+        for one in run_all(args.scenes, range(1, args.seeds + 1), parameters, args.decibels):
+            done.append(one)
+            count(len(done))
+    if args.json:
+        print(json.dumps([asdict(one) for one in done]))
+    else:
+        Console(width=110, highlight=False).print(table(done))
+    return 0
+
+
+def table(done: list[SeedRun]) -> Table:
+    """Return one row a stage: the worst and the mean of all seeds."""
+    result = Table(box=SIMPLE_HEAD, pad_edge=False, title="over all seeds", title_justify="left")
+    result.add_column("scene")
+    for name in (
+        "A [m]",
+        "seeds",
+        "height [m]",
+        "efficiency [%]\nmean",
+        "\nworst",
+        "longest\nrumble [s]",
+        "step\nbacks",
+        "drifts",
+    ):
+        result.add_column(name, justify="right", no_wrap=True)
+    for scene in dict.fromkeys(one.scene for one in done):
+        runs = [one for one in done if one.scene == scene]
+        counts = str(sum(one.step_backs for one in runs)), str(sum(one.drifts for one in runs))
+        for row, stages in enumerate(zip(*(one.stages for one in runs), strict=True)):
+            heights, gains = [s.height for s in stages], [100.0 * s.efficiency for s in stages]
+            result.add_row(
+                scene if row == 0 else "", f"{stages[0].excitation_amplitude:g}", str(len(stages)),
+                f"{min(heights):.4f}-{max(heights):.4f}", f"{np.mean(gains):.2f}", f"{min(gains):.2f}",
+                f"{max(s.rumble for s in stages):.2f}", *(counts if row == 0 else ("", "")),
+            )  # fmt: skip
+    return result

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control select`: the ceiling height for a scene's excitation, by one of the methods."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_control.selection.registry import make_selector, methods
+from atpid_sim.excitation import amplitude_at
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
+
+#: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
+#: is taken.
+_AT_THE_END = 0.02
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("scene", metavar="SCENE.yaml", help="the system and its excitation")
+    choices = [name for name in methods() if name != "fixed"]
+    parser.add_argument("--method", required=True, choices=choices, help="how the height is selected")
+    parser.add_argument("--map", type=Path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
+    parser.add_argument("--amplitude-std", type=float, default=0.0, metavar="S", help="of the amplitude [m]; default 0")
+    parser.add_argument(
+        "--margin", type=float, default=0.0, metavar="K", help="standard deviations to be safe for; default 0"
+    )
+    parser.add_argument(
+        "--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Select and print; return 0. Raises SceneError, MapError, SelectionError, NumericalFailure."""
+    scene = load_scene(args.scene)
+    amplitude = steady_amplitude(scene)
+    selector = _selector(args, scene)
+    try:
+        chosen = selector.select(amplitude, args.amplitude_std, margin=args.margin)
+    except SelectionError as error:
+        # in the loop a simulation that fails is one more reason to stay; for a user it is a failure of its own kind
+        if isinstance(error.__cause__, NumericalFailure):
+            raise NumericalFailure(f"{error.__cause__}{scene.hint()}") from None
+        raise
+    warnings = [*scene.warnings(), *range_warnings(scene, chosen)]
+    if args.json:
+        shown = to_json(chosen) | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
+        print(json.dumps(shown, allow_nan=False))
+    else:
+        _show(args.scene, scene, amplitude, chosen, warnings)
+    return 0
+
+
+def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
+    """Return what the range of a controlled ceiling does to a selected height: a line, or nothing."""
+    if not isinstance(scene.ceiling, ControlledCeiling):
+        return []
+    low, high = scene.ceiling.range
+    nearest = min(max(chosen.height, low), high)
+    if nearest != chosen.height:
+        return [
+            f"height: {chosen.height:.4f} m is beyond ceiling.range ({low:g} to {high:g} m); the loop would send the "
+            f"ceiling to {nearest:g} m"
+        ]
+    stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
+    if chosen.method == "direct" and stopped:
+        return [
+            f"height: {chosen.height:.4f} m lies at the end of ceiling.range ({low:g} to {high:g} m), in which "
+            "`direct` selects; a greater height may do better"
+        ]
+    return []
+
+
+def steady_amplitude(scene: Scene) -> float:
+    """Return the support's amplitude in the middle of the steady window [m]; SelectionError where there is none."""
+    if not isinstance(scene.excitation, HarmonicExcitation):
+        raise SelectionError(
+            f"excitation: given a {scene.excitation.kind} one; a height is selected for a tone {{amplitude, frequency}}"
+        )
+    begin, end = scene.steady_window
+    return amplitude_at(scene, 0.5 * (begin + end))
+
+
+def to_json(chosen: Selection) -> dict[str, Any]:
+    """Return a selection's fields by the names of `--json`; NaN as None."""
+    plain = asdict(chosen)
+    plain["amplitude"] = plain.pop("beam_amplitude")
+    plain["stages"] = [_without_nan(stage) for stage in plain["stages"]]
+    return _without_nan(plain)
+
+
+def _selector(args: argparse.Namespace, scene: Scene) -> Any:
+    if args.without_gravity:
+        if args.method != "pca":
+            raise SelectionError(f"--without-gravity: given with method {args.method}; allowed with pca")
+        from atpid_control.selection.pca import PcaSelector
+
+        return PcaSelector(scene, gravity=False)
+    return make_selector(args.method, scene, _map(args, scene))
+
+
+def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
+    if args.map is not None:
+        return Path(args.map)
+    if args.method != "lookup":
+        return None
+    from atpid_control.selection.map_cache import map_for
+
+    closed = 2.0 * scene.grain.radius
+    given = getattr(scene.ceiling, "map", None)
+    looked_up = {"closed": closed, "range": [closed, 1e3], "speed": 1.0, "controller": "lookup"}
+    if given is not None:
+        looked_up["map"] = str(given)
+    return map_for(scene.with_(ceiling=looked_up))
+
+
+def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
+
+
+def _show(name: str, scene: Scene, amplitude: float, chosen: Selection, warnings: list[str]) -> None:
+    table = Table(title=f"{name}: {chosen.method} at {amplitude:g} m", show_header=False)
+    table.add_row("height", f"{chosen.height:.4f} m")
+    table.add_row("beam amplitude there", f"{chosen.beam_amplitude:.4f} m")
+    table.add_row("efficiency", f"{100 * chosen.efficiency:.1f} %")
+    table.add_row("price of the margin", f"{100 * chosen.price:.2f} %" if math.isfinite(chosen.price) else "unknown")
+    table.add_row("resonance, damper closed", f"{scene.natural_frequency_hz:.4f} Hz")
+    table.add_row("simulations", str(chosen.evaluations))
+    table.add_row("time", f"{1e3 * chosen.wall_s:.1f} ms")
+    console = Console()
+    console.print(table)
+    if chosen.stages:
+        console.print(_stages(chosen))
+    for line in warnings:
+        console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _stages(chosen: Selection) -> Table:
+    table = Table("stage", "height [m]", "beam amplitude [m]", "")
+    for stage in chosen.stages:
+        table.add_row(stage.name, _number(stage.height), _number(stage.amplitude), stage.note)
+    return table
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.4f}"

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control stand SCENE`: what stand.launch.py does, without `ros2`."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NoReturn
+
+import yaml
+
+from atpid_common.errors import DONE
+from atpid_control.bags import check_new
+from atpid_control.graph.parts import PARTS, Part
+from atpid_control.graph.processes import Processes, stoppable
+from atpid_sim.scene import load_scene
+
+TURN = 0.1  # between two checks whether all nodes run [s]
+_USUAL = {part.name: part for part in PARTS}
+_LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
+_NI = Part("atpid_driver", "ni_node", "ni.yaml")
+_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments, those of stand.launch.py."""
+    parser.add_argument("scene", type=Path, help="scene file: beam, grain and ceiling (docs/scenes.md)")
+    parser.add_argument("--map", type=Path, help="height map; not given: the one the scene names")
+    parser.add_argument("--bag", type=Path, help="folder of the bag to make; not given: run-<id> in this folder")
+    parser.add_argument("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
+    for name, file in (("labjack", _LABJACK), ("ni", _NI), ("motor", _MOTOR)):
+        text = f"parameter file of {file.name}; not given: {file.config} of the package"
+        parser.add_argument(f"--{name}-config", type=Path, metavar="FILE", help=text)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the stand until Ctrl-C; return 0. A node that ends by itself is an error.
+
+    Raises NodeDiedError, SceneError and BagError.
+    """
+    load_scene(args.scene)
+    if args.bag is not None:
+        check_new(args.bag)
+    with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder, suppress(KeyboardInterrupt), stoppable():
+        _watch(commands_of(args, Path(folder)))
+    return DONE
+
+
+def _watch(commands: list[tuple[str, list[str]]]) -> NoReturn:
+    with Processes(commands, None) as nodes:
+        while True:
+            nodes.check(except_for="")
+            time.sleep(TURN)
+
+
+def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[str]]]:
+    """Return (name, command) of each node, in the order of stopping: the motor first, the recorder last."""
+    scene = {"scene": str(args.scene.absolute())}
+    nodes: list[tuple[Part, Path | None, dict[str, Any]]] = [
+        (_MOTOR, args.motor_config, {}),
+        (_LABJACK, args.labjack_config, {}),
+        *([(_NI, args.ni_config, {})] if args.ni else []),
+        (_USUAL["identifier_node"], None, {}),
+        (_USUAL["selector_node"], None, scene | {"map": str(args.map.absolute()) if args.map else ""}),
+        (_USUAL["recorder_node"], None, scene | {"bag": str(args.bag.absolute()) if args.bag else ""}),
+    ]
+    return [(part.name, _command(part, file, own, folder)) for part, file, own in nodes]
+
+
+def _command(part: Part, file: Path | None, own: dict[str, Any], folder: Path) -> list[str]:
+    """Return the command of one node: the parameter file given or the package's, and the node's `own` parameters."""
+    path = folder / f"{part.name}.yaml"
+    path.write_text(yaml.safe_dump({f"/**/{part.name}": {"ros__parameters": own}}) if own else "", encoding="utf-8")
+    files = [file or part.config_file, *([path] if own else [])]
+    return [str(part.executable), "--ros-args", *(word for name in files for word in ("--params-file", str(name)))]

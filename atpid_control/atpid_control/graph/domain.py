@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS domain of the bench's own, so that two benches, or a bench and a stand, exchange no messages."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from collections.abc import Iterator, Mapping, MutableMapping
+from contextlib import contextmanager, suppress
+from itertools import count
+
+from atpid_control.graph.errors import BenchError
+
+#: Domains whose ports lie below Linux's ephemeral range, without 0, the default.
+LOWEST, HIGHEST = 1, 101
+#: Highest domain whose ports exist.
+MOST = 232
+# DDS: port of the domain's multicast and of its first participant (RTPS 2.5, section 9.6.2.3)
+_BASE, _GAIN, _FIRST_UNICAST = 7400, 250, 10
+_turn = count()
+
+
+def named_domain(environment: Mapping[str, str] = os.environ) -> int | None:
+    """Return the domain the user has named in ROS_DOMAIN_ID; None where it is not set. Raises BenchError."""
+    text = environment.get("ROS_DOMAIN_ID", "").strip()
+    if not text:
+        return None
+    if not text.isdecimal() or int(text) > MOST:
+        raise BenchError(f"ROS_DOMAIN_ID: given {text!r}; allowed: 0 to {MOST}, or not set: a free one is then chosen")
+    return int(text)
+
+
+@contextmanager
+def own_domain(requested: int | None = None, environment: MutableMapping[str, str] = os.environ) -> Iterator[int]:
+    """Claim a free domain, or the `requested` one, and set it in `environment`, with discovery on this machine only.
+
+    The range chosen by the user (ROS_AUTOMATIC_DISCOVERY_RANGE) stays. Raises BenchError where none is free.
+    """
+    domain, holder = _claim(requested)
+    before = {key: environment.get(key) for key in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")}
+    environment["ROS_DOMAIN_ID"] = str(domain)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    try:
+        yield domain
+    finally:
+        holder.close()
+        for key, value in before.items():
+            if value is None:
+                environment.pop(key, None)
+            else:
+                environment[key] = value
+
+
+def _claim(requested: int | None) -> tuple[int, socket.socket]:
+    if requested is not None and not 0 <= requested <= MOST:
+        raise BenchError(f"--domain: given {requested}; allowed: 0 to {MOST}")
+    # starting from the process id, benches started together try different domains first; and no process takes a
+    # domain twice in a row, for discovery may list nodes of the run before for some seconds
+    span = HIGHEST - LOWEST + 1
+    start = os.getpid() + next(_turn)
+    candidates = [requested] if requested is not None else [LOWEST + (start + k) % span for k in range(span)]
+    for domain in candidates:
+        holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        with suppress(OSError):
+            # held for the whole run: another bench may look between this check of the ports and the first node
+            holder.bind(f"\0atpid/bench/domain/{domain}")
+            if requested is not None or is_quiet(domain):
+                return domain, holder
+        holder.close()
+    if requested is not None:
+        raise BenchError(f"ROS domain {requested}: another bench is running there; name another one with --domain")
+    raise BenchError(
+        f"no free ROS domain between {LOWEST} and {HIGHEST}: stop other ROS programs, or name one with --domain"
+    )
+
+
+def is_quiet(domain: int) -> bool:
+    """Whether no DDS participant on this machine has opened the domain's ports."""
+    base = _BASE + _GAIN * domain
+    for port in (base, base + _FIRST_UNICAST):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", port))
+            except OSError as error:
+                if error.errno == errno.EADDRINUSE:
+                    return False
+                raise
+    return True

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which nodes the bench consists of, and the parameters each starts with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
+
+from atpid_control.graph.errors import BenchError
+from atpid_sim.scene import ControlledCeiling, Scene
+
+Parameters = dict[str, dict[str, Any]]
+
+#: Speed of a ceiling for which no speed is given: the standard bench's [m/s].
+_USUAL_SPEED = 0.3
+
+
+@dataclass(frozen=True)
+class Part:
+    """One node of the graph: an executable of a package, and the package's parameter file for it."""
+
+    package: str
+    name: str
+    config: str
+
+    @property
+    def executable(self) -> Path:
+        """What `ros2 run` starts; raises BenchError where the workspace is not built."""
+        path = Path(_found(get_package_prefix, self.package)) / "lib" / self.package / self.name
+        if not path.exists():
+            raise BenchError(f"{path} is missing: build the workspace with `make setup`")
+        return path
+
+    @property
+    def config_file(self) -> Path:
+        """The package's parameter file; raises BenchError where the workspace is not built."""
+        return Path(_found(get_package_share_directory, self.package)) / "config" / self.config
+
+    def configured(self) -> dict[str, Any]:
+        """Return the parameters of the package's parameter file; raises BenchError where there is none."""
+        path = self.config_file
+        try:
+            document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise BenchError(f"{path}: {error.strerror}: build the workspace with `make setup`") from None
+        return parameters_in(document, self.name)
+
+
+PARTS = (
+    Part("atpid_sim", "plant_node", "plant.yaml"),
+    Part("atpid_control", "identifier_node", "identifier.yaml"),
+    Part("atpid_control", "selector_node", "selector.yaml"),
+    Part("atpid_driver", "motor_node", "motor.yaml"),
+    Part("atpid_control", "recorder_node", "recorder.yaml"),
+)
+
+
+def parameters_in(document: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the parameters of node `name` in a ROS parameter file already read."""
+    found: dict[str, Any] = {}
+    for key, block in document.items():
+        if key.rsplit("/", 1)[-1] in (name, "**"):
+            found.update(block["ros__parameters"])
+    return found
+
+
+def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, *, lockstep: bool) -> Parameters:
+    """Return each node's parameters: those of its file, with the values of this scene and this run."""
+    parameters = {part.name: part.configured() for part in PARTS}
+    parameters["plant_node"] |= {"scene": str(scene_file), "lockstep": lockstep, "expect_recorder": True}
+    parameters["identifier_node"] |= {"lockstep": lockstep}
+    parameters["selector_node"] |= {"scene": str(scene_file), "map": str(height_map or ""), "lockstep": lockstep}
+    motor = {"backend": "simulated", "lockstep": lockstep}
+    # the ceiling stands where the plant's does, also for a motor node that is started again in mid-run
+    parameters["motor_node"] |= motor | ceiling_parameters(scene) | {"initial_height": math.nan}
+    parameters["recorder_node"] |= {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
+    return parameters
+
+
+def ceiling_parameters(scene: Scene) -> dict[str, float]:
+    """Return limits, speed and initial height of the simulated ceiling [m, m/s]."""
+    heights = scene.ceiling.heights
+    if isinstance(scene.ceiling, ControlledCeiling):
+        low, high = scene.ceiling.range
+        speed = scene.ceiling.speed
+    else:
+        low, high = 2.0 * scene.grain.radius, max(height for _, height in heights)
+        steps = pairwise(heights)
+        speed = max((abs(h1 - h0) / (t1 - t0) for (t0, h0), (t1, h1) in steps), default=0.0) or _USUAL_SPEED
+    # a range of no width would exclude its own end
+    high = math.nextafter(high, math.inf) if high <= low else high
+    return {"lowest": low, "highest": high, "speed": speed, "initial_height": heights[0][1]}
+
+
+def write_parameters(parameters: Parameters, path: Path) -> None:
+    """Write the parameter file of the run: read by the nodes, and the record of how they were started."""
+    document = {f"/{name}": {"ros__parameters": values} for name, values in parameters.items()}
+    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+
+
+def _found(where: Any, package: str) -> str:
+    try:
+        return str(where(package))
+    except (PackageNotFoundError, OSError):
+        raise BenchError(f"package {package} is not on the path: `make setup`, then `. ros2_ws/activate`") from None

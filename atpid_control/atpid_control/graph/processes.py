@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes: started together, watched, and stopped one after the other so that the bag is complete."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType, TracebackType
+
+from atpid_common.interrupt import ENDING_SIGNALS
+from atpid_control.graph.errors import BenchError, NodeDiedError
+
+#: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].
+_TIMEOUT = 10.0
+_LAST_LINES = 3
+_ERROR = "error: "  # begins the line with which a node refuses its input
+#: What starts a process: it is sent SIGTERM if the bench is killed, so that no node keeps running.
+_START = ("setpriv", "--pdeathsig", "TERM")
+#: And a node: these signals are blocked until it handles them, so that none is lost or a traceback while Python starts.
+START_NODE = ("env", "--block-signal=INT", "--block-signal=TERM", "--block-signal=HUP", *_START)
+
+
+class NodeProcess:
+    """One node's process; its output is written to its log file, or to the terminal where there is none."""
+
+    def __init__(self, name: str, command: Sequence[str], log: Path | None) -> None:
+        """Start it, in a session of its own: Ctrl-C at the terminal reaches the bench, which stops them in order."""
+        self.name, self.log = name, log
+        environment = os.environ | {"PYTHONUNBUFFERED": "1", "RCUTILS_COLORIZED_OUTPUT": "0"}
+        if not Path(command[0]).exists() and shutil.which(command[0]) is None:
+            raise BenchError(f"{name}: {command[0]} cannot be started: no such file; `make setup`")
+        with ExitStack() as stack:
+            sink = stack.enter_context(log.open("wb")) if log else None
+            try:
+                self._process = subprocess.Popen(
+                    [*(START_NODE if name.endswith("_node") else _START), *command],
+                    stdin=subprocess.DEVNULL,
+                    stdout=sink,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
+                    start_new_session=True,
+                )
+            except OSError as error:
+                raise BenchError(f"{name}: {command[0]} cannot be started: {error.strerror}; `make setup`") from None
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """Exit status; None while it runs."""
+        return self._process.poll()
+
+    def wait(self) -> int:
+        """Wait until it has ended; return its exit status."""
+        return self._process.wait()
+
+    def reason(self) -> str:
+        """Return why it ended: the error in its log or, where there is none, its last lines as one."""
+        if self.log is None:
+            return "see its output above"
+        lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
+        errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
+        return errors[-1] if errors else " / ".join(lines[-_LAST_LINES:]) or "its log is empty"
+
+    def stop(self) -> None:
+        """Stop it: by SIGINT, then SIGTERM, then SIGKILL."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            if self.status is not None:
+                return
+            self._process.send_signal(number)
+            try:
+                self._process.wait(_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                continue
+
+
+class Processes:
+    """All nodes of a run, as a context: leaving it ends all processes."""
+
+    def __init__(self, commands: Iterable[tuple[str, Sequence[str]]], logs: Path | None) -> None:
+        """Take (name, command) in the order of stopping: sources first, the recorder last.
+
+        logs: folder of the log files; None: what the nodes print goes to the terminal.
+        """
+        self._commands, self._logs = list(commands), logs
+        self.nodes: list[NodeProcess] = []
+
+    def __enter__(self) -> Processes:
+        """Start all of them."""
+        try:
+            for name, command in self._commands:
+                log = self._logs / f"{name}.log" if self._logs else None
+                self.nodes.append(NodeProcess(name, command, log))
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop them."""
+        self.stop()
+
+    def stop(self) -> None:
+        """Stop one after the other; a second Ctrl-C must not leave half of them running."""
+        before = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS}
+        try:
+            for node in self.nodes:
+                node.stop()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def check(self, except_for: str) -> None:
+        """Raise NodeDiedError, with its name and the reason, if any node but `except_for` has ended."""
+        for node in self.nodes:
+            if node.status is not None and node.name != except_for:
+                where = f" (whole log: {node.log})" if node.log else ""
+                raise NodeDiedError(f"{node.name} ended with status {node.status}: {node.reason()}{where}")
+
+    def __getitem__(self, name: str) -> NodeProcess:
+        """Return the node called `name`."""
+        return next(node for node in self.nodes if node.name == name)
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Raise KeyboardInterrupt at SIGINT, SIGTERM and SIGHUP, in a shell's background jobs too, for an orderly end."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in ENDING_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

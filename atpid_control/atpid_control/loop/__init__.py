@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The control loop without ROS: when to select a height, the command for each estimate, and monitoring of the beam."""

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From each estimate to one command: hold, selection, the ceiling's range, refusals reported once, the step back."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+
+from atpid_control.identification import Estimate, Quality
+from atpid_control.loop.computation import InlineExecutor
+from atpid_control.loop.hold import OFF_RESONANCE, Hold, Verdict
+from atpid_control.loop.protocol import ALARM, Answer, Command, ControlSettings
+from atpid_control.loop.step_back import StepBackMonitor
+from atpid_control.loop.twin import ModelCheck, Twin
+from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+
+#: A ceiling this close to where it was sent is there [m].
+_ARRIVED = 2e-3
+
+
+@dataclass(frozen=True)
+class _Computation:
+    """A selection in progress."""
+
+    verdict: Verdict
+    margin: float  # [-]
+    result: Future[Selection]
+
+
+class SelectingController:
+    """Selects a height by the verdict of the hold; otherwise repeats the last command, as a heartbeat.
+
+    While a height is being computed the last command is repeated too. A result that comes when the excitation has
+    changed is dropped, and the height selected anew.
+    """
+
+    def __init__(
+        self,
+        settings: ControlSettings,
+        selector: HeightSelector,
+        limits: tuple[float, float],
+        twin: Twin | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        """Take the method, and the lowest and highest height [m].
+
+        twin: predicts the beam's amplitude, to be compared with the measured one; None: it is not compared.
+        executor: where heights and twin are computed, one call at a time; None: inline.
+        """
+        executor = executor or InlineExecutor()
+        # a height that is only looked up comes with the answer, in real time as in lockstep
+        self._executor = executor if selector.simulates else InlineExecutor()
+        self._hold, self._selector, self._limits = Hold(settings.hold), selector, limits
+        self._step_back = StepBackMonitor(settings.step_back, limits[0])
+        self._model_check = ModelCheck(twin, settings.drift.alarm(), executor) if twin is not None else None
+        self._settings = settings
+        self._computation: _Computation | None = None
+        self._expected = math.nan  # amplitude of the beam at the height selected [m]
+        self._command = Command(method=selector.method)
+        self._refusal = ""
+
+    def configure(self, settings: ControlSettings) -> None:
+        """See `Controller.configure`."""
+        before, self._settings = self._settings, settings
+        another_margin = settings.margin != before.margin
+        if another_margin or settings.hold != before.hold:
+            self._hold.configure(settings.hold, select_anew=another_margin and self._command.sequence > 0)
+        self._step_back.configure(settings.step_back)
+        if self._model_check is not None and settings.drift != before.drift:
+            self._model_check.alarm = settings.drift.alarm()
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """See `Controller.answer`."""
+        verdict = self._hold.judge(estimate)
+        standing = abs(height - self._command.height) <= _ARRIVED
+        step = self._step_back.watch(estimate.beam_amplitude, self._expected, standing)
+        computed = self._computed(verdict, estimate, height)
+        if computed is not None:
+            return self._selected(computed, estimate)
+        if step:
+            return self._stepped_back()
+        if verdict.refused:
+            self._command = replace(self._command, reason=verdict.reason)
+            return self._refuse(verdict.reason, verdict.reason, estimate)
+        self._refusal = ""
+        if self._computation is not None:
+            self._command = replace(self._command, reason="computing")
+            return Answer(self._command)
+        self._command = replace(self._command, reason=verdict.reason)
+        return self._checked(time, estimate, height)
+
+    def on_event(self, kind: str) -> None:
+        """See `Controller.on_event`."""
+        self._step_back.on_event(kind)
+
+    def _computed(self, verdict: Verdict, estimate: Estimate, height: float) -> _Computation | None:
+        """Begin a selection where the verdict asks for one; return the one that is done and still valid, if any."""
+        done = self._take_done(estimate)
+        outdated = done is not None and not self._hold.inside(estimate, done.verdict.amplitude)
+        if verdict.select and self._computation is None and (done is None or outdated):
+            self._begin(verdict, estimate, height)
+        return done or self._take_done(estimate)
+
+    def _begin(self, verdict: Verdict, estimate: Estimate, height: float) -> None:
+        result = self._executor.submit(
+            self._selector.select,
+            verdict.amplitude,
+            verdict.amplitude_std,
+            estimate.frequency,
+            margin=self._settings.margin,
+            height=height,
+        )
+        self._computation = _Computation(verdict, self._settings.margin, result)
+
+    def _take_done(self, estimate: Estimate) -> _Computation | None:
+        """Return a selection that is done; drop it where excitation or margin have changed meanwhile.
+
+        An estimate that must not be acted on is skipped: the result waits for the next one.
+        """
+        done = self._computation
+        if done is None or not done.result.done() or self._hold.trouble(estimate):
+            return None
+        self._computation = None
+        error = done.result.exception()
+        if error is not None and not isinstance(error, SelectionError):
+            raise error  # a defect, also where its result is not needed any more
+        valid = done.margin == self._settings.margin and self._hold.agrees(done.verdict.amplitude, estimate)
+        return done if valid else None
+
+    def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """Compare the beam with the twin where excitation, ceiling and beam have settled."""
+        if self._model_check is None or not self._step_back.settled or estimate.quality != Quality.STEADY:
+            return Answer(self._command)
+        drift = self._model_check.check(time, (estimate.amplitude, estimate.frequency), height, estimate.beam_amplitude)
+        if math.isnan(self._command.predicted_amplitude):
+            # stepped back, at the end of the range, or by a method without a prediction
+            self._command = replace(self._command, predicted_amplitude=self._model_check.expected)
+        return Answer(self._command, "drift", drift, estimate.beam_amplitude, ALARM) if drift else Answer(self._command)
+
+    def _restart(self) -> None:
+        """Restart the monitoring: another height was commanded."""
+        self._step_back.interrupt()
+        if self._model_check is not None:
+            self._model_check.restart()
+
+    def _stepped_back(self) -> Answer:
+        before = self._command.height
+        height = self._step_back.lower(before, self._hold.acted_amplitude)
+        self._restart()
+        self._command = replace(
+            self._command,
+            sequence=self._command.sequence + 1,
+            height=height,
+            predicted_amplitude=math.nan,
+            reason="rumble: stepped back",
+        )
+        text = f"the beam rumbles: the ceiling steps back from {before:.4f} to {height:.4f} m"
+        return Answer(self._command, "step_back", text, height)
+
+    def _selected(self, computed: _Computation, estimate: Estimate) -> Answer:
+        """Command the height that was computed, or report why there is none."""
+        verdict = computed.verdict
+        try:
+            selection = computed.result.result()
+        except SelectionError as error:
+            self._hold.failed(verdict.amplitude)
+            reason = "no height for this amplitude"
+            self._command = replace(self._command, reason=reason)
+            return self._refuse(reason, str(error), estimate)
+        self._hold.acted(verdict.amplitude)
+        self._restart()
+        self._command = self._limited(selection, verdict)
+        self._expected = self._command.predicted_amplitude
+        self._refusal = ""
+        return Answer(self._command)
+
+    def _limited(self, selection: Selection, verdict: Verdict) -> Command:
+        low, high = self._limits
+        allowed = self._step_back.allowed(selection.height, verdict.amplitude)
+        height = min(max(allowed, low), high)
+        inside = height == allowed
+        reason = verdict.reason if allowed == selection.height else f"{verdict.reason}, below what rumbled"
+        return Command(
+            sequence=self._command.sequence + 1,
+            height=height,
+            excitation_amplitude=verdict.amplitude,
+            predicted_amplitude=selection.beam_amplitude if height == selection.height else math.nan,
+            method=selection.method,
+            reason=reason if inside else f"{reason}, at the end of the ceiling's range",
+        )
+
+    def _refuse(self, key: str, text: str, estimate: Estimate) -> Answer:
+        """Report a refusal once: again only after an estimate has been accepted or the reason has changed."""
+        reported, self._refusal = self._refusal == key, key
+        if reported:
+            return Answer(self._command)
+        value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
+        return Answer(self._command, "refused", f"the ceiling stays: {text}", value)

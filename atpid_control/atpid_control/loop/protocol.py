@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The role of a controller: from an estimate to a command for the ceiling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from atpid_control.identification import Estimate
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.hold import HoldSettings
+from atpid_control.loop.step_back import StepBack
+
+#: Severities of an Event.
+WARNING, ALARM = 1, 2
+
+
+@dataclass(frozen=True)
+class Command:
+    """The contents of a CeilingCommand, without its header."""
+
+    sequence: int = 0
+    height: float = math.nan
+    excitation_amplitude: float = math.nan
+    predicted_amplitude: float = math.nan
+    method: str = ""
+    reason: str = "no estimate yet"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The command that answers one estimate and, where there is an event, its kind, text and quantity."""
+
+    command: Command
+    kind: str = ""  # refused, step_back or drift; empty: no event
+    text: str = ""
+    value: float = math.nan
+    severity: int = WARNING
+
+
+class Controller(Protocol):
+    """Answers each estimate with a command."""
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
+        ...
+
+    def on_event(self, kind: str) -> None:
+        """Take an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
+        ...
+
+    def configure(self, settings: ControlSettings) -> None:
+        """Control by other settings from the next estimate on."""
+        ...
+
+
+@dataclass(frozen=True)
+class ControlSettings:
+    """Settings that may change while the loop runs."""
+
+    hold: HoldSettings
+    step_back: StepBack
+    drift: DriftSettings
+    margin: float  # standard deviations of the amplitude the height must be safe for [-]

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The step search in the control loop: it commands the ceiling in place of the controller while it runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.identification import Estimate
+from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
+from atpid_control.selection.search import Plan, SearchError, StepSearch
+
+Array = NDArray[np.float64]
+
+#: Share of the dwell before the beam is watched, and length of one window, the second of which ends with the dwell.
+_BEFORE, _WINDOW = 0.2, 0.4
+#: Least dwell [s]: a window is then two periods of the bench.
+_LEAST_DWELL = 1.0
+#: The beam has settled where two windows agree to this share of the amplitude [-].
+_SETTLED = 0.005
+#: A beam that has not settled after so many windows is irregular: its largest amplitude in the last two counts.
+_MOST_WINDOWS = 14
+#: A height is worse than the best where the amplitude is larger by more than this [-], twice what settling leaves.
+_WORSE = 0.01
+
+#: A ceiling this close to its target has arrived [m], ten times what the motor resolves.
+_ARRIVED = 5e-3
+
+#: Time limit for the ceiling to arrive and for the first block of the beam [s].
+_TIMEOUT = 60.0
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a search."""
+
+    iterations: int
+    height: float  # where the ceiling is [m]
+    amplitude: float  # half peak-to-peak of the beam observed last [m], NaN: none yet
+    best_height: float  # [m]
+    best_amplitude: float  # [m]
+    done: bool
+    message: str  # how it ended, empty while it runs
+
+
+class SearchRun:
+    """One search: moves, waits, watches, all by the data's stamps."""
+
+    def __init__(self, plan: Plan) -> None:
+        """Begin at the plan's lowest height; raise SearchError for a dwell that is too short."""
+        if plan.dwell < _LEAST_DWELL:
+            raise SearchError(f"dwell: given {plan.dwell:g} s; allowed is at least {_LEAST_DWELL:g} s")
+        self._plan, self._search = plan, StepSearch(plan, _WORSE)
+        self._sent_at = self._arrived_at = self._amplitude = math.nan
+        self._window: list[tuple[float, float]] = []  # (lowest, highest) of each block in the present window [m]
+        self._amplitudes: list[float] = []  # of the windows at this height [m]
+        self._height = math.nan
+        self.message = ""
+
+    @property
+    def target(self) -> float:
+        """Where the ceiling should go or stay [m]; after an end without result, where it is."""
+        return self._search.target
+
+    @property
+    def done(self) -> bool:
+        """Whether the search has ended, well or not."""
+        return bool(self.message)
+
+    @property
+    def success(self) -> bool:
+        """Whether it ended with a height."""
+        return self.done and self._search.done
+
+    def progress(self) -> Progress:
+        """Return the progress."""
+        found = self._search
+        return Progress(
+            found.iterations,
+            self._height,
+            self._amplitude,
+            found.best_height,
+            found.best_amplitude,
+            self.done,
+            self.message,
+        )
+
+    def watch(self, time: float, beam: Array) -> None:
+        """Take a block of the beam's displacement (n,) [m] that ended at `time` [s]; NaN: not measured."""
+        if time >= self._arrived_at + _BEFORE * self._plan.dwell:
+            self._window.append((float(np.min(beam)), float(np.max(beam))))
+
+    def step(self, time: float, height: float) -> None:
+        """Go on, at `time` [s] with the ceiling at `height` [m]."""
+        self._height = height
+        if self.done:
+            return
+        if math.isnan(self._sent_at):
+            self._sent_at = time
+        if math.isnan(self._arrived_at):
+            self._wait_for_ceiling(time, height)
+            return
+        end = self._arrived_at + (_BEFORE + _WINDOW * (1 + len(self._amplitudes))) * self._plan.dwell
+        # the first blocks may still be missing
+        if time >= end and (self._window or time > self._arrived_at + _TIMEOUT):
+            self._end_window(time)
+
+    def stop(self, message: str) -> None:
+        """End without a result."""
+        if not self.done:
+            self.message = message
+
+    def _wait_for_ceiling(self, time: float, height: float) -> None:
+        if abs(height - self._search.target) <= _ARRIVED:
+            self._arrived_at = time
+        elif time > self._sent_at + _TIMEOUT:
+            self.stop(f"the ceiling has not reached {self._search.target:g} m in {_TIMEOUT:g} s; it is at {height:g} m")
+
+    def _end_window(self, time: float) -> None:
+        lows, highs = zip(*self._window, strict=True) if self._window else ((math.nan,), (math.nan,))
+        amplitude = 0.5 * (max(highs) - min(lows)) if np.isfinite([*lows, *highs]).all() else math.nan
+        self._window = []
+        before = self._amplitudes[-1] if self._amplitudes else math.nan
+        self._amplitudes.append(amplitude)
+        # after a change of height the beam grows or falls for seconds: what it does meanwhile is no measure of a height
+        if math.isnan(amplitude) or abs(amplitude - before) <= _SETTLED * amplitude:
+            self._observe(time, amplitude)
+        elif len(self._amplitudes) == _MOST_WINDOWS:
+            self._observe(time, max(amplitude, before))
+
+    def _observe(self, time: float, amplitude: float) -> None:
+        self._amplitude = amplitude
+        try:
+            self._search.observe(amplitude)
+        except SearchError as error:
+            self.stop(str(error))
+            return
+        self._amplitudes, self._arrived_at, self._sent_at = [], math.nan, time
+        if self._search.done:
+            self.message = f"best height {self._search.target:.4f} m after {self._search.iterations} heights"
+
+
+class SearchingController:
+    """A controller that a search may interrupt; the height it finds is kept until the excitation changes."""
+
+    def __init__(self, inner: Controller, limits: tuple[float, float]) -> None:
+        """Take the controller that selects otherwise, and the ceiling's range [m]."""
+        self._inner, self._limits = inner, limits
+        self.run: SearchRun | None = None
+        self._inner_sequence = self._issued = 0
+        self._target = math.nan
+        self._stopped_at = math.nan
+
+    def begin(self, plan: Plan) -> SearchRun:
+        """Start a search; raise SearchError where one runs already or the plan leaves the ceiling's range."""
+        if self.run is not None and not self.run.done:
+            raise SearchError("a search is running; cancel it first")
+        low, high = self._limits
+        if plan.lowest < low or plan.highest > high:
+            raise SearchError(
+                f"limits: given {plan.lowest:g} to {plan.highest:g} m; allowed is the ceiling's {low:g} to {high:g} m"
+            )
+        self.run, self._target = SearchRun(plan), math.nan
+        return self.run
+
+    def watch(self, time: float, beam: Array) -> None:
+        """Show a running search a block of the beam (n,) [m] that ended at `time` [s]."""
+        if self.run is not None and not self.run.done:
+            self.run.watch(time, beam)
+
+    def on_event(self, kind: str) -> None:
+        """See `Controller.on_event`: a search crosses rumble, so while it runs that is not passed on."""
+        if kind != "rumble" or self.run is None or self.run.done:
+            self._inner.on_event(kind)
+
+    def configure(self, settings: ControlSettings) -> None:
+        """See `Controller.configure`."""
+        self._inner.configure(settings)
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """See `Controller.answer`."""
+        answer = self._inner.answer(time, estimate, height)
+        if self.run is None:
+            return self._numbered(answer)
+        if math.isnan(self._target):
+            self._inner_sequence = answer.command.sequence
+        if answer.command.sequence != self._inner_sequence:
+            self.run.stop("the excitation changed, so another height was selected")
+            self.run = None
+            return self._numbered(answer)
+        self.run.step(time, height)
+        return self._numbered(replace(answer, command=self._searching(answer.command, height)))
+
+    def _searching(self, command: Command, height: float) -> Command:
+        assert self.run is not None
+        found = self.run.progress()
+        target = self.run.target if not self.run.done or self.run.success else self._halt(height)
+        if target != self._target:
+            self._target, self._issued = target, self._issued + 1
+        reason = self.run.message or f"search: height {found.iterations + 1}"
+        return replace(command, height=target, predicted_amplitude=math.nan, method="search", reason=reason)
+
+    def _halt(self, height: float) -> float:
+        """Where a search that ended without a result leaves the ceiling: where it stood then [m]."""
+        if math.isnan(self._stopped_at) or self._stopped_at != self._target:
+            self._stopped_at = height
+        return self._stopped_at
+
+    def _numbered(self, answer: Answer) -> Answer:
+        """Count the search's commands in: a sequence number is never used twice."""
+        sequence = answer.command.sequence + self._issued
+        return replace(answer, command=replace(answer.command, sequence=sequence))

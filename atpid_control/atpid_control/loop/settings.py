@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the parameter files describe: the controller's and the identifier's parts, for the nodes and the pure loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from atpid_control import identification
+from atpid_control.loop.controller import SelectingController
+from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.hold import HoldSettings
+from atpid_control.loop.profile_controller import ProfileController
+from atpid_control.loop.protocol import Controller, ControlSettings
+from atpid_control.loop.rumble import RumbleSettings
+from atpid_control.loop.step_back import StepBack
+from atpid_control.loop.twin import SteadyTwin
+from atpid_control.selection import HeightSelector, make_selector
+from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
+
+#: The value of a parameter; raises a ValueError of ours where the parameter file has none.
+Value = Callable[[str], Any]
+
+
+def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None) -> HeightSelector:
+    """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where it cannot be."""
+    if method != "direct":
+        return make_selector(method, scene, height_map)
+    # here, since only this method has to load the simulation
+    from atpid_control.selection.direct import DirectSelector
+    from atpid_control.selection.margin import Uncertainty
+
+    return DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
+
+
+def control_settings(value: Value, frequency: float) -> ControlSettings:
+    """Return the controller's settings by selector.yaml, for heights made for `frequency` [Hz].
+
+    Raises HoldError or WatchError where they contradict themselves.
+    """
+    return ControlSettings(
+        hold=HoldSettings(
+            dead_band=float(value("dead_band")),
+            sigmas=float(value("sigmas")),
+            steady_count=int(value("steady_count")),
+            rising_count=int(value("rising_count")),
+            falling_count=int(value("falling_count")),
+            frequency=frequency,
+            frequency_tolerance=float(value("frequency_tolerance")),
+        ),
+        step_back=StepBack(
+            share=float(value("step_back")),
+            settle=int(value("settle_count")),
+            count=int(value("rumble_count")),
+            excess=float(value("step_back_excess")),
+            memory=float(value("step_back_memory")),
+        ),
+        drift=DriftSettings(
+            tolerance=float(value("drift_tolerance")),
+            noise=float(value("drift_noise")),
+            periods=float(value("drift_periods")),
+        ),
+        margin=float(value("margin")),
+    )
+
+
+def controller_of(value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None = None) -> Controller:
+    """Return the controller for a scene, by the parameters of selector.yaml.
+
+    executor: where heights are computed; None: inline. Raises HoldError or WatchError where the parameters contradict
+    themselves.
+    """
+    if not isinstance(scene.ceiling, ControlledCeiling):
+        return ProfileController(scene.ceiling.heights)
+    # only a tone has a steady state to compare the beam with
+    twin = SteadyTwin(scene) if isinstance(scene.excitation, HarmonicExcitation) else None
+    settings = control_settings(value, scene.frequency_hz)
+    return SelectingController(settings, selector, scene.ceiling.range, twin, executor)
+
+
+def identification_settings(value: Value) -> identification.Settings:
+    """Return the identification's settings by identifier.yaml; raise IdentificationError where they do not fit."""
+    limits = float(value("lower_limit")), float(value("upper_limit"))
+    saturation = None if limits == (-math.inf, math.inf) else limits
+    names = [field.name for field in fields(identification.Settings) if field.name != "saturation"]
+    return identification.Settings(saturation=saturation, **{name: float(value(name)) for name in names})
+
+
+def rumble_settings(value: Value) -> RumbleSettings:
+    """Return the rumble watch's settings by identifier.yaml; raise WatchError where they do not fit."""
+    return RumbleSettings(
+        onset=float(value("rumble_onset")),
+        calm=float(value("rumble_calm")),
+        calm_periods=int(value("rumble_calm_periods")),
+        least_amplitude=float(value("rumble_least_amplitude")),
+    )

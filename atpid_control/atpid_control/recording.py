@@ -1,0 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control.recording`."""
+
+from __future__ import annotations
+
+import sys
+
+from atpid_control.commands.recording import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes through the loop without the graph, each with many noises: height, efficiency and rumble of every stage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from atpid_control.graph.parts import PARTS
+from atpid_control.report.stages import WINDOW, constant_intervals
+from atpid_control.selection.map_cache import amplitudes_of, map_for
+from atpid_control.studies.pure_loop import LoopRun, controlled, run_loop
+from atpid_control.studies.rumbling import longest_rumble
+from atpid_sim.batch import cores
+from atpid_sim.excitation import amplitude_at
+from atpid_sim.maps import DamperResponse, HeightMap
+from atpid_sim.scene import Scene, load_scene
+
+Parameters = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One interval of constant excitation in one run."""
+
+    t0: float  # [s]
+    t1: float  # [s]
+    excitation_amplitude: float  # true [m]
+    identified_amplitude: float  # mean of the estimates in the last 2 s [m]
+    height: float  # of the ceiling at the end [m]
+    amplitude: float  # half peak-to-peak of the true beam in the last 2 s [m]
+    efficiency: float  # 1 - amplitude / closed damper's [-]
+    rumble: float  # longest stretch [s]
+
+
+@dataclass(frozen=True)
+class SeedRun:
+    """One run: its stages, and how many events the controller published."""
+
+    scene: str
+    seed: int
+    stages: tuple[Stage, ...]
+    step_backs: int
+    drifts: int
+
+
+def configured() -> Parameters:
+    """Return the parameters of identifier and selector as their parameter files have them."""
+    return {part.name: part.configured() for part in PARTS if part.name in ("identifier_node", "selector_node")}
+
+
+def run_all(
+    scenes: Iterable[Path], seeds: Iterable[int], parameters: Parameters, decibels: float | None = None
+) -> Iterator[SeedRun]:
+    """Yield every run, scene by scene, on all cores. Raises what `run_loop` does, BenchError for an unfit scene."""
+    jobs = []
+    for path in scenes:
+        scene = load_scene(path)
+        # the map is the measure of rumble whatever method selects; made here, once, where there is none
+        ceiling = controlled(scene).model_dump(mode="json", exclude_none=True)
+        height_map = map_for(scene.with_(ceiling=ceiling | {"controller": "lookup"}))
+        assert height_map is not None
+        jobs += [(path, seed, parameters, decibels, height_map) for seed in seeds]
+    # a fork would copy the locks of threads but not the threads
+    with ProcessPoolExecutor(min(cores(), len(jobs)), get_context("spawn")) as pool:
+        yield from pool.map(_one, jobs)
+
+
+def run_seed(
+    path: Path, seed: int, parameters: Mapping[str, Mapping[str, Any]], decibels: float | None, height_map: Path
+) -> SeedRun:
+    """Run one scene with one seed and return its results."""
+    scene = noisy(load_scene(path), seed, decibels)
+    used = height_map if controlled(scene).controller == "lookup" else None
+    ran = run_loop(scene, parameters, used)
+    stages = tuple(measured(ran, HeightMap.load(height_map)))
+    return SeedRun(path.stem, seed, stages, len(ran.events("step_back")), len(ran.events("drift")))
+
+
+def _one(job: tuple[Path, int, Parameters, float | None, Path]) -> SeedRun:
+    return run_seed(*job)
+
+
+def noisy(scene: Scene, seed: int, decibels: float | None) -> Scene:
+    """Return the scene with another seed and, where given, the laser's noise so far below its smallest amplitude."""
+    if decibels is None:
+        return scene.with_(seed=seed)
+    noise = amplitudes_of(scene)[0] * math.sqrt(0.5) * 10.0 ** (-decibels / 20.0)
+    sensors = scene.sensors.model_dump(mode="json")
+    sensors["laser"]["noise"] = noise
+    return scene.with_(seed=seed, sensors=sensors)
+
+
+def measured(ran: LoopRun, height_map: HeightMap) -> Iterator[Stage]:
+    """Yield the stages of a run."""
+    scene, rate = ran.scene, ran.scene.sensors.laser.rate
+    damper, fraction, beam = DamperResponse(scene, 1e-5), scene.grain.mass_fraction, ran.beam
+    for t0, t1 in constant_intervals(scene, scene.duration):
+        a0 = amplitude_at(scene, t0)
+        window = [k for k, t in enumerate(ran.time) if t1 - WINDOW < t <= t1]
+        amplitude = float(0.5 * np.ptp(beam[round((t1 - WINDOW) * rate) : round(t1 * rate)]))
+        yield Stage(
+            t0=t0,
+            t1=t1,
+            excitation_amplitude=a0,
+            identified_amplitude=float(np.mean([ran.estimates[k].amplitude for k in window])),
+            height=ran.heights[window[-1]],
+            amplitude=amplitude,
+            efficiency=1.0 - amplitude / damper.closed_amplitude(a0),
+            rumble=longest_rumble(ran, (t0, t1), height_map.lookup(a0, fraction)),
+        )
