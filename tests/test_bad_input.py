@@ -115,7 +115,8 @@ def test_a_node_with_a_bad_parameter(scenes, tmp_path, node, changes, words):
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     lines = ended.stderr.strip().splitlines()
-    assert len(lines) == 1 and words in lines[0], lines
+    assert len(lines) == 1, lines
+    assert words in lines[0]
 
 
 def test_a_parameter_file_that_is_not_there(tmp_path):

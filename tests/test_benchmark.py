@@ -13,4 +13,5 @@ def test_each_part_has_a_ratio(tmp_path):
     assert len({part.name for part in measured}) == 4
     for part in measured:
         assert part.real > 0.0
-        assert math.isfinite(part.ratio) and part.ratio > 0.0
+        assert math.isfinite(part.ratio)
+        assert part.ratio > 0.0

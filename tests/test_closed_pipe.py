@@ -94,6 +94,7 @@ def test_another_pipe_that_breaks_is_not_hidden(monkeypatch):
     def broken():
         raise BrokenPipeError("a device's")
 
-    with open(os.devnull, "w") as output, pytest.raises(BrokenPipeError, match="a device's"):
+    with open(os.devnull, "w") as output:
         monkeypatch.setattr(sys, "stdout", output)
-        guarded(broken)
+        with pytest.raises(BrokenPipeError, match="a device's"):
+            guarded(broken)

@@ -41,7 +41,8 @@ def test_a_display_moves_on_a_terminal(text, root, tmp_path):
     os.close(terminal)
     out, _ = process.communicate()
     assert process.returncode == 0
-    assert text.encode() in shown and b"\x1b[" in shown
+    assert text.encode() in shown
+    assert b"\x1b[" in shown
     assert "\x1b" not in out
 
 
@@ -49,6 +50,7 @@ def test_a_display_moves_on_a_terminal(text, root, tmp_path):
 def test_without_a_terminal_there_is_none(text, root, tmp_path):
     process = run(COMMANDS[text], tmp_path / "out", root, subprocess.PIPE)
     out, errors = process.communicate()
-    assert process.returncode == 0 and errors == ""
+    assert process.returncode == 0
+    assert errors == ""
     if text != "repeating its stages":
         json.loads(out)

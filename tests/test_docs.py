@@ -37,6 +37,11 @@ RUN = {
         r"python -m atpid_driver\.nodes\.feed_node": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
         r"python -m atpid_driver\.emulator run": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
     },
+    "tests/test_howto_sensor.py": {
+        r"python -m pytest -q test_load_cell\.py": "test_the_sensor_passes_the_contract",
+        r"python -m pip install ": "test_its_samples_arrive",
+        r"python -m atpid_driver\.nodes\.acquisition_node": "test_its_samples_arrive",
+    },
     "tests/test_graph_real_time.py": {
         r"python -m atpid_control bench .*--real-time": "test_nothing_is_lost_in_real_time"
     },
@@ -125,7 +130,7 @@ MADE_OR_GIVEN = {
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "tradeoff.md", "tradeoff.png",
-    "scene.yaml", "stdint.h",
+    "scene.yaml", "stdint.h", "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"

@@ -108,7 +108,8 @@ def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph, tmp_pat
     recorder._process.send_signal(signal.SIGKILL)
     running.until(lambda: Event.STALE in {event.kind for event in watch.events})
     stale = next(event for event in watch.events if event.kind == Event.STALE)
-    assert stale.header.frame_id == "plant_node" and "recorder" in stale.text
+    assert stale.header.frame_id == "plant_node"
+    assert "recorder" in stale.text
     running.until(lambda: running.nodes["plant_node"].status is not None)
     assert running.nodes["plant_node"].status == 0
     running.until(lambda: Event.FINISHED in {event.kind for event in watch.events})

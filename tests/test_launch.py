@@ -136,7 +136,8 @@ def test_what_a_launch_file_names_exists(name):
             words = tuple(item.value for item in call.args if isinstance(item, ast.Constant))
             named[call.func.id].add(words)
     scripts = {(script.dist.name.replace("-", "_"), script.name) for script in entry_points(group="console_scripts")}
-    assert named["node"] and named["node"] <= scripts
+    assert named["node"]
+    assert named["node"] <= scripts
     assert all((ROOT / package / "config" / file).is_file() for package, file in named["config"])
     used = {word for words in named["text"] | named["texts"] | named["LaunchConfiguration"] for word in words}
     if name == "replay":
@@ -195,15 +196,18 @@ def test_the_arguments_are_shown(name):
 def test_a_wrong_argument_is_refused_before_a_node_starts(name, given, line, tmp_path):
     with launched(name, tmp_path, **{"scene": SCENE, **given}) as launch:
         assert launch.end() == 1, launch.text
-        assert len(launch.errors) == 1 and re.search(line, launch.errors[0])
-        assert "process started" not in launch.text and "Traceback" not in launch.text
+        assert len(launch.errors) == 1
+        assert re.search(line, launch.errors[0])
+        assert "process started" not in launch.text
+        assert "Traceback" not in launch.text
 
 
 @needs_launch
 def test_a_missing_scene_is_refused(tmp_path):
     with launched("bench", tmp_path, sceen=SCENE) as launch:
         assert launch.end() == 1, launch.text
-        assert "missing required argument 'scene'" in launch.text and "given: [sceen]" in launch.text
+        assert "missing required argument 'scene'" in launch.text
+        assert "given: [sceen]" in launch.text
         assert "process started" not in launch.text
 
 
@@ -228,7 +232,8 @@ def generate_launch_description():
         env={**os.environ, "ROS_LOG_DIR": str(tmp_path / "log")},
     )  # fmt: skip
     assert done.returncode == 1
-    assert "argument map:" in done.stdout + done.stderr and "unknown argument" not in done.stdout + done.stderr
+    assert "argument map:" in done.stdout + done.stderr
+    assert "unknown argument" not in done.stdout + done.stderr
 
 
 @pytest.mark.slow
@@ -239,7 +244,8 @@ def test_the_bench_ends_with_its_run(short_scene, tmp_path):
     short_scene.rename(folder / "a scene.yaml")
     with launched("bench", folder, scene="a scene.yaml", map=HEIGHT_MAP, bag="a 'bag'") as launch:
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "has died" not in launch.text
+        assert launch.errors == []
+        assert "has died" not in launch.text
         assert launch.text.count("has finished cleanly") == len(BENCH_NODES)
     assert verify(folder / "a 'bag'").messages
     kept = open_bag(folder / "a 'bag'").files
@@ -255,7 +261,8 @@ def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
     record = tmp_path / "it's' + str(print('evaluated')) + '$(env HOME) \"x\""
     with launched("replay", tmp_path, bag="out/bag", rate="0", record=record) as launch:
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "evaluated" not in launch.text.replace(str(record), "")
+        assert launch.errors == []
+        assert "evaluated" not in launch.text.replace(str(record), "")
     assert verify(record).messages
     found = compare(open_bag(tmp_path / "out/bag"), open_bag(record))
     assert [one.agreeing for one in found] == [one.recorded for one in found] == [60, 60]
@@ -268,8 +275,10 @@ def test_a_bag_that_cannot_be_replayed_ends_the_launch_before_a_node_starts(tmp_
     (tmp_path / "bag" / "bag_0.mcap").write_bytes(b"torn")
     with launched("replay", tmp_path, bag="bag") as launch:
         assert launch.end() == 1, launch.text
-        assert len(launch.errors) == 1 and "not a bag" in launch.errors[0]
-        assert "process started" not in launch.text and "Traceback" not in launch.text
+        assert len(launch.errors) == 1
+        assert "not a bag" in launch.errors[0]
+        assert "process started" not in launch.text
+        assert "Traceback" not in launch.text
 
 
 @pytest.mark.slow
@@ -288,7 +297,8 @@ def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tm
         launch.wait_for(r"recording \d+ topics")
         os.kill(launch.pids[node], number)
         assert launch.end() == 1, launch.text
-        assert len(launch.errors) == 1 and re.match(line, launch.errors[0])
+        assert len(launch.errors) == 1
+        assert re.match(line, launch.errors[0])
         assert launch.text.count("has finished cleanly") == len(BENCH_NODES) - (number == signal.SIGKILL)
     if node != "recorder_node":
         verify(tmp_path / "run")
@@ -311,7 +321,8 @@ def test_ctrl_c_while_the_nodes_load_ends_them_quietly(tmp_path):
         launch.wait_for_nodes(len(BENCH_NODES))
         launch.interrupt()
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "Traceback" not in launch.text
+        assert launch.errors == []
+        assert "Traceback" not in launch.text
     assert not (tmp_path / "run").exists()
 
 
@@ -324,7 +335,9 @@ def test_ctrl_c_twice_ends_everything_in_order(tmp_path):
         launch.wait_for("user interrupted with ctrl-c")
         launch.interrupt()
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "has died" not in launch.text and "Traceback" not in launch.text
+        assert launch.errors == []
+        assert "has died" not in launch.text
+        assert "Traceback" not in launch.text
     verify(tmp_path / "run")
 
 
@@ -351,4 +364,5 @@ def test_the_stand_waits_for_its_devices_until_ctrl_c(ni, nodes, tmp_path):
         launch.wait_for("labjack_node.*cannot configure")
         launch.interrupt()
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "Traceback" not in launch.text
+        assert launch.errors == []
+        assert "Traceback" not in launch.text

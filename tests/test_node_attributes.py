@@ -9,7 +9,7 @@ from rclpy.lifecycle import LifecycleNode
 
 ROOT = Path(__file__).resolve().parent.parent
 OF_RCLPY = {"Node", "LifecycleNode"}
-ON_PURPOSE = {"EnduringLifecycleNode": {"_LifecycleNodeMixin__on_change_state"}}
+ON_PURPOSE = {"CheckedLifecycleNode": {"_LifecycleNodeMixin__on_change_state"}}
 
 
 def classes():

@@ -54,7 +54,10 @@ def test_a_place_that_cannot_be_written_is_one_line(main, arguments, root, tmp_p
     places = {"READINGS": tmp_path / "readings.csv", "OUT": tmp_path / "laser.yaml", "MAP": tmp_path / "map.npz"}
     assert main([str(places.get(word, word)) for word in arguments]) == 2
     said = capsys.readouterr()
-    assert said.out == "" and said.err.count("\n") == 1 and said.err.startswith("error: ") and NOWHERE in said.err
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert said.err.startswith("error: ")
+    assert NOWHERE in said.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["readings.csv"]
 
 
@@ -69,7 +72,8 @@ def test_a_new_folder_is_made_for_the_beam_s_parameters(root, tmp_path, capsys):
     out = tmp_path / "new" / "beam.yaml"
     found = control(["calibrate-beam", str(root / "bags/thesis_4_3_short"), "--moving-mass", "0.36", "--out", str(out)])
     said = capsys.readouterr().err
-    assert out.parent.is_dir() and "Traceback" not in said
+    assert out.parent.is_dir()
+    assert "Traceback" not in said
     assert (found == 0) == out.is_file()
 
 
@@ -79,15 +83,19 @@ def test_a_disk_that_fills_up_costs_no_point_of_a_map(root, tmp_path):
     command = [sys.executable, "-m", "atpid_sim", "map", str(root / "scenes/standard.yaml")]
     command += ["--amplitudes", "0.01:0.012:12", "--mass-fractions", "0.1", "--out", str(out)]
     full = subprocess.run(["sh", "-c", 'ulimit -f 2; exec "$@"', "sh", *command], capture_output=True, text=True)
-    assert full.returncode == 2 and "Traceback" not in full.stderr
+    assert full.returncode == 2
+    assert "Traceback" not in full.stderr
     line = full.stderr.strip().splitlines()[-1]
-    assert line.startswith("error: ") and "make room and give the same command: it goes on" in line
+    assert line.startswith("error: ")
+    assert "make room and give the same command: it goes on" in line
     journal = Path(f"{out}.journal")
     kept = journal.read_bytes().count(b"\n") - 1
-    assert 0 < kept < 12 and not out.exists()
+    assert 0 < kept < 12
+    assert not out.exists()
     again = subprocess.run(command, capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
-    assert HeightMap.load(out).heights.shape == (1, 12) and not journal.exists()
+    assert HeightMap.load(out).heights.shape == (1, 12)
+    assert not journal.exists()
 
 
 def test_files_and_folders_that_are_the_other(tmp_path):
@@ -100,4 +108,5 @@ def test_files_and_folders_that_are_the_other(tmp_path):
         file(tmp_path / "file" / "below")
     with pytest.raises(OutputError, match="cannot be written: No such file or directory"), writing(tmp_path / "x"):
         (tmp_path / "none" / "x").write_text("")
-    assert folder(tmp_path / "a" / "b").is_dir() and list((tmp_path / "a" / "b").iterdir()) == []
+    assert folder(tmp_path / "a" / "b").is_dir()
+    assert list((tmp_path / "a" / "b").iterdir()) == []

@@ -193,7 +193,9 @@ def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(graph, monke
     peer.status.publish(RecorderStatus(recording=True, bag="/bags/run", topics=TOPICS, received=[1] * len(TOPICS)))
     spin(lambda: any(event.kind == Event.STALE for event in peer.events))
     stale = next(event for event in peer.events if event.kind == Event.STALE)
-    assert stale.severity == Event.WARNING and stale.value > 0.3 and "/bags/run" in stale.text
+    assert stale.severity == Event.WARNING
+    assert stale.value > 0.3
+    assert "/bags/run" in stale.text
     peer.status.publish(RecorderStatus(recording=True, bag="/bags/run"))
     spin(lambda: any(event.kind == Event.RESUMED for event in peer.events))
     spin(plant.done.done)  # although the recorder has not reported its bag closed
@@ -226,5 +228,6 @@ def test_a_plant_reports_itself_on_the_absolute_diagnostics(graph):
     spin(lambda: found)
     (status,) = found[-1].status
     assert (status.name, status.hardware_id) == ("plant_node: simulated plant", "simulated plant")
-    assert status.message.startswith("waiting for ") and status.level == DiagnosticStatus.OK
+    assert status.message.startswith("waiting for ")
+    assert status.level == DiagnosticStatus.OK
     assert {value.key: value.value for value in status.values}["scene"] == "scene.yaml"

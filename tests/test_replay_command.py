@@ -56,7 +56,9 @@ def test_other_parameters_than_the_bags_give_other_commands(old, tmp_path, capfd
     printed = capfd.readouterr().out
     assert "/excitation: 160 of 160 agree\n" in printed
     line = next(line for line in printed.splitlines() if line.startswith("/ceiling/command: "))
-    assert int(line.split()[1]) < 160 and "first difference: " in line and " is now " in line
+    assert int(line.split()[1]) < 160
+    assert "first difference: " in line
+    assert " is now " in line
 
 
 def test_the_parameters_of_the_bag_are_those_of_the_replay(tmp_path):
@@ -64,11 +66,10 @@ def test_the_parameters_of_the_bag_are_those_of_the_replay(tmp_path):
     files = write_replay_files(changed, tmp_path / "kept", record=tmp_path / "again", rate=2.0)
     selector = parameters_of(files, "selector_node")
     assert (selector["margin"], selector["sigmas"]) == (1.25, 5.0)
-    assert selector["scene"] == str(tmp_path / "kept" / "scene.yaml") and selector["lockstep"] is True
-    assert (
-        selector["map"] == str(files.height_map)
-        and Path(selector["map"]).read_bytes() == open_bag(BAG).files[Path(selector["map"]).name]
-    )
+    assert selector["scene"] == str(tmp_path / "kept" / "scene.yaml")
+    assert selector["lockstep"] is True
+    assert selector["map"] == str(files.height_map)
+    assert Path(selector["map"]).read_bytes() == open_bag(BAG).files[Path(selector["map"]).name]
     replay = parameters_of(files, "replay_node")
     assert (replay["bag"], replay["rate"], replay["expect_recorder"]) == (str(changed), 2.0, True)
     assert parameters_of(files, "recorder_node")["bag"] == str(tmp_path / "again")
@@ -86,7 +87,8 @@ def test_a_bag_without_parameters_lists_those_that_are_used(tmp_path):
     kept = {name: data for name, data in open_bag(BAG).files.items() if name != "parameters.yaml"}
     notes = write_replay_files(older(BAG, tmp_path / "bag", lambda text: text, kept), tmp_path / "kept").notes
     line = next(line for line in notes if line.startswith("selector_node: the bag keeps none of its parameters"))
-    assert "dead_band 0.01" in line and "margin " in line
+    assert "dead_band 0.01" in line
+    assert "margin " in line
 
 
 def test_what_a_node_reported_to_the_recorder_counts_more_than_its_file(tmp_path):
@@ -155,7 +157,8 @@ def test_everything_that_reads_bags_reads_older_ones(old, tmp_path, capsys):
     status = main(command)
     assert status == main([command[0], str(BAG), *command[2:]])
     before, after = (next(bag.messages(BLOCKS))[1] for bag in map(open_bag, (old, BAG)))
-    assert not hasattr(before, "handshake") and after.handshake is False
+    assert not hasattr(before, "handshake")
+    assert after.handshake is False
     assert np.array_equal(before.data, after.data)
 
 
@@ -163,7 +166,8 @@ def test_converted_messages_are_those_that_are_recorded_today(old):
     """Field by field, so that the loop cannot tell an older bag; bytes that only fill are not compared."""
     patterns = ["sensors/*", "ceiling/state"]
     converted, recorded = load_playback(old, patterns), load_playback(BAG, patterns)
-    assert len(converted.notes) == 2 and recorded.notes == ()
+    assert len(converted.notes) == 2
+    assert recorded.notes == ()
     assert [item.answer_ns for item in converted.items] == [item.answer_ns for item in recorded.items]
     for one, other in zip(converted.items, recorded.items, strict=True):
         kind = class_of(recorded.topics[other.topic])
@@ -177,7 +181,9 @@ def test_fields_in_another_order_are_converted_too(tmp_path):
 
     playback = load_playback(older(BAG, tmp_path / "bag", reordered), ["sensors/*"])
     (note,) = playback.notes
-    assert "handshake is not in the bag" in note and "backlog is not in the bag" in note and "later is left out" in note
+    assert "handshake is not in the bag" in note
+    assert "backlog is not in the bag" in note
+    assert "later is left out" in note
 
 
 def test_the_comparison_finds_what_differs(tmp_path):

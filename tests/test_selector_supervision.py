@@ -116,7 +116,8 @@ def test_estimates_that_stay_away_are_an_event_and_in_the_diagnostics(make):
     loop.estimate()
     stale = loop.found("stale")
     assert stale.severity == Event.ALARM
-    assert stale.text.startswith("no message on excitation for ") and stale.value >= 0.4
+    assert stale.text.startswith("no message on excitation for ")
+    assert stale.value >= 0.4
     assert loop.status("selector_node: inputs", DiagnosticStatus.STALE).message == "no messages on excitation"
     loop.estimate()
     assert loop.found("resumed").value >= stale.value
@@ -212,7 +213,8 @@ def test_a_bad_value_is_refused_with_a_sentence(make, name, value):
 def test_a_parameter_that_is_read_once_is_refused(make):
     loop = make()
     result = loop.set("method", "pca")
-    assert not result.successful and "read-only" in result.reason
+    assert not result.successful
+    assert "read-only" in result.reason
 
 
 def test_each_estimate_is_answered_while_a_height_is_computed(make, monkeypatch):

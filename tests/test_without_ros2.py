@@ -136,7 +136,8 @@ def test_a_motor_is_configured_and_activated_by_hand(start, root):
     state = start("atpid_common.nodes.echo", "/ceiling/state", "--once")
     assert state.end() == 0
     message = yaml.safe_load("\n".join(state.lines[:-1]))
-    assert state.lines[-1] == "---" and (message["mode"], message["height"]) == (1, 0.05)
+    assert state.lines[-1] == "---"
+    assert (message["mode"], message["height"]) == (1, 0.05)
     again = start("atpid_common.nodes.lifecycle", "/motor_node", "configure")
     assert again.end() == 2
     assert again.errors[-1] == "error: /motor_node did not configure and is inactive; its log has the reason"
@@ -158,7 +159,8 @@ def test_the_messages_of_a_sensor_are_printed(start, root):
     assert data.end(signal.SIGINT) == 0
     assert len(yaml.safe_load("\n".join(data.lines[: data.lines.index("---")]))) == 100
     wrong = start("atpid_common.nodes.echo", "/sensors/laser", "--field", "volts")
-    assert wrong.end() == 2 and wrong.errors[-1].startswith("error: --field: given volts; ")
+    assert wrong.end() == 2
+    assert wrong.errors[-1].startswith("error: --field: given volts; ")
     assert laser.end(signal.SIGINT) == 0
 
 

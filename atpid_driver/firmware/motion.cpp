@@ -21,7 +21,7 @@ void Motion::step(const Inputs &inputs) {
     if (seen) fail(seen);
     if (mode_ == Mode::HOMING) step_homing();
     if (mode_ == Mode::MOVING) step_move();
-    if (!armed()) drive_.off(now_ms_);  // last word, whatever was decided above
+    if (!armed()) drive_.off(now_ms_);  // takes precedence over all of the above
 }
 
 // Faults whose cause is there now and keeps the motor from being armed.
@@ -96,7 +96,7 @@ Answer Motion::home() {
     if (!armed()) return Answer::DISARMED;
     if (mode_ == Mode::HOMING) return Answer::BUSY;
     homed_ = false;
-    sensor_.forget();
+    sensor_.reset_reference();
     homing_ = Homing::SEEK;
     start(Mode::HOMING, HOME_UM);
     return Answer::OK;

@@ -15,7 +15,7 @@ public:
     bool plausible_home() const;      // whether the reading is where the upper switch must be
     bool beyond_home() const { return raw_ > HOME_RAW + HOME_RAW_WINDOW; }
     void reference() { home_raw_ = raw_ + HOME_LAG_RAW; }  // on the way down the upper switch has just closed
-    void forget() { home_raw_ = HOME_RAW; }
+    void reset_reference() { home_raw_ = HOME_RAW; }
 
 private:
     uint16_t raw_ = 0;

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The T7 backend on the real labjack.ljm package: what HARDWARE says of errors, overruns, rates and skew."""
+"""The T7 backend on the real labjack.ljm package: errors, overruns, rates and skew."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from atpid_driver.acquisition import Backoff, Block, DriftMeter, HardwareClock, 
 from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 
-PATIENCE = 100.0
+TIMEOUT = 100.0
 QUICK = Backoff(first=0.01, longest=0.02)
 
 
@@ -40,13 +40,13 @@ class Watch:
     def blocks(self, count: int) -> list[Block]:
         taken: list[Block] = []
         while len(taken) < count:
-            assert self._ready.wait(PATIENCE)
+            assert self._ready.wait(TIMEOUT)
             self._ready.clear()
             taken += self.reader.take()
         return taken
 
     def report(self) -> tuple[bool, str]:
-        return self.reports.get(timeout=PATIENCE)
+        return self.reports.get(timeout=TIMEOUT)
 
 
 def simulated(faults: Faults | None = None, rate: float = 10_000.0, scans: int = 100) -> SimulatedAcquisition:

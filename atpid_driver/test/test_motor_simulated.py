@@ -118,7 +118,8 @@ def test_a_ceiling_that_is_not_placed_is_homing_and_moves_nowhere() -> None:
     ceiling = ready(nan)
     state = ceiling.read(SECOND)
     assert (state.mode, state.homed, state.ready) == (Mode.HOMING, False, False)
-    assert isnan(state.height) and isnan(state.target)
+    assert isnan(state.height)
+    assert isnan(state.target)
     with pytest.raises(NotReadyError, match="not known yet where the ceiling stands"):
         ceiling.move(0.5, 1, SECOND)
     ceiling.place(0.29, SECOND)

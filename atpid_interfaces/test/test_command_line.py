@@ -36,9 +36,9 @@ def test_a_command_gets_its_arguments_and_gives_the_status(measuring):
 
 def test_help_lists_the_commands_without_loading_them(capsys):
     assert run_commands("package", "Text.", COMMANDS, ["--help"]) == 0
-    said = capsys.readouterr().out
-    assert "measure something" in said
-    assert "do something else" in said
+    output = capsys.readouterr().out
+    assert "measure something" in output
+    assert "do something else" in output
 
 
 @pytest.mark.parametrize("given", [[], ["nothing"], ["measure", "--unknown"]])

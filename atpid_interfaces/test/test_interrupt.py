@@ -80,8 +80,8 @@ def test_an_interrupt_while_a_node_is_loaded_ends_quietly(tmp_path, number, reac
     process.stdin.write("\n")
     process.stdin.flush()
     process.send_signal(number)
-    _, said = process.communicate(timeout=100.0)
-    assert (process.returncode, said) == (0, "")
+    _, output = process.communicate(timeout=100.0)
+    assert (process.returncode, output) == (0, "")
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -140,5 +140,5 @@ def test_signals_that_interrupt_one_another_are_all_taken():
     assert process.stdout.readline() == "ready\n"
     for number in SIGNALS * 2000:
         process.send_signal(number)
-    printed, said = process.communicate("\n", timeout=100.0)
-    assert (process.returncode, printed, said) == (0, "True\n", "")
+    printed, output = process.communicate("\n", timeout=100.0)
+    assert (process.returncode, printed, output) == (0, "True\n", "")

@@ -156,7 +156,7 @@ class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]
         self._check(context, self._library.DAQmxGetReadAttribute(task, request.attribute_raw, ctypes.byref(value), 0))
         return types.GetReadAttributeUInt32Response(value=value.value)
 
-    def GetErrorString(self, request: Any, context: Any) -> Any:
+    def GetErrorString(self, request: Any, _context: Any) -> Any:
         return types.GetErrorStringResponse(error_string=self._text(request.error_code))
 
     def _task(self, request: Any, context: Any) -> ctypes.c_void_p:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The firmware's pure part on the host, under address and undefined-behaviour checks: random requests, a random stand that
-// breaks and mends, and after each millisecond an observer of its own who knows when the motor may run.
+// injects and clears, and after each millisecond an independent observer of when the motor may run.
 //
 //   check [MILLISECONDS] [SEED]      0: all held; 1: the first rule broken, in words
 #include <cstdio>
@@ -49,11 +49,11 @@ struct Stand {
     void mend() { *this = Stand{height_um}; }
 };
 
-// What an outsider can tell: how long each contact has been open, when the host last proved itself alive, what it asked for.
+// What is observed from outside: how long each contact has been open, when the host last sent a heartbeat, what it requested.
 struct Observer {
     uint32_t lower_ms = 0, upper_ms = 0, stop_ms = 0, sensor_ms = 0, alive_at = 0;
     bool asked = false;  // HOME or MOVE accepted since the motor was last armed
-    const char *told = nullptr;  // rule broken in an answer
+    const char *violation = nullptr;  // rule broken in an answer
     uint64_t ran_ms = 0, homings = 0, faults = 0;
 
     void look(const Inputs &inputs) {
@@ -64,7 +64,7 @@ struct Observer {
     }
 
     const char *broken_rule(const Motion &motion, uint32_t now_ms) const {
-        if (told) return told;
+        if (violation) return violation;
         if (motion.has_target() && (motion.target_um() < LOWEST_UM - SOFT_MARGIN_UM || motion.target_um() > HIGHEST_UM + SOFT_MARGIN_UM))
             return "a target outside the soft limits";
         if (motion.mode() == Mode::FAULT && !motion.faults()) return "a fault without a name";
@@ -72,7 +72,7 @@ struct Observer {
         if (motion.faults()) return "runs with a fault";
         if (motion.mode() != Mode::HOMING && motion.mode() != Mode::MOVING) return "runs while at rest or disarmed";
         if (motion.mode() == Mode::MOVING && !motion.homed()) return "travels without having homed";
-        if (!asked) return "runs although nobody asked for it since it was armed";
+        if (!asked) return "runs although it was not requested since it was armed";
         if (now_ms - alive_at > 500) return "runs 500 ms after the last heartbeat";
         if (motion.direction() == Direction::DOWN && lower_ms > DEBOUNCE_MS) return "runs down into the lower switch";
         if (motion.direction() == Direction::UP && upper_ms > DEBOUNCE_MS) return "runs up into the upper switch";
@@ -139,8 +139,8 @@ void talk(Host &host, Observer &observer, const Motion &motion, uint32_t now_ms)
     observer.alive_at = now_ms;  // generous: here every answered request counts; true silence is what must stop the motor
     const bool armed = motion.mode() != Mode::DISARMED && motion.mode() != Mode::FAULT;
     if (!was_armed && armed) observer.asked = false;
-    if (!was_armed && armed && chosen != 3) observer.told = "armed by something else than ARM";
-    if (host.old && contains(answer, ",ST,")) observer.told = "carried out an old request";
+    if (!was_armed && armed && chosen != 3) observer.violation = "armed by something else than ARM";
+    if (host.old && contains(answer, ",ST,")) observer.violation = "carried out an old request";
     if (armed && contains(answer, ",ST,") && (chosen == 4 || chosen == 5 || chosen == 6)) observer.asked = true;
 }
 
