@@ -177,7 +177,7 @@ def test_an_overlay_does_not_change_the_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("environment", "requested", "said"),
+    ("environment", "requested", "message"),
     [
         ({"ROS_DISTRO": "humble"}, None, "ROS humble is sourced"),
         ({"ROS_DISTRO": "jazzy"}, HERE, "cannot import the sourced rclpy"),
@@ -185,9 +185,9 @@ def test_an_overlay_does_not_change_the_key(tmp_path: Path) -> None:
     ],
 )
 def test_what_does_not_fit_is_said_in_one_line(
-    environment: dict[str, str], requested: str | None, said: str, tmp_path: Path
+    environment: dict[str, str], requested: str | None, message: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(machine.SetupError, match=said) as caught:
+    with pytest.raises(machine.SetupError, match=message) as caught:
         machine.choose(
             requested, {"PATH": str(tmp_path), "PYTHONPATH": str(tmp_path), "PYTHONNOUSERSITE": "1", **environment}
         )

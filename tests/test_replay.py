@@ -92,7 +92,7 @@ def replay(executor: SingleThreadedExecutor, bag: Path, scene: Path, out: Path, 
         overrides = [Parameter(key, value=value) for key, value in own[name].items()]
         nodes[name] = node_class(package, name)(parameter_overrides=overrides)
         executor.add_node(nodes[name])
-    player: Any = nodes["replay_node"]
+    player: ReplayNode = nodes["replay_node"]
     spin_until(executor, player.done.done)
     assert player.done.result() == 0
     return player
@@ -126,7 +126,7 @@ def scene_of(bag: Path, folder: Path) -> Path:
 
 def fields(message: Any) -> dict[str, Any]:
     """All fields, NaN as a word so that it equals itself."""
-    found = {}
+    found: dict[str, Any] = {}
     for name, value in vars(message).items():
         if hasattr(value, "__dataclass_fields__"):
             found[name] = fields(value)
@@ -268,8 +268,8 @@ def bad_bags(folder: Path) -> dict[str, tuple[Path, str]]:
 
 
 def test_a_bad_bag_is_one_line(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
-    for bag, said in bad_bags(tmp_path).values():
-        with pytest.raises(BagError, match=said) as caught:
+    for bag, message in bad_bags(tmp_path).values():
+        with pytest.raises(BagError, match=message) as caught:
             ReplayNode(parameter_overrides=[Parameter("bag", value=str(bag))])
         assert str(bag) in str(caught.value)
         assert "\n" not in str(caught.value)
@@ -280,7 +280,7 @@ def test_a_bad_bag_is_one_line(ros: SingleThreadedExecutor, tmp_path: Path) -> N
 def test_a_bad_bag_ends_the_process_with_status_2(tmp_path: Path) -> None:
     (tmp_path / "note.txt").write_text("no bag at all\n")
     executable = Path(get_package_prefix("atpid_control")) / "lib/atpid_control/replay_node"
-    command = [executable, "--ros-args", "-p", f"bag:={tmp_path / 'note.txt'}"]
+    command = [str(executable), "--ros-args", "-p", f"bag:={tmp_path / 'note.txt'}"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=100.0, check=False)
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
@@ -299,6 +299,6 @@ def test_ctrl_c_ends_a_replay_quietly(ros: SingleThreadedExecutor, recorded: Pat
         stack.callback(process.kill)
         spin_until(ros, lambda: len(loop.blocks) > 0 or process.poll() is not None)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=100.0)
-    assert process.returncode == 0, said
-    assert "Traceback" not in said
+        _, printed = process.communicate(timeout=100.0)
+    assert process.returncode == 0, printed
+    assert "Traceback" not in printed

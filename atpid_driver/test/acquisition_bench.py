@@ -51,7 +51,7 @@ class Bench:
 
     def start(self, kind: type[N], **values: object) -> N:
         overrides = [Parameter(name, value=value) for name, value in values.items()]
-        node = kind(context=self.context, parameter_overrides=overrides)
+        node: N = kind(context=self.context, parameter_overrides=overrides)
         self.nodes.append(node)
         self.executor.add_node(node)
         return node

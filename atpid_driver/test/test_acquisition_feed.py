@@ -13,9 +13,9 @@ from acquisition_bench import Bench
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 
 from atpid_common.nodes.handshake import empty_block
-from atpid_common.nodes.messages import BLOCKS, EVENTS, doubles
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, doubles
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.feed_node import STATES, FeedNode
+from atpid_driver.nodes.feed_node import FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.standins import Control, Feed, StandinError, build
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import queue
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,9 +23,9 @@ QUICK = Backoff(first=0.01, longest=0.02)
 
 
 class Watch:
-    """Collects what a reader hands over, waiting for it."""
+    """Collects blocks and reports of a reader, waiting for them."""
 
-    def __init__(self, device: SimulatedAcquisition, **options: object) -> None:
+    def __init__(self, device: SimulatedAcquisition, **options: Any) -> None:
         self._ready = threading.Event()
         self.reports: queue.Queue[tuple[bool, str]] = queue.Queue()
         identity = device.open()
@@ -33,7 +34,7 @@ class Watch:
             identity,
             self._ready.set,
             lambda *report: self.reports.put(report),
-            **{"backoff": QUICK, **options},  # type: ignore[arg-type]
+            **{"backoff": QUICK, **options},
         )
         self.reader.start()
 

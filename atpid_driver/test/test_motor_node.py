@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import isnan, nan
 from typing import Any
 
@@ -115,6 +115,10 @@ def test_a_command_that_waited_too_long_is_ignored(stand: Stand) -> None:
     assert node._read().target == 0.017
 
 
+def reported(stand: Stand, mode: int) -> Callable[[], object]:
+    return lambda: stand.states[-1].mode == mode
+
+
 def test_lifecycle_by_a_manager(stand: Stand) -> None:
     stand.motor(autostart=False)
     stand.until(lambda: stand.states)
@@ -127,7 +131,7 @@ def test_lifecycle_by_a_manager(stand: Stand) -> None:
         (Transition.TRANSITION_CLEANUP, CeilingState.UNCONFIGURED),
     ):
         assert stand.change(transition)
-        stand.until(lambda mode=mode: stand.states[-1].mode == mode)  # type: ignore[misc]
+        stand.until(reported(stand, mode))
 
 
 def test_an_impossible_transition_is_refused_and_the_node_lives_on(stand: Stand) -> None:

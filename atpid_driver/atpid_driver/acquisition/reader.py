@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
 from atpid_driver.acquisition.errors import AcquisitionError, StreamLostError, WrongDeviceError
@@ -206,9 +207,9 @@ class Reader:
             self._update(last_error=text)
             self._report(True, text)
 
-    def _update(self, **changes: object) -> None:
+    def _update(self, **changes: Any) -> None:
         with self._changed:
-            self._status = replace(self._status, **changes)  # type: ignore[arg-type]
+            self._status = replace(self._status, **changes)
         self._ready()
 
     @staticmethod
