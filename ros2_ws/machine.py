@@ -69,7 +69,7 @@ def foreign_paths(paths: str) -> str:
 
 
 def probe_python(name: str, search: str) -> Interpreter | str:
-    """Look at one Python: what it is, or in a few words why it does not do."""
+    """Return one Python, or in a few words why it cannot be used."""
     path = shutil.which(name, path=search)
     if path is None:
         return "not found"

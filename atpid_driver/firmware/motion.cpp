@@ -12,12 +12,12 @@ Motion::Motion(uint16_t faults_at_boot)
 
 void Motion::step(const Inputs &inputs) {
     now_ms_ = inputs.now_ms;
-    lower_.look(inputs.lower_open);
-    upper_.look(inputs.upper_open);
-    stop_.look(inputs.stop_open);
-    uint16_t seen = sensor_.look(inputs.raw, inputs.count, now_ms_);
+    lower_.update(inputs.lower_open);
+    upper_.update(inputs.upper_open);
+    stop_.update(inputs.stop_open);
+    uint16_t seen = sensor_.update(inputs.raw, inputs.count, now_ms_);
     seen |= contacts_wrong();
-    if (!(seen & fault::SENSOR)) seen |= misplaced() | watch();  // without a position the rest would only guess
+    if (!(seen & fault::SENSOR)) seen |= misplaced() | monitor();  // without a position the rest would only guess
     if (seen) fail(seen);
     if (mode_ == Mode::HOMING) step_homing();
     if (mode_ == Mode::MOVING) step_move();
@@ -41,7 +41,7 @@ uint16_t Motion::misplaced() const {
 }
 
 // Faults of the motion itself and of the link.
-uint16_t Motion::watch() {
+uint16_t Motion::monitor() {
     if (mode_ == Mode::DISARMED) return 0;
     uint16_t found = drive_.check(height_um(), now_ms_);
     if (!armed()) return found;

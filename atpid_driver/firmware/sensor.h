@@ -7,8 +7,8 @@
 
 class PositionSensor {
 public:
-    // Looks at the latest reading and how many there have been; returns the faults seen now.
-    uint16_t look(uint16_t raw, uint8_t count, uint32_t now_ms);
+    // Takes the latest reading and the count of readings; returns the faults present now.
+    uint16_t update(uint16_t raw, uint8_t count, uint32_t now_ms);
     uint16_t causes() const { return causes_; }  // faults whose cause is still there
     uint16_t raw() const { return raw_; }
     int32_t height_um() const { return HOME_UM - (static_cast<int32_t>(home_raw_) - raw_) * UM_PER_RAW; }

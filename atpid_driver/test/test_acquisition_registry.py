@@ -6,11 +6,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from acquisition_bench import Bench
 
+from atpid_common.nodes.parameters import ParameterError
 from atpid_driver.acquisition import SetupRefusedError, backend, backend_names
+from atpid_driver.nodes.labjack_node import LabJackNode
 
 GOOD = """
 from atpid_driver.acquisition import Backend
@@ -90,3 +94,49 @@ def test_a_node_whose_plug_in_does_not_load_ends_with_one_line_and_status_2(tmp_
         "error: backend 'broken' of broken:BACKEND (broken 1.0) cannot be loaded: ModuleNotFoundError: "
         "No module named 'no_such_package'\n"
     )
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+WIRING = {"channels": ["support_displacement"], "terminals": ["x"], "calibrations": ["laser_support.yaml"]}
+OWN_SETTINGS = """
+from typing import Literal
+from atpid_driver.acquisition import Backend, setting
+from atpid_driver.acquisition.settings import SimulatedSettings
+from atpid_driver.acquisition.simulated import SimulatedAcquisition
+class OwnSettings(SimulatedSettings):
+    gain: float = setting(2.0, "gain of the amplifier", "1", 0.1, 100.0)
+    filter: Literal["off", "on"] = setting("off", "low-pass filter")
+BACKEND = Backend(OwnSettings, SimulatedAcquisition)
+"""
+
+
+def test_the_source_of_the_loop_takes_a_backend_of_an_entry_point(site: Path, bench: Bench) -> None:
+    distribution(site, "registry_source", "own", OWN_SETTINGS)
+    node = bench.start(LabJackNode, backend="own", rate=1000.0, handshake=False, gain=4.0, **WIRING)
+    bench.until(lambda: bench.blocks)
+    assert list(bench.blocks[0].channels) == ["support_displacement"]
+    assert node.get_parameter("gain").value == 4.0
+    assert node.describe_parameter("gain").description == "gain of the amplifier [1]"
+    assert node.describe_parameter("filter").additional_constraints == "one of: off, on"
+
+
+@pytest.mark.parametrize(("change", "text"), [({"gain": 0.0}, "gain"), ({"filter": "x"}, "allowed: 'off', 'on'")])
+def test_a_setting_of_a_plug_in_out_of_its_range_is_refused(
+    site: Path, bench: Bench, change: dict[str, object], text: str
+) -> None:
+    distribution(site, "registry_range", "own", OWN_SETTINGS)
+    with pytest.raises(ParameterError, match=text):
+        bench.start(LabJackNode, backend="own", rate=1000.0, **WIRING, **change)
+
+
+def test_a_setting_that_is_no_parameter_is_refused(site: Path, bench: Bench) -> None:
+    settings = OWN_SETTINGS.replace("gain: float = setting(2.0", "gain: complex = setting(2j")
+    distribution(site, "registry_type", "own", settings.replace(', "1", 0.1, 100.0)', ")"))
+    with pytest.raises(SetupRefusedError, match="setting gain of OwnSettings is no parameter: its type must be bool"):
+        bench.start(LabJackNode, backend="own", rate=1000.0, **WIRING)
