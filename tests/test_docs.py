@@ -50,7 +50,7 @@ RUN = {
         r"ros2 launch atpid_control bench\.launch\.py --show-args": "test_the_arguments_are_shown",
         r"ros2 launch atpid_control bench\.launch\.py scene": "test_the_bench_ends_with_its_run",
         r"ros2 launch atpid_control stand\.launch\.py": "test_the_stand_waits_for_its_devices_until_ctrl_c",
-        r"ros2 launch atpid_control replay\.launch\.py": "test_a_replay_is_recorded_where_record_says",
+        r"ros2 launch atpid_control replay\.launch\.py": "test_a_replay_is_recorded_in_the_folder_of_record",
     },
     "tests/test_replay.py": {r"ros2 run atpid_control replay_node": "test_ctrl_c_ends_a_replay_quietly"},
     "tests/test_replay_command.py": {
@@ -62,7 +62,7 @@ RUN = {
         r"python -m atpid_driver\.nodes\.motor_node": "test_a_motor_is_configured_and_activated_by_hand",
         r"python -m atpid_common\.nodes\.echo ": "test_the_messages_of_a_sensor_are_printed",
         r"python -m atpid_driver\.nodes\.labjack_node": "test_the_messages_of_a_sensor_are_printed",
-        r"python -m atpid_control\.nodes\.replay_node": "test_a_replay_node_alone_says_what_it_waits_for",
+        r"python -m atpid_control\.nodes\.replay_node": "test_a_replay_node_alone_logs_what_it_waits_for",
     },
     "atpid_interfaces/test/test_param_command.py": {
         r"python -m atpid_common\.nodes\.param (set|get|describe)": "test_a_parameter_is_read_set_and_described",

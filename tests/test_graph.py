@@ -99,7 +99,7 @@ def test_a_map_that_lies_too_high_is_left_by_stepping_back(scenes: Path, tmp_pat
 
 
 @pytest.mark.parametrize("ceiling", [{"height": 0.1}, {"closed": 0.017, "open": 0.1, "start": 0.2, "end": 0.5}])
-def test_a_ceiling_no_controller_moves_goes_as_the_scene_says(
+def test_a_ceiling_without_a_controller_follows_the_scene(
     scenes: Path, tmp_path: Path, ceiling: dict[str, float]
 ) -> None:
     changes = {"duration": 1.0, "steady_window": [0.5, 1.0], "ceiling": ceiling}

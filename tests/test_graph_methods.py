@@ -48,7 +48,7 @@ class Slow:
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_a_controller_that_takes_long_says_so_where_time_is_real(scenes: Path, tmp_path: Path, lockstep: bool) -> None:
+def test_a_controller_that_takes_long_is_reported_in_real_time(scenes: Path, tmp_path: Path, lockstep: bool) -> None:
     rclpy.init()
     try:
         path = scenes / "stepped_4_8.yaml"

@@ -78,9 +78,7 @@ def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running: tuple[subproc
     assert not [pid for pid in nodes.values() if Path(f"/proc/{pid}").exists()]
 
 
-def test_the_domain_is_printed_and_ctrl_c_before_the_recording_says_that_there_is_no_bag(
-    scenes: Path, tmp_path: Path
-) -> None:
+def test_the_domain_is_printed_and_ctrl_c_before_the_recording_leaves_no_bag(scenes: Path, tmp_path: Path) -> None:
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES)
     process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
     printed = ""
@@ -108,7 +106,7 @@ def test_a_node_that_dies_stops_the_run_with_its_name(running: tuple[subprocess.
 
 
 @pytest.mark.parametrize("name", ["plant_node", "selector_node"])
-def test_a_node_started_twice_says_so_and_leaves(scenes: Path, tmp_path: Path, name: str) -> None:
+def test_a_node_started_twice_ends_with_a_line(scenes: Path, tmp_path: Path, name: str) -> None:
     from graph_runs import parameters
 
     _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)

@@ -268,7 +268,7 @@ def test_the_bench_ends_with_its_run(short_scene: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @needs_launch
-def test_a_replay_is_recorded_where_record_says(short_scene: Path, tmp_path: Path) -> None:
+def test_a_replay_is_recorded_in_the_folder_of_record(short_scene: Path, tmp_path: Path) -> None:
     """The folder's name is text: nothing of it is evaluated."""
     assert main(["bench", str(short_scene), "--out", str(tmp_path / "out")]) == 0  # its bag keeps parameters and map
     record = tmp_path / "it's' + str(print('evaluated')) + '$(env HOME) \"x\""

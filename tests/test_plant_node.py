@@ -126,7 +126,7 @@ def graph(scenes: Path, tmp_path: Path) -> Iterator[Start]:
     rclpy.try_shutdown()
 
 
-def test_each_block_waits_for_its_answer_and_the_ceiling_goes_where_the_state_says(graph: Start) -> None:
+def test_each_block_waits_for_its_answer_and_the_ceiling_follows_the_state(graph: Start) -> None:
     plants: list[Oscillator] = []
 
     def make(scene: Scene) -> Oscillator:
@@ -176,7 +176,7 @@ def test_in_real_time_the_plant_wakes_once_for_each_block(graph: Start, monkeypa
     assert len(wakes) <= 2 * plant.stream.blocks  # a timer may be a moment early; polling woke five times a block
 
 
-def test_a_machine_too_slow_for_real_time_is_said_once_and_nothing_is_left_out(graph: Start) -> None:
+def test_a_machine_too_slow_for_real_time_is_reported_once_and_nothing_is_left_out(graph: Start) -> None:
     plant, peer, spin = graph(lambda scene: Oscillator(scene, seconds_a_block=0.07), lockstep=False)
     spin(plant.done.done)
     spin(lambda: len(peer.blocks) == 10 and len(peer.events) == 3)

@@ -225,7 +225,7 @@ def test_only_sensors_are_played_unless_asked(ros: SingleThreadedExecutor, recor
     assert "x real time" in loop.finished
 
 
-def test_a_paced_replay_follows_the_wall_and_tells_the_time(ros: SingleThreadedExecutor, recorded: Path) -> None:
+def test_a_paced_replay_follows_the_wall_clock_and_publishes_it(ros: SingleThreadedExecutor, recorded: Path) -> None:
     began = time.monotonic()
     node, loop = player(ros, recorded, rate=10.0)
     spin_until(ros, node.done.done)

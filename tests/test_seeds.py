@@ -107,7 +107,7 @@ def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes: Path, heig
     assert longest_rumble(ran, (0.2, 8.0), good.lookup(0.03, 0.1)) > 1.0
 
 
-def test_a_grain_lighter_than_believed_is_said_as_drift_once(scenes: Path, height_map: Path) -> None:
+def test_a_grain_lighter_than_modelled_is_one_drift(scenes: Path, height_map: Path) -> None:
     believed = load_scene(scenes / "thesis_4_3.yaml")
     real = believed.with_(grain={"mass_fraction": 0.085, "radius": 0.0085}, frequency=believed.frequency_hz)
     ran = run_loop(real, configured(), height_map, model=believed)

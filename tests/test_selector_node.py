@@ -132,7 +132,7 @@ def test_the_service_answers_for_the_amplitude_given(pair: Pair) -> None:
     assert answer.efficiency > 0.76
 
 
-def test_a_service_called_before_any_estimate_says_so(pair: Pair) -> None:
+def test_a_service_called_before_any_estimate_gives_the_reason(pair: Pair) -> None:
     peer, spin, scene = pair
     answer = ask(peer, spin, amplitude=0.0)
     assert not answer.success
@@ -143,7 +143,7 @@ def test_a_service_called_before_any_estimate_says_so(pair: Pair) -> None:
     assert "amplitude: given nan m; allowed: " in ask(peer, spin, amplitude=math.nan).message
 
 
-def test_a_service_asked_for_what_the_map_has_not_says_so(pair: Pair) -> None:
+def test_a_request_outside_the_map_gives_the_reason(pair: Pair) -> None:
     peer, spin, _ = pair
     answer = ask(peer, spin, amplitude=5.0)
     assert not answer.success

@@ -176,14 +176,14 @@ def test_the_messages_of_a_sensor_are_printed(start: Start, root: Path) -> None:
 
 
 @pytest.mark.timeout(300)
-def test_a_topic_nobody_publishes_is_waited_for_with_a_line(start: Start) -> None:
+def test_a_topic_without_a_publisher_is_waited_for_with_a_line(start: Start) -> None:
     echo = start("atpid_common.nodes.echo", "/nothere")
     echo.wait_for("waiting for a publisher of /nothere")
     assert echo.end(signal.SIGINT) == 0
 
 
 @pytest.mark.timeout(300)
-def test_a_replay_node_alone_says_what_it_waits_for(start: Start, root: Path) -> None:
+def test_a_replay_node_alone_logs_what_it_waits_for(start: Start, root: Path) -> None:
     bag = root / "bags" / "thesis_4_3_short"
     replay = start("atpid_control.nodes.replay_node", "--ros-args", "-p", f"bag:={bag}", "-p", "rate:=0.0")
     replay.wait_for("waiting for an answer on ceiling/command; not running: identifier_node, selector_node")

@@ -121,7 +121,7 @@ def test_a_module_that_sends_nothing_is_a_time_out(make: Make, control: Control)
         ({"device": "cDAQ9Mod9"}, DeviceMissingError, "NI MAX"),
     ],
 )
-def test_refusals_say_what_is_allowed(
+def test_refusals_name_what_is_allowed(
     make: Make, changes: dict[str, object], error: type[Exception], words: str
 ) -> None:
     device = make(**changes)
@@ -137,7 +137,7 @@ def test_a_server_that_is_away_is_named() -> None:
     device.close()
 
 
-def test_without_the_runtime_one_line_says_what_to_install() -> None:
+def test_without_the_runtime_one_line_names_what_to_install() -> None:
     program = (
         "from atpid_driver.acquisition import create\n"
         "channels = [{'name': 'a', 'terminal': 'ai0', 'kind': 'iepe'}]\n"

@@ -125,7 +125,7 @@ def test_another_device_in_the_same_place_is_not_taken() -> None:
     watch.reader.stop()
 
 
-def test_a_refused_set_up_is_said_and_not_tried_again() -> None:
+def test_a_refused_set_up_is_reported_and_not_tried_again() -> None:
     class Refusing(SimulatedAcquisition):
         def start(self) -> float:
             raise SetupRefusedError("rate too high")
@@ -136,7 +136,7 @@ def test_a_refused_set_up_is_said_and_not_tried_again() -> None:
     assert watch.reports.empty()
 
 
-def test_a_bug_in_a_backend_is_said() -> None:
+def test_a_bug_in_a_backend_is_reported() -> None:
     class Broken(SimulatedAcquisition):
         def read(self) -> Block:
             raise ZeroDivisionError("oops")

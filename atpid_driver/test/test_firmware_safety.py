@@ -47,7 +47,7 @@ def stands_still(host: SteppedHost) -> bool:
     return after.motor == 0 and after.travel_um == before.travel_um
 
 
-def test_after_power_on_it_is_disarmed_and_says_who_it_is(host: SteppedHost) -> None:
+def test_after_power_on_it_is_disarmed_and_identifies_itself(host: SteppedHost) -> None:
     assert host.request("STATE") == Refusal("SESSION")
     assert host.request("ID") == IdentityReply("ATPID-MOTOR", "1.0.0", 1, 1, "POWER", 0.017, 1.0, 0.3, 0)
     state = host.state()
@@ -244,7 +244,7 @@ def test_an_upper_switch_that_opens_too_early_is_stuck(host: SteppedHost) -> Non
     assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.UPPER_LIMIT)
 
 
-def test_a_ceiling_that_moves_by_itself_is_told(ready: SteppedHost) -> None:
+def test_a_ceiling_that_moves_by_itself_is_reported(ready: SteppedHost) -> None:
     ready.request("MOVE", MIDDLE)
     ready.beat(2.5)
     ready.emulator.set("runaway", 1)
@@ -313,7 +313,7 @@ def test_a_repeated_frame_is_answered_but_done_once(ready: SteppedHost) -> None:
         ("LOOKUP", (), "ARGUMENT"),
     ],
 )
-def test_requests_it_does_not_know(ready: SteppedHost, word: str, arguments: tuple[int, ...], reason: str) -> None:
+def test_unknown_requests(ready: SteppedHost, word: str, arguments: tuple[int, ...], reason: str) -> None:
     assert ready.request(word, *arguments) == Refusal(reason)
     assert stands_still(ready)
 
