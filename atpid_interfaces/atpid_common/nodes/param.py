@@ -6,19 +6,19 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.cli import guarded
 from atpid_common.errors import DONE, InputError
+from atpid_common.nodes.command_node import command_node
 
 #: How long to wait for the node to be discovered, and for its answer [s].
 TIMEOUT = 10.0
@@ -31,14 +31,11 @@ class ParamError(InputError):
 class Client:
     """The parameter services of one node."""
 
-    def __init__(self, name: str) -> None:
-        """Wait for the node's services; raise ParamError where they are not there."""
-        self._node = Node("param", start_parameter_services=False)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._name, self._client = name, AsyncParameterClient(self._node, name)
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, name: str) -> None:
+        """Wait for the services of the node `name`; raise ParamError where they are not there."""
+        self._executor, self._name = executor, name
+        self._client = AsyncParameterClient(node, name)
         if not self._client.wait_for_services(TIMEOUT):
-            self.close()
             raise ParamError(f"node {name}: not found within {TIMEOUT:g} s; is it running, in this ROS_DOMAIN_ID?")
 
     def call(self, request: Callable[[AsyncParameterClient], Any]) -> Any:
@@ -48,11 +45,6 @@ class Client:
         if not answer.done():
             raise ParamError(f"node {self._name}: no answer within {TIMEOUT:g} s")
         return answer.result()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
 
 
 def get(client: Client, name: str) -> None:
@@ -112,15 +104,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         given = parser.parse_args(argv)
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            client = Client(given.node)
-            try:
-                given.act(client, *(getattr(given, argument) for argument in given.arguments))
-            finally:
-                client.close()
-        finally:
-            rclpy.try_shutdown()
+        with command_node(partial(Node, "param", start_parameter_services=False)) as (node, executor):
+            client = Client(node, executor, given.node)
+            given.act(client, *(getattr(given, argument) for argument in given.arguments))
         return DONE
 
     return guarded(run)
