@@ -50,7 +50,7 @@ UNREACHABLE = re.compile(
     r"ConnectTimeout|ReadTimeout|ProxyError|SSLError|Max retries exceeded|No matching distribution found"
 )
 FULL_DISK = re.compile(r"No space left on device|Disk quota exceeded|No usable temporary directory")
-# Where the wheels were built; their CMake files still say so.
+# Where the wheels were built; their CMake files contain these paths.
 BUILD_CONTAINER = re.compile(
     r"/opt/python/cp\d+-cp\d+/(include/python3\.\d+|lib/python3\.\d+/site-packages/numpy/_core/include)"
 )
@@ -58,7 +58,7 @@ BUILD_CONTAINER = re.compile(
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Hold the workspace's lock, so that two set-ups never work at once.
+    """Hold the workspace's lock, so that only one set-up runs at a time.
 
     The steps inherit it and the kernel frees it with the last of them, also where this process is killed.
     """
@@ -73,7 +73,7 @@ def alone() -> Iterator[None]:
 
 
 def run(command: list[str | Path], what: str, environment: dict[str, str], cwd: Path = ROOT) -> None:
-    """Run one step with its output in the log; SetupError says in one line what went wrong."""
+    """Run one step with its output in the log; raise SetupError with one line on what went wrong."""
     with LOG.open("ab") as stream:
         start = stream.tell()
         done = subprocess.run(
@@ -189,7 +189,7 @@ def set_up(requested: str | None) -> None:
 
 
 def main() -> int:
-    """Set up, and say in one line what is wrong where something is."""
+    """Set up; print one line where something is wrong."""
     try:
         with alone():
             set_up(os.environ.get("PYTHON") or None)

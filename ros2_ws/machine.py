@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What set-up finds on this machine, and how it knows whether anything changed. Standard library only."""
+"""What set-up finds on this machine, and the keys by which it detects changes. Standard library only."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def foreign_paths(paths: str) -> str:
 
 
 def probe_python(name: str, search: str) -> Interpreter | str:
-    """Look at one Python: what it is, or in a few words why it does not do."""
+    """Return one Python, or in a few words why it cannot be used."""
     path = shutil.which(name, path=search)
     if path is None:
         return "not found"
@@ -106,7 +106,7 @@ def choose(requested: str | None, environment: Mapping[str, str]) -> tuple[Inter
 
 
 def nothing_found(distribution: str, refused: str) -> str:
-    """Return the line that says which Python to install, or how to get at the one the sourced ROS runs on."""
+    """Return the line that names the Python to install, or how to get at the one the sourced ROS runs on."""
     if distribution:
         return (
             f"ROS 2 {distribution} is sourced but no Python here fits it ({refused}): sudo apt install "

@@ -58,9 +58,9 @@ def older(bag: Path, folder: Path, change: Change = without_handshake, files: di
                 writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Attachment) and files is None:
                 writer.add_attachment(0, 0, record.name, record.media_type, record.data)
-        for name, data in (files or {}).items():
-            writer.add_attachment(0, 0, name, "application/octet-stream", data)
-        writer.finish()
+        for name, content in (files or {}).items():
+            writer.add_attachment(0, 0, name, "application/octet-stream", content)
+        writer.finish()  # type: ignore[no-untyped-call]
     return folder
 
 

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input to the bench and the nodes: one clear line, status 2, nothing started and nothing overwritten."""
 
+from __future__ import annotations
+
 import subprocess
+from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
 import yaml
@@ -17,7 +21,7 @@ from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
 
-def edited(scenes, tmp_path, **changes):
+def edited(scenes: Path, tmp_path: Path, **changes: Any) -> Path:
     """Write thesis 4.3 with some keys replaced, without checking them."""
     mapping = yaml.safe_load((scenes / "thesis_4_3.yaml").read_text().replace("2.1e8", "210000000.0"))
     mapping["tolerance"], mapping["sensors"]["laser"]["noise"] = 1e-6, 20e-6
@@ -26,7 +30,7 @@ def edited(scenes, tmp_path, **changes):
     return path
 
 
-def refused(capsys, *arguments):
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     """Return the one line a command is refused with."""
     assert main([str(argument) for argument in arguments]) == 2
     captured = capsys.readouterr()
@@ -48,20 +52,23 @@ def refused(capsys, *arguments):
         ({"duration": float("nan")}, ["duration"]),
     ],
 )
-def test_a_scene_that_cannot_be(scenes, tmp_path, capsys, changes, words):
+def test_a_scene_that_cannot_be(
+    scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: Any, words: str
+) -> None:
     line = refused(capsys, "bench", edited(scenes, tmp_path, **changes), "--out", tmp_path / "out")
     assert all(word in line for word in words), line
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scene_that_is_not_there(tmp_path, capsys):
+def test_a_scene_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "cannot be read" in refused(capsys, "bench", tmp_path / "none.yaml", "--out", tmp_path / "out")
 
 
 @pytest.fixture
-def other_map(scenes, tmp_path):
+def other_map(scenes: Path, tmp_path: Path) -> Path:
     """A map made for a stiffer beam."""
     source = map_for(load_scene(scenes / "thesis_4_3.yaml"))
+    assert source is not None
     changed = HeightMap.load(source)
     identity = yaml.safe_load(yaml.safe_dump(changed.identity))
     key = next(key for key in identity if "stiff" in key)
@@ -71,21 +78,23 @@ def other_map(scenes, tmp_path):
     return tmp_path / "other.npz"
 
 
-def test_a_map_for_another_beam(scenes, tmp_path, capsys, other_map):
+def test_a_map_for_another_beam(
+    scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], other_map: Path
+) -> None:
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": str(other_map)}
     line = refused(capsys, "bench", edited(scenes, tmp_path, ceiling=ceiling), "--out", tmp_path / "out")
     assert "other.npz: made for" in line
     assert not (tmp_path / "out").exists()
 
 
-def test_a_map_that_is_a_text_file(scenes, tmp_path, capsys):
+def test_a_map_that_is_a_text_file(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "map.npz").write_text("hello")
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": "map.npz"}
     line = refused(capsys, "bench", edited(scenes, tmp_path, ceiling=ceiling), "--out", tmp_path / "out")
     assert "is not a height map" in line
 
 
-def test_a_folder_with_something_else_in_it(scenes, tmp_path, capsys):
+def test_a_folder_with_something_else_in_it(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.tex").write_text("mine")
     line = refused(capsys, "bench", scenes / "thesis_4_3.yaml", "--out", tmp_path / "out")
@@ -105,7 +114,7 @@ def test_a_folder_with_something_else_in_it(scenes, tmp_path, capsys):
         ("selector_node", {"map": "none.npz"}, "no such file"),
     ],
 )
-def test_a_node_with_a_bad_parameter(scenes, tmp_path, node, changes, words):
+def test_a_node_with_a_bad_parameter(scenes: Path, tmp_path: Path, node: str, changes: Any, words: str) -> None:
     _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)
     given[node] |= changes
     write_parameters(given, tmp_path / "parameters.yaml")
@@ -115,10 +124,11 @@ def test_a_node_with_a_bad_parameter(scenes, tmp_path, node, changes, words):
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     lines = ended.stderr.strip().splitlines()
-    assert len(lines) == 1 and words in lines[0], lines
+    assert len(lines) == 1, lines
+    assert words in lines[0]
 
 
-def test_a_parameter_file_that_is_not_there(tmp_path):
+def test_a_parameter_file_that_is_not_there(tmp_path: Path) -> None:
     part = next(part for part in PARTS if part.name == "plant_node")
     command = [str(part.executable), "--ros-args", "--params-file", str(tmp_path / "none.yaml")]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -127,8 +137,10 @@ def test_a_parameter_file_that_is_not_there(tmp_path):
     assert "Traceback" not in ended.stderr
 
 
-def test_a_plant_that_fails_is_status_3_and_one_line(scenes, tmp_path, capsys, monkeypatch):
-    def fails(*_):
+def test_a_plant_that_fails_is_status_3_and_one_line(
+    scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> NoReturn:
         raise PlantFailedError("the plant stopped at 1 s: the grain left the container")
 
     monkeypatch.setattr("atpid_control.commands.bench.run_lockstep", fails)
@@ -136,7 +148,7 @@ def test_a_plant_that_fails_is_status_3_and_one_line(scenes, tmp_path, capsys, m
     assert capsys.readouterr().err == "error: the plant stopped at 1 s: the grain left the container\n"
 
 
-def test_a_recorder_that_cannot_write_stops_the_run(scenes, tmp_path):
+def test_a_recorder_that_cannot_write_stops_the_run(scenes: Path, tmp_path: Path) -> None:
     _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=True)
     given["recorder_node"]["bag"] = "/dev/full/bag"
     with own_domain(), pytest.raises(ValueError, match="/dev/full"):

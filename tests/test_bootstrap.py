@@ -177,17 +177,17 @@ def test_an_overlay_does_not_change_the_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("environment", "requested", "said"),
+    ("environment", "requested", "message"),
     [
         ({"ROS_DISTRO": "humble"}, None, "ROS humble is sourced"),
         ({"ROS_DISTRO": "jazzy"}, HERE, "cannot import the sourced rclpy"),
         ({}, "python-that-is-not-there", "python-that-is-not-there not found"),
     ],
 )
-def test_what_does_not_fit_is_said_in_one_line(
-    environment: dict[str, str], requested: str | None, said: str, tmp_path: Path
+def test_what_does_not_fit_is_one_line(
+    environment: dict[str, str], requested: str | None, message: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(machine.SetupError, match=said) as caught:
+    with pytest.raises(machine.SetupError, match=message) as caught:
         machine.choose(
             requested, {"PATH": str(tmp_path), "PYTHONPATH": str(tmp_path), "PYTHONNOUSERSITE": "1", **environment}
         )
@@ -204,7 +204,7 @@ def test_missing_tools_are_named_with_their_package(tmp_path: Path, tools: tuple
         machine.require_machine(PYTHON, machine.Ros("sourced", "x"), {"PATH": str(tmp_path)})
 
 
-def test_another_processor_is_told_to_source_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_on_another_processor_ros_has_to_be_sourced(monkeypatch: pytest.MonkeyPatch) -> None:
     fake = types.SimpleNamespace(system=lambda: "Linux", machine=lambda: "aarch64")
     monkeypatch.setattr(machine, "platform", fake)
     with pytest.raises(machine.SetupError, match="Linux on aarch64: install ROS 2 Jazzy"):
@@ -216,7 +216,7 @@ def test_an_activated_shell_finds_what_a_fresh_one_does() -> None:
     assert machine.foreign_paths(paths) == "/usr/bin:/opt/ros/jazzy"
 
 
-def test_an_unreachable_index_is_said_in_one_line() -> None:
+def test_an_unreachable_index_is_one_line() -> None:
     output = (
         "WARNING: Retrying ... Failed to establish a new connection\nERROR: No matching distribution found for a==1"
     )

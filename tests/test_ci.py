@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """CI runs the tests in an environment that hides nothing."""
 
+from __future__ import annotations
+
 import os
 import subprocess
+from pathlib import Path
 
 
-def test_ci_runs_the_tests_in_a_clean_environment(root, tmp_path):
+def test_ci_runs_the_tests_in_a_clean_environment(root: Path, tmp_path: Path) -> None:
     make = tmp_path / "make"
     make.write_text('#!/bin/sh\nenv > "${0%/*}/$1.env"\n')
     make.chmod(0o755)

@@ -3,10 +3,14 @@
 that depends neither on buffering nor on the version of argparse; another pipe that breaks is not hidden.
 """
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, NoReturn
 
 import pytest
 
@@ -27,7 +31,7 @@ COMMANDS = {
 UNBUFFERED = [None, "1"]
 
 
-def run(command, unbuffered, **streams):
+def run(command: str, unbuffered: str | None, **streams: Any) -> subprocess.CompletedProcess[str]:
     """Run `python -m command`, with PYTHONUNBUFFERED as given or not set."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     if unbuffered:
@@ -37,7 +41,7 @@ def run(command, unbuffered, **streams):
 
 
 @pytest.fixture
-def closed():
+def closed() -> Iterator[int]:
     """The writing end of a pipe whose reader has left."""
     reading, writing = os.pipe()
     os.close(reading)
@@ -48,7 +52,9 @@ def closed():
 @pytest.mark.slow
 @pytest.mark.parametrize("unbuffered", UNBUFFERED)
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_whose_reader_left_ends_quietly(name, unbuffered, closed, tmp_path):
+def test_a_command_whose_reader_left_ends_quietly(
+    name: str, unbuffered: str | None, closed: int, tmp_path: Path
+) -> None:
     (tmp_path / "readings.csv").write_text(READINGS)
     done = run(COMMANDS[name].format(tmp_path), unbuffered, stdout=closed, stderr=subprocess.PIPE)
     assert done.stderr == ""
@@ -57,7 +63,7 @@ def test_a_command_whose_reader_left_ends_quietly(name, unbuffered, closed, tmp_
 
 @pytest.mark.parametrize("unbuffered", UNBUFFERED)
 @pytest.mark.parametrize("command", ["atpid_sim simulate none.yaml", "atpid_sim nothing", "atpid_driver calibrate"])
-def test_an_error_line_into_a_closed_pipe_ends_the_same_way(command, unbuffered, closed):
+def test_an_error_line_into_a_closed_pipe_ends_the_same_way(command: str, unbuffered: str | None, closed: int) -> None:
     assert run(command, unbuffered, stdout=closed, stderr=closed).returncode == 1
     done = run(command, unbuffered, stdout=subprocess.PIPE, stderr=closed)
     assert (done.returncode, done.stdout) == (1, "")
@@ -76,8 +82,10 @@ sys.exit(guarded(command))
 """
 
 
-def test_a_reader_that_leaves_with_everything_has_missed_nothing():
+def test_a_reader_that_leaves_with_everything_has_missed_nothing() -> None:
     with subprocess.Popen([sys.executable, "-c", READ_ALL], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
         assert process.stdout.readline() == b"everything\n"
         process.stdout.close()
         process.stdin.close()
@@ -85,15 +93,16 @@ def test_a_reader_that_leaves_with_everything_has_missed_nothing():
 
 
 @pytest.mark.parametrize(("command", "status"), [("atpid_sim --help", 0), ("atpid_sim simulate none.yaml", 2)])
-def test_without_standard_output_and_error_the_status_is_the_same(command, status):
+def test_without_standard_output_and_error_the_status_is_the_same(command: str, status: int) -> None:
     shell = ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", sys.executable, "-m", *command.split()]
     assert subprocess.run(shell, cwd=ROOT, check=False).returncode == status
 
 
-def test_another_pipe_that_breaks_is_not_hidden(monkeypatch):
-    def broken():
+def test_another_pipe_that_breaks_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> NoReturn:
         raise BrokenPipeError("a device's")
 
-    with open(os.devnull, "w") as output, pytest.raises(BrokenPipeError, match="a device's"):
+    with open(os.devnull, "w") as output:
         monkeypatch.setattr(sys, "stdout", output)
-        guarded(broken)
+        with pytest.raises(BrokenPipeError, match="a device's"):
+            guarded(broken)

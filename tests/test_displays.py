@@ -8,6 +8,7 @@ import os
 import pty
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -18,14 +19,14 @@ COMMANDS = {
 }
 
 
-def run(command, out, root, stderr):
+def run(command: list[str], out: Path, root: Path, stderr: int) -> subprocess.Popen[str]:
     words = [sys.executable, "-m", *(str(out) if word == "OUT" else word for word in command)]
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
     return subprocess.Popen(words, cwd=root, stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment)
 
 
 @pytest.mark.parametrize("text", COMMANDS)
-def test_a_display_moves_on_a_terminal(text, root, tmp_path):
+def test_a_display_moves_on_a_terminal(text: str, root: Path, tmp_path: Path) -> None:
     terminal, end = pty.openpty()
     process = run(COMMANDS[text], tmp_path / "out", root, end)
     os.close(end)
@@ -41,14 +42,16 @@ def test_a_display_moves_on_a_terminal(text, root, tmp_path):
     os.close(terminal)
     out, _ = process.communicate()
     assert process.returncode == 0
-    assert text.encode() in shown and b"\x1b[" in shown
+    assert text.encode() in shown
+    assert b"\x1b[" in shown
     assert "\x1b" not in out
 
 
 @pytest.mark.parametrize("text", COMMANDS)
-def test_without_a_terminal_there_is_none(text, root, tmp_path):
+def test_without_a_terminal_there_is_none(text: str, root: Path, tmp_path: Path) -> None:
     process = run(COMMANDS[text], tmp_path / "out", root, subprocess.PIPE)
     out, errors = process.communicate()
-    assert process.returncode == 0 and errors == ""
+    assert process.returncode == 0
+    assert errors == ""
     if text != "repeating its stages":
         json.loads(out)

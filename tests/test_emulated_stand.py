@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stand's own graph without hardware: vendor package, real firmware, simulated physics; and it damps."""
 
+from __future__ import annotations
+
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from graph_runs import scene_file, without_domain
@@ -21,23 +24,23 @@ SCENE = {
 }
 
 
-def bench(scene: Path, out: Path, *more: str) -> tuple[dict, str]:
-    """Run the bench as a user would; return its summary and what it said."""
+def bench(scene: Path, out: Path, *more: str) -> tuple[dict[str, Any], str]:
+    """Run the bench as a user would; return its summary and what it printed."""
     command = [sys.executable, "-m", "atpid_control", "bench", str(scene), "--out", str(out), *more]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500.0, env=without_domain())
     assert done.returncode == 0, done.stderr
     return json.loads((out / "summary.json").read_text()), done.stdout + done.stderr
 
 
-def test_the_emulated_stand_damps_as_the_simulated_bench_does(scenes, tmp_path):
+def test_the_emulated_stand_damps_as_the_simulated_bench_does(scenes: Path, tmp_path: Path) -> None:
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **SCENE)
     simulated, _ = bench(path, tmp_path / "simulated")
-    emulated, said = bench(path, tmp_path / "emulated", "--emulated-stand")
+    emulated, printed = bench(path, tmp_path / "emulated", "--emulated-stand")
     if missing_tools():
         assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
-        assert "left out: the firmware" in said
+        assert "left out: the firmware" in printed
     else:
-        assert "left out" not in said
+        assert "left out" not in printed
     expected, seen = simulated["stages"][-1], emulated["stages"][-1]
     assert seen["height"] == pytest.approx(expected["height"], abs=0.01)
     assert seen["identified_amplitude"] == pytest.approx(0.015, rel=0.01)

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph: lockstep repeats itself, the thesis's adaptive bench is met, and other ceilings run as well."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from graph_runs import decoded, in_lockstep, scene_file
 
+from atpid_control.bags.read import Bag
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
 from atpid_control.selection.map_cache import map_for
 from atpid_sim.maps import HeightMap
@@ -16,12 +20,12 @@ LOOP = ("/sensors/laser", "/plant/truth", "/excitation", "/ceiling/command", "/c
 
 
 @pytest.fixture(scope="module")
-def adaptive(scenes, tmp_path_factory):
+def adaptive(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Bag:
     """The bag of the thesis's adaptive bench."""
     return in_lockstep(scenes / "thesis_4_3.yaml", tmp_path_factory.mktemp("adaptive"))
 
 
-def test_two_runs_with_the_same_seed_give_the_same_messages(scenes, tmp_path):
+def test_two_runs_with_the_same_seed_give_the_same_messages(scenes: Path, tmp_path: Path) -> None:
     steps = [[0.0, 0.0], [0.3, 0.015], [1.5, 0.015], [2.0, 0.02]]
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=2.5, steady_window=[2.0, 2.5], amplitude=steps)
     first, again = (in_lockstep(path, tmp_path / name) for name in ("first", "again"))
@@ -31,14 +35,14 @@ def test_two_runs_with_the_same_seed_give_the_same_messages(scenes, tmp_path):
     assert len(decoded(first, "/sensors/laser")) == 50
 
 
-def test_every_block_is_there_and_answered(adaptive):
+def test_every_block_is_there_and_answered(adaptive: Bag) -> None:
     assert float(adaptive.result["data_s"]) == 20.0
     assert lost_scans(adaptive) == 0
     assert unanswered_blocks(adaptive) == 0
     assert {topic: len(decoded(adaptive, topic)) for topic in LOOP[:-1]} == dict.fromkeys(LOOP[:-1], 400)
 
 
-def test_stamps_are_those_of_the_samples_and_answers_carry_them(adaptive):
+def test_stamps_are_those_of_the_samples_and_answers_carry_them(adaptive: Bag) -> None:
     ends = [
         (message.first_index + len(message.data) // 2 - 1) / message.rate for _, message in adaptive.messages(LOOP[0])
     ]
@@ -52,7 +56,9 @@ STAGES = [(6.0, 0.015, 0.29, 0.333), (13.0, 0.04, 0.76, 0.888), (20.0, 0.03, 0.5
 
 
 @pytest.mark.parametrize(("end", "excitation", "height", "closed"), STAGES)
-def test_the_adaptive_bench_of_the_thesis(adaptive, end, excitation, height, closed):
+def test_the_adaptive_bench_of_the_thesis(
+    adaptive: Bag, end: float, excitation: float, height: float, closed: float
+) -> None:
     truth = [message for _, message in adaptive.messages("/plant/truth")]
     window = slice(round((end - 2.0) * 1000.0), round(end * 1000.0))
     beam = np.concatenate([message.beam for message in truth])[window]
@@ -64,33 +70,38 @@ def test_the_adaptive_bench_of_the_thesis(adaptive, end, excitation, height, clo
     assert 0.5 * np.ptp(beam) <= 0.24 * closed
 
 
-def test_the_energy_ledger_closes(adaptive):
+def test_the_energy_ledger_closes(adaptive: Bag) -> None:
     last = [message for _, message in adaptive.messages("/plant/truth")][-1]
     out = last.beam_loss + last.contact_loss + last.stored_energy
     assert last.input_energy + last.ceiling_work == pytest.approx(out, rel=1e-5)
 
 
-def test_the_true_ceiling_follows_the_motor(adaptive):
+def test_the_true_ceiling_follows_the_motor(adaptive: Bag) -> None:
     truth = [message for _, message in adaptive.messages("/plant/truth")]
     states = [message for _, message in adaptive.messages("/ceiling/state")]
     gaps = [abs(true.ceiling[-1] - state.height) for true, state in zip(truth, states, strict=True)]
     assert max(gaps) <= 0.3 * 0.0015  # one sample's travel: the motor's clock starts at the last sample, not after it
 
 
-def test_a_map_that_lies_too_high_is_left_by_stepping_back(scenes, tmp_path):
-    good = HeightMap.load(map_for(load_scene(scenes / "thesis_4_3.yaml")))
+def test_a_map_that_lies_too_high_is_left_by_stepping_back(scenes: Path, tmp_path: Path) -> None:
+    shipped = map_for(load_scene(scenes / "thesis_4_3.yaml"))
+    assert shipped is not None
+    good = HeightMap.load(shipped)
     replace(good, heights=1.08 * good.heights).save(tmp_path / "high.npz")
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": "high.npz"}
     changes = {"duration": 10.0, "steady_window": [8.0, 10.0], "ceiling": ceiling, "amplitude": 0.015}
     bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")
     kinds = [event.kind for _, event in bag.messages("/events")]
-    assert "rumble" in kinds and "step_back" in kinds
+    assert "rumble" in kinds
+    assert "step_back" in kinds
     beam = np.concatenate([message.beam for _, message in bag.messages("/plant/truth")])
     assert 0.5 * np.ptp(beam[8000:]) <= 0.3 * 0.333
 
 
 @pytest.mark.parametrize("ceiling", [{"height": 0.1}, {"closed": 0.017, "open": 0.1, "start": 0.2, "end": 0.5}])
-def test_a_ceiling_no_controller_moves_goes_as_the_scene_says(scenes, tmp_path, ceiling):
+def test_a_ceiling_without_a_controller_follows_the_scene(
+    scenes: Path, tmp_path: Path, ceiling: dict[str, float]
+) -> None:
     changes = {"duration": 1.0, "steady_window": [0.5, 1.0], "ceiling": ceiling}
     bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")
     truth = [message for _, message in bag.messages("/plant/truth")]
@@ -100,7 +111,7 @@ def test_a_ceiling_no_controller_moves_goes_as_the_scene_says(scenes, tmp_path, 
     assert {message.method for _, message in bag.messages("/ceiling/command")} == {"fixed"}
 
 
-def test_a_second_sensor_is_recorded_at_its_own_rate(scenes, tmp_path):
+def test_a_second_sensor_is_recorded_at_its_own_rate(scenes: Path, tmp_path: Path) -> None:
     sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 1600.0, "noise": 0.05}}
     changes = {"duration": 1.0, "steady_window": [0.5, 1.0], "sensors": sensors}
     bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")

@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes whose controller computes its heights run on the bench like the others; a slow one says so in real time."""
 
+from __future__ import annotations
+
 import time
+from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
@@ -20,7 +24,7 @@ CEILING = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3}
 
 
 @pytest.mark.parametrize("method", ["pca", "direct", "search"])
-def test_a_method_that_computes_runs_on_the_bench(scenes, tmp_path, method):
+def test_a_method_that_computes_runs_on_the_bench(scenes: Path, tmp_path: Path, method: str) -> None:
     changes = {"duration": 4.0, "steady_window": [3.0, 4.0], "ceiling": CEILING | {"controller": method}}
     bag = in_lockstep(scene_file(scenes / "stepped_4_8.yaml", tmp_path, **changes), tmp_path / "run")
     commands = [message for _, message in bag.messages("/ceiling/command")]
@@ -33,10 +37,10 @@ def test_a_method_that_computes_runs_on_the_bench(scenes, tmp_path, method):
 class Slow:
     """Takes longer than a block."""
 
-    def __init__(self, inner):
+    def __init__(self, inner: Any) -> None:
         self.inner = inner
 
-    def answer(self, *arguments):
+    def answer(self, *arguments: Any) -> Any:
         end = time.monotonic() + 0.06
         while time.monotonic() < end:
             pass
@@ -44,15 +48,17 @@ class Slow:
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
-def test_a_controller_that_takes_long_says_so_where_time_is_real(scenes, tmp_path, lockstep):
+def test_a_controller_that_takes_long_is_reported_in_real_time(scenes: Path, tmp_path: Path, lockstep: bool) -> None:
     rclpy.init()
     try:
         path = scenes / "stepped_4_8.yaml"
         _, given = parameters(path, tmp_path, lockstep=lockstep)
         overrides = [Parameter(name, value=value) for name, value in given["selector_node"].items()]
         selector, peer, executor = SelectorNode(parameter_overrides=overrides), Node("peer"), SingleThreadedExecutor()
-        selector._controller = Slow(selector._controller)
-        commands, events = [], []
+        slow: Any = Slow(selector._controller)
+        selector._controller = slow
+        commands: list[CeilingCommand] = []
+        events: list[Event] = []
         peer.create_subscription(CeilingCommand, "ceiling/command", commands.append, STATES)
         peer.create_subscription(Event, "events", events.append, EVENTS)
         excitation = peer.create_publisher(Excitation, "excitation", STATES)

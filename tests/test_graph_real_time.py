@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The graph as processes: nothing lost, Ctrl-C closes the bag, a dead node is named, a name exists only once."""
 
+from __future__ import annotations
+
 import os
 import signal
 import subprocess
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -39,7 +42,7 @@ def recording(out: Path) -> bool:
 
 
 @pytest.fixture
-def running(scenes, tmp_path):
+def running(scenes: Path, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     """A real-time bench of a minute, recording."""
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=60.0, steady_window=[50.0, 60.0])
     process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
@@ -52,7 +55,7 @@ def running(scenes, tmp_path):
         process.communicate()
 
 
-def test_nothing_is_lost_in_real_time(scenes, tmp_path):
+def test_nothing_is_lost_in_real_time(scenes: Path, tmp_path: Path) -> None:
     bag = in_real_time(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES), tmp_path / "run")
     assert lost_scans(bag) == 0
     assert unanswered_blocks(bag) == 0
@@ -62,47 +65,48 @@ def test_nothing_is_lost_in_real_time(scenes, tmp_path):
     assert {message.height for _, message in bag.messages("/ceiling/state")} != {0.017}
 
 
-def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running):
+def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running: tuple[subprocess.Popen[str], Path]) -> None:
     process, out = running
     nodes = children(process.pid)
     assert set(nodes) == {part.name for part in PARTS}
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate()
+    _, printed = process.communicate()
     assert process.returncode == 130
-    assert said.strip().splitlines()[-1].startswith("stopped before the end; the bag is closed")
+    assert printed.strip().splitlines()[-1].startswith("stopped before the end; the bag is closed")
     assert verify(out / "bag").by_topic["/sensors/laser"] > 0
     assert not [pid for pid in nodes.values() if Path(f"/proc/{pid}").exists()]
 
 
-def test_the_domain_is_printed_and_ctrl_c_before_the_recording_says_that_there_is_no_bag(scenes, tmp_path):
+def test_the_domain_is_printed_and_ctrl_c_before_the_recording_leaves_no_bag(scenes: Path, tmp_path: Path) -> None:
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES)
     process = started("bench", str(path), "--out", str(tmp_path / "out"), "--real-time")
-    said = ""
-    while not said.startswith("ROS domain "):  # printed before the nodes are started
-        said = process.stderr.readline()
-        assert said, "it ended"
+    printed = ""
+    assert process.stderr is not None
+    while not printed.startswith("ROS domain "):  # printed before the nodes are started
+        printed = process.stderr.readline()
+        assert printed, "it ended"
     process.send_signal(signal.SIGINT)
     _, rest = process.communicate()
-    number = said.split()[2].rstrip(":")
-    assert said.strip() == f"ROS domain {number}: listen with ROS_DOMAIN_ID={number}"
+    number = printed.split()[2].rstrip(":")
+    assert printed.strip() == f"ROS domain {number}: listen with ROS_DOMAIN_ID={number}"
     assert process.returncode == 130
     bag = tmp_path / "out" / "bag"
-    told = "the bag is closed" if bag.exists() else "stopped before the recording began; there is no bag"
-    assert told in rest.strip().splitlines()[-1]
+    expected = "the bag is closed" if bag.exists() else "stopped before the recording began; there is no bag"
+    assert expected in rest.strip().splitlines()[-1]
 
 
-def test_a_node_that_dies_stops_the_run_with_its_name(running):
+def test_a_node_that_dies_stops_the_run_with_its_name(running: tuple[subprocess.Popen[str], Path]) -> None:
     process, out = running
     os.kill(children(process.pid)["motor_node"], signal.SIGKILL)
-    _, said = process.communicate()
+    _, printed = process.communicate()
     assert process.returncode == 2
-    assert said.strip().splitlines()[-1].startswith("error: motor_node ended with status -9: ")
+    assert printed.strip().splitlines()[-1].startswith("error: motor_node ended with status -9: ")
     assert verify(out / "bag").by_topic["/sensors/laser"] > 0
 
 
 @pytest.mark.parametrize("name", ["plant_node", "selector_node"])
-def test_a_node_started_twice_says_so_and_leaves(scenes, tmp_path, name):
+def test_a_node_started_twice_ends_with_a_line(scenes: Path, tmp_path: Path, name: str) -> None:
     from graph_runs import parameters
 
     _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes of the running graph that end and are started again: the simulated motor, and the recorder."""
 
+from __future__ import annotations
+
 import math
 import signal
 import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
@@ -26,55 +31,63 @@ SHORT = {"duration": 12.0, "steady_window": [8.0, 12.0], "amplitude": [[0.0, 0.0
 class Watch(Node):
     """Collects the plant's true ceiling, the motor's states and the events."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__("watch")
-        self.true, self.states, self.events = [], [], []
+        self.true: list[float] = []
+        self.states: list[CeilingState] = []
+        self.events: list[Event] = []
         self.create_subscription(PlantTruth, "plant/truth", self.on_truth, BLOCKS)
         self.create_subscription(CeilingState, "ceiling/state", self.on_state, STATES)
         self.create_subscription(Event, "events", self.events.append, EVENTS)
 
-    def on_truth(self, truth):
+    def on_truth(self, truth: PlantTruth) -> None:
         if not truth.handshake:
             self.true.append(truth.ceiling[-1])
 
-    def on_state(self, state):
+    def on_state(self, state: CeilingState) -> None:
         if not state.handshake:
             self.states.append(state)
 
-    def settled(self):
+    def settled(self) -> bool:
         """Whether the ceiling has been opened and is at rest."""
         state = self.states[-1] if self.states else CeilingState()
-        return state.mode == CeilingState.HOLDING and self.true and self.true[-1] == state.height > 0.2
+        return state.mode == CeilingState.HOLDING and bool(self.true) and self.true[-1] == state.height > 0.2
+
+
+class Running:
+    """The nodes of the real-time bench on a scene, with changes of its keys."""
+
+    def __init__(self, scene: Path, folder: Path, executor: SingleThreadedExecutor, **changes: Any) -> None:
+        _, given = parameters(scene_file(scene, folder, **changes), folder, lockstep=False)
+        write_parameters(given, folder / "parameters.yaml")
+        self.folder, self.executor = folder, executor
+        self.commands = dict(commands_of(folder / "parameters.yaml"))
+        self.nodes = Processes(self.commands.items(), folder)
+
+    def until(self, happened: Callable[[], object], patience: float = 100.0) -> None:
+        deadline = time.monotonic() + patience
+        while not happened():
+            assert time.monotonic() < deadline, "it did not happen"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def again(self, name: str) -> None:
+        self.nodes.nodes.append(NodeProcess(name, self.commands[name], self.folder / f"{name}_again.log"))
+
+
+Start = Callable[..., tuple[Running, Watch]]
 
 
 @pytest.fixture
-def graph(scenes, tmp_path):
-    """Start the real-time bench's nodes on a scene; return them, a watch, and a function that spins until."""
-
-    class Running:
-        def __init__(self, **changes):
-            _, given = parameters(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path, lockstep=False)
-            write_parameters(given, tmp_path / "parameters.yaml")
-            self.commands = dict(commands_of(tmp_path / "parameters.yaml"))
-            self.nodes = Processes(self.commands.items(), tmp_path)
-
-        def until(self, happened, patience=100.0):
-            deadline = time.monotonic() + patience
-            while not happened():
-                assert time.monotonic() < deadline, "it did not happen"
-                executor.spin_once(timeout_sec=0.05)
-
-        def again(self, name):
-            self.nodes.nodes.append(NodeProcess(name, self.commands[name], tmp_path / f"{name}_again.log"))
-
+def graph(scenes: Path, tmp_path: Path) -> Iterator[Start]:
+    """Start the real-time bench's nodes on a scene; return them and a watch."""
     with own_domain():
         rclpy.init()
         executor, watch = SingleThreadedExecutor(), Watch()
         executor.add_node(watch)
-        made = []
+        made: list[Running] = []
 
-        def start(**changes):
-            made.append(Running(**changes))
+        def start(**changes: Any) -> tuple[Running, Watch]:
+            made.append(Running(scenes / "thesis_4_3.yaml", tmp_path, executor, **changes))
             made[-1].nodes.__enter__()
             return made[-1], watch
 
@@ -86,7 +99,7 @@ def graph(scenes, tmp_path):
         rclpy.try_shutdown()
 
 
-def test_a_simulated_motor_that_is_started_again_does_not_move_the_ceiling(graph):
+def test_a_simulated_motor_that_is_started_again_does_not_move_the_ceiling(graph: Start) -> None:
     running, watch = graph(**STEADY)
     running.until(watch.settled)
     height, before = watch.true[-1], len(watch.true)
@@ -101,14 +114,15 @@ def test_a_simulated_motor_that_is_started_again_does_not_move_the_ceiling(graph
     assert min(reported) == pytest.approx(height, abs=1e-6)
 
 
-def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph, tmp_path):
+def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph: Start, tmp_path: Path) -> None:
     running, watch = graph(**SHORT)
     running.until(watch.settled)
     recorder = running.nodes["recorder_node"]
     recorder._process.send_signal(signal.SIGKILL)
     running.until(lambda: Event.STALE in {event.kind for event in watch.events})
     stale = next(event for event in watch.events if event.kind == Event.STALE)
-    assert stale.header.frame_id == "plant_node" and "recorder" in stale.text
+    assert stale.header.frame_id == "plant_node"
+    assert "recorder" in stale.text
     running.until(lambda: running.nodes["plant_node"].status is not None)
     assert running.nodes["plant_node"].status == 0
     running.until(lambda: Event.FINISHED in {event.kind for event in watch.events})

@@ -43,13 +43,17 @@ EXECUTABLES = {
     ("atpid_sim", "plant_node"): ["plant.yaml", "scene:={}/scene.yaml"],
     ("atpid_driver", "labjack_node"): ["labjack.yaml", "backend:=simulated"],
     ("atpid_driver", "ni_node"): ["ni.yaml", "backend:=simulated"],
+    ("atpid_driver", "acquisition_node"): [
+        "labjack.yaml", "backend:=simulated", "rate:=1000.0", "channels:=[support_displacement]", "terminals:=[x]",
+        "calibrations:=[laser_support.yaml]",
+    ],
     ("atpid_driver", "feed_node"): ["labjack.yaml", "feed:={}/feed", "calibrations:=[laser_beam.yaml]"],
     ("atpid_driver", "motor_node"): ["motor.yaml"],
     ("atpid_control", "identifier_node"): ["identifier.yaml"],
     ("atpid_control", "selector_node"): ["selector.yaml", "scene:={}/scene.yaml", "map:={}/map.npz"],
     ("atpid_control", "recorder_node"): ["recorder.yaml", "bag:={}/new_bag", "scene:={}/scene.yaml"],
     ("atpid_control", "replay_node"): ["recorder.yaml", "bag:={}/out/bag"],
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

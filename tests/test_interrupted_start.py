@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every installed executable takes SIGINT and SIGTERM at any moment of its start: status 0, nothing printed, gone."""
 
+from __future__ import annotations
+
 import os
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 CONTROL, DRIVER = ROOT / "atpid_control" / "config", ROOT / "atpid_driver" / "config"
 SCENE, MAP = ROOT / "scenes" / "stand_realtime.yaml", CONTROL / "maps" / "standard.npz"
 #: Arguments with which each node runs until it is stopped.
-NODES = {
+NODES: dict[str, list[Path | str]] = {
     "atpid_sim/plant_node": [f"scene:={SCENE}"],
     "atpid_control/identifier_node": [CONTROL / "identifier.yaml"],
     "atpid_control/selector_node": [CONTROL / "selector.yaml", f"scene:={SCENE}", f"map:={MAP}"],
@@ -26,12 +29,16 @@ NODES = {
     "atpid_driver/motor_node": [DRIVER / "motor.yaml"],
     "atpid_driver/labjack_node": [DRIVER / "labjack.yaml", "backend:=simulated"],
     "atpid_driver/ni_node": [DRIVER / "ni.yaml", "backend:=simulated"],
+    "atpid_driver/acquisition_node": [
+        "backend:=simulated", "rate:=1000.0", "channels:=[support_displacement]", "terminals:=[x]",
+        "calibrations:=[laser_support.yaml]",
+    ],
     "atpid_driver/feed_node": ["feed:={folder}/feed"],
 }  # fmt: skip
 SIGTERM_BIT = 1 << (signal.SIGTERM - 1)
 
 
-def command_of(name, folder):
+def command_of(name: str, folder: Path) -> list[str]:
     """Return the command that starts a node, as the bench does."""
     package, executable = name.split("/")
     words = []
@@ -42,24 +49,26 @@ def command_of(name, folder):
     return [*START_NODE, f"{get_package_prefix(package)}/lib/{package}/{executable}", "--ros-args", *words]
 
 
-def handles_signals(process):
+def handles_signals(process: subprocess.Popen[str]) -> bool:
     """Whether the process has a handler for SIGTERM: the executable's own code runs."""
     lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
     caught = next(line for line in lines if line.startswith("SigCgt:"))
     return bool(int(caught.split()[1], 16) & SIGTERM_BIT)
 
 
-def loads_ros(process):
+def loads_ros(process: subprocess.Popen[str]) -> bool:
     """Whether the process has loaded rclpy's library: it loads its modules, or makes its node."""
     return "_rclpy_pybind11" in Path(f"/proc/{process.pid}/maps").read_text()
 
 
-def runs(process):
+def runs(process: subprocess.Popen[str]) -> bool:
     """Whether a node spins: it holds its name in this domain."""
     return f"@atpid/{os.environ['ROS_DOMAIN_ID']}/" in Path("/proc/net/unix").read_text()
 
 
-def interrupted(name, folder, moment, *numbers):
+def interrupted(
+    name: str, folder: Path, moment: Callable[[subprocess.Popen[str]], bool], *numbers: int
+) -> tuple[int, str]:
     """Start the node, send the signals when `moment` has come; return its exit status and what it printed."""
     process = subprocess.Popen(command_of(name, folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
@@ -77,25 +86,26 @@ def interrupted(name, folder, moment, *numbers):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_an_interrupted_start_ends_quietly(name, tmp_path):
+def test_an_interrupted_start_ends_quietly(name: str, tmp_path: Path) -> None:
     with own_domain():
         for moment in (handles_signals, loads_ros):
             assert interrupted(name, tmp_path, moment, signal.SIGINT, signal.SIGINT) == (0, "")
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_a_node_that_runs_ends_with_status_0_however_often_it_is_asked(name, tmp_path):
+def test_a_node_that_runs_ends_with_status_0_however_often_it_is_asked(name: str, tmp_path: Path) -> None:
     with own_domain():
         status, printed = interrupted(name, tmp_path, runs, signal.SIGTERM, signal.SIGINT, signal.SIGINT)
     assert status == 0, printed
-    assert "Traceback" not in printed and "Exception ignored" not in printed and "error" not in printed, printed
+    assert [word for word in ("Traceback", "Exception ignored", "error") if word in printed] == [], printed
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_a_parameter_file_that_is_missing_is_one_line_and_status_2(name, tmp_path):
+def test_a_parameter_file_that_is_missing_is_one_line_and_status_2(name: str, tmp_path: Path) -> None:
     package, executable = name.split("/")
     command = [f"{get_package_prefix(package)}/lib/{package}/{executable}", "--ros-args", "--params-file", "none.yaml"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert line.startswith("error: ") and "none.yaml" in line
+    assert line.startswith("error: ")
+    assert "none.yaml" in line

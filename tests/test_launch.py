@@ -5,6 +5,8 @@ It is not among the wheels; there these tests are left out, and only the names i
 checks of the arguments have tests that need no `launch`: atpid_control/test/test_launching.py.
 """
 
+from __future__ import annotations
+
 import ast
 import importlib.util
 import os
@@ -13,9 +15,11 @@ import select
 import shutil
 import signal
 import subprocess
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import IO, Any
 
 import pytest
 import yaml
@@ -54,19 +58,24 @@ needs_launch = pytest.mark.skipif(
 class Launch:
     """A running `ros2 launch`, in a session of its own as in a terminal."""
 
-    def __init__(self, name, arguments, folder):
+    def __init__(self, name: str, arguments: dict[str, object], folder: Path) -> None:
         given = [f"{argument}:={value}" for argument, value in arguments.items()]
         self.process = subprocess.Popen(
             ["ros2", "launch", "atpid_control", f"{name}.launch.py", *given],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
             cwd=folder, env={**os.environ, "ROS_LOG_DIR": str(folder / "log")}, start_new_session=True,
         )  # fmt: skip
-        self.lines = []
-        self.pids = {}
+        self.lines: list[str] = []
+        self.pids: dict[str, int] = {}
 
-    def wait_for(self, pattern):
+    @property
+    def output(self) -> IO[str]:
+        assert self.process.stdout is not None
+        return self.process.stdout
+
+    def wait_for(self, pattern: str) -> None:
         """Read up to and with the line that has `pattern`; fail where the launch ends without one."""
-        for line in self.process.stdout:
+        for line in self.output:
             self.lines.append(line.rstrip("\n"))
             if started := re.match(r"\[INFO\] \[(\w+)-\d+\]: process started with pid \[(\d+)\]", line):
                 self.pids[started[1]] = int(started[2])
@@ -74,32 +83,32 @@ class Launch:
                 return
         pytest.fail(f"no line with {pattern!r} in:\n" + "\n".join(self.lines))
 
-    def wait_for_nodes(self, count):
+    def wait_for_nodes(self, count: int) -> None:
         """Read on until `count` nodes have been started."""
         while len(self.pids) < count:
             self.wait_for("process started")
 
-    def interrupt(self):
+    def interrupt(self) -> None:
         """Send what Ctrl-C in a terminal sends: SIGINT to the launch and to every node."""
         os.killpg(self.process.pid, signal.SIGINT)
 
-    def end(self):
+    def end(self) -> int:
         """Read the rest; return the exit status."""
-        self.lines += self.process.stdout.read().splitlines()
+        self.lines += self.output.read().splitlines()
         return self.process.wait()
 
     @property
-    def text(self):
+    def text(self) -> str:
         return "\n".join(self.lines)
 
     @property
-    def errors(self):
+    def errors(self) -> list[str]:
         """The launch's own lines about errors, without what `launch` says of each process."""
         return [line.partition("traceback): ")[2] for line in self.lines if line.startswith("[ERROR] [launch]")]
 
 
 @contextmanager
-def launched(name, folder, **arguments):
+def launched(name: str, folder: Path, **arguments: object) -> Iterator[Launch]:
     launch = Launch(name, arguments, folder)
     try:
         yield launch
@@ -107,10 +116,10 @@ def launched(name, folder, **arguments):
         with suppress(ProcessLookupError):
             os.killpg(launch.process.pid, signal.SIGKILL)
         launch.process.wait()
-        launch.process.stdout.close()
+        launch.output.close()
 
 
-def ended(pids):
+def ended(pids: Iterable[int]) -> None:
     """Wait until each process has ended."""
     for pid in pids:
         try:
@@ -122,21 +131,24 @@ def ended(pids):
 
 
 @pytest.fixture
-def short_scene(tmp_path, scenes):
+def short_scene(tmp_path: Path, scenes: Path) -> Path:
     return scene_file(scenes / "stand_realtime.yaml", tmp_path, duration=3.0, steady_window=(2.0, 3.0))
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
-def test_what_a_launch_file_names_exists(name):
+def test_what_a_launch_file_names_exists(name: str) -> None:
     """Nodes, parameter files and arguments: read from the file's text, so that it needs no `launch`."""
     calls = [item for item in ast.walk(ast.parse((FOLDER / f"{name}.launch.py").read_text())) if type(item) is ast.Call]
-    named = {"node": set(), "config": set(), "text": set(), "texts": set(), "LaunchConfiguration": set()}
+    names = ("node", "config", "text", "texts", "LaunchConfiguration")
+    named: dict[str, set[tuple[Any, ...]]] = {function: set() for function in names}
     for call in calls:
-        if getattr(call.func, "id", "") in named:
-            words = tuple(item.value for item in call.args if isinstance(item, ast.Constant))
-            named[call.func.id].add(words)
-    scripts = {(script.dist.name.replace("-", "_"), script.name) for script in entry_points(group="console_scripts")}
-    assert named["node"] and named["node"] <= scripts
+        function = getattr(call.func, "id", "")
+        if function in named:
+            named[function].add(tuple(item.value for item in call.args if isinstance(item, ast.Constant)))
+    installed = [(script.dist, script.name) for script in entry_points(group="console_scripts")]
+    scripts = {(found.name.replace("-", "_"), script) for found, script in installed if found is not None}
+    assert named["node"]
+    assert named["node"] <= scripts
     assert all((ROOT / package / "config" / file).is_file() for package, file in named["config"])
     used = {word for words in named["text"] | named["texts"] | named["LaunchConfiguration"] for word in words}
     if name == "replay":
@@ -146,15 +158,15 @@ def test_what_a_launch_file_names_exists(name):
 
 @pytest.mark.parametrize(("package", "node"), NODES)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_before_python_starts_ends_a_node_quietly(package, node, number):
+def test_a_signal_before_python_starts_ends_a_node_quietly(package: str, node: str, number: int) -> None:
     """The launch files start nodes with both signals blocked; each has to unblock them. The first may come at once."""
     executable = Path(get_package_prefix(package)) / "lib" / package / node
-    at_once = ["sh", "-c", f'kill -{int(number)} $$; exec "$0"', executable]
+    at_once = ["sh", "-c", f'kill -{int(number)} $$; exec "$0"', str(executable)]
     done = subprocess.run([*START.split(), *at_once], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_a_replay_gets_the_parameters_of_the_bag(tmp_path, capfd):
+def test_a_replay_gets_the_parameters_of_the_bag(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """What replay.launch.py does before its nodes start; it needs no `launch`."""
     file = parameter_file({"bag": str(BAG), "rate": "0.0", "record": str(tmp_path / "again"), "scene": "", "map": ""})
     document = yaml.safe_load(Path(file).read_text())
@@ -170,7 +182,7 @@ def test_a_replay_gets_the_parameters_of_the_bag(tmp_path, capfd):
 
 @needs_launch
 @pytest.mark.parametrize("name", ARGUMENTS)
-def test_the_arguments_are_shown(name):
+def test_the_arguments_are_shown(name: str) -> None:
     command = ["ros2", "launch", "atpid_control", f"{name}.launch.py", "--show-args"]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert re.findall(r"^    '(.*)':$", shown, flags=re.MULTILINE) == [item.name for item in ARGUMENTS[name]]
@@ -192,23 +204,28 @@ def test_the_arguments_are_shown(name):
         ("replay", {"bag": "nothere"}, "argument bag: .*/nothere does not exist"),
     ],
 )
-def test_a_wrong_argument_is_refused_before_a_node_starts(name, given, line, tmp_path):
+def test_a_wrong_argument_is_refused_before_a_node_starts(
+    name: str, given: dict[str, object], line: str, tmp_path: Path
+) -> None:
     with launched(name, tmp_path, **{"scene": SCENE, **given}) as launch:
         assert launch.end() == 1, launch.text
-        assert len(launch.errors) == 1 and re.search(line, launch.errors[0])
-        assert "process started" not in launch.text and "Traceback" not in launch.text
+        assert len(launch.errors) == 1
+        assert re.search(line, launch.errors[0])
+        assert "process started" not in launch.text
+        assert "Traceback" not in launch.text
 
 
 @needs_launch
-def test_a_missing_scene_is_refused(tmp_path):
+def test_a_missing_scene_is_refused(tmp_path: Path) -> None:
     with launched("bench", tmp_path, sceen=SCENE) as launch:
         assert launch.end() == 1, launch.text
-        assert "missing required argument 'scene'" in launch.text and "given: [sceen]" in launch.text
+        assert "missing required argument 'scene'" in launch.text
+        assert "given: [sceen]" in launch.text
         assert "process started" not in launch.text
 
 
 @needs_launch
-def test_another_launch_file_may_have_arguments_of_its_own(short_scene, tmp_path):
+def test_another_launch_file_may_have_arguments_of_its_own(short_scene: Path, tmp_path: Path) -> None:
     """They stand on the same command line, and are none of ours."""
     outer = tmp_path / "outer.launch.py"
     outer.write_text(f"""
@@ -228,18 +245,20 @@ def generate_launch_description():
         env={**os.environ, "ROS_LOG_DIR": str(tmp_path / "log")},
     )  # fmt: skip
     assert done.returncode == 1
-    assert "argument map:" in done.stdout + done.stderr and "unknown argument" not in done.stdout + done.stderr
+    assert "argument map:" in done.stdout + done.stderr
+    assert "unknown argument" not in done.stdout + done.stderr
 
 
 @pytest.mark.slow
 @needs_launch
-def test_the_bench_ends_with_its_run(short_scene, tmp_path):
+def test_the_bench_ends_with_its_run(short_scene: Path, tmp_path: Path) -> None:
     folder = tmp_path / 'it\'s a "folder"'
     folder.mkdir()
     short_scene.rename(folder / "a scene.yaml")
     with launched("bench", folder, scene="a scene.yaml", map=HEIGHT_MAP, bag="a 'bag'") as launch:
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "has died" not in launch.text
+        assert launch.errors == []
+        assert "has died" not in launch.text
         assert launch.text.count("has finished cleanly") == len(BENCH_NODES)
     assert verify(folder / "a 'bag'").messages
     kept = open_bag(folder / "a 'bag'").files
@@ -249,13 +268,14 @@ def test_the_bench_ends_with_its_run(short_scene, tmp_path):
 
 @pytest.mark.slow
 @needs_launch
-def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
+def test_a_replay_is_recorded_in_the_folder_of_record(short_scene: Path, tmp_path: Path) -> None:
     """The folder's name is text: nothing of it is evaluated."""
     assert main(["bench", str(short_scene), "--out", str(tmp_path / "out")]) == 0  # its bag keeps parameters and map
     record = tmp_path / "it's' + str(print('evaluated')) + '$(env HOME) \"x\""
     with launched("replay", tmp_path, bag="out/bag", rate="0", record=record) as launch:
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "evaluated" not in launch.text.replace(str(record), "")
+        assert launch.errors == []
+        assert "evaluated" not in launch.text.replace(str(record), "")
     assert verify(record).messages
     found = compare(open_bag(tmp_path / "out/bag"), open_bag(record))
     assert [one.agreeing for one in found] == [one.recorded for one in found] == [60, 60]
@@ -263,13 +283,15 @@ def test_a_replay_is_recorded_where_record_says(short_scene, tmp_path):
 
 @pytest.mark.slow
 @needs_launch
-def test_a_bag_that_cannot_be_replayed_ends_the_launch_before_a_node_starts(tmp_path):
+def test_a_bag_that_cannot_be_replayed_ends_the_launch_before_a_node_starts(tmp_path: Path) -> None:
     shutil.copytree(BAG, tmp_path / "bag")
     (tmp_path / "bag" / "bag_0.mcap").write_bytes(b"torn")
     with launched("replay", tmp_path, bag="bag") as launch:
         assert launch.end() == 1, launch.text
-        assert len(launch.errors) == 1 and "not a bag" in launch.errors[0]
-        assert "process started" not in launch.text and "Traceback" not in launch.text
+        assert len(launch.errors) == 1
+        assert "not a bag" in launch.errors[0]
+        assert "process started" not in launch.text
+        assert "Traceback" not in launch.text
 
 
 @pytest.mark.slow
@@ -282,13 +304,14 @@ def test_a_bag_that_cannot_be_replayed_ends_the_launch_before_a_node_starts(tmp_
         ("selector_node", signal.SIGTERM, r"selector_node ended by itself \(exit status 0\) before the run was over"),
     ],
 )
-def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tmp_path):
+def test_a_node_that_ends_before_its_time_ends_the_launch(node: str, number: int, line: str, tmp_path: Path) -> None:
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
         launch.wait_for_nodes(len(BENCH_NODES))
         launch.wait_for(r"recording \d+ topics")
         os.kill(launch.pids[node], number)
         assert launch.end() == 1, launch.text
-        assert len(launch.errors) == 1 and re.match(line, launch.errors[0])
+        assert len(launch.errors) == 1
+        assert re.match(line, launch.errors[0])
         finished = [line for line in launch.lines if "has finished cleanly" in line]
         assert len(finished) == len(BENCH_NODES) - (number == signal.SIGKILL)
     if node != "recorder_node":
@@ -298,7 +321,7 @@ def test_a_node_that_ends_before_its_time_ends_the_launch(node, number, line, tm
 
 @pytest.mark.slow
 @needs_launch
-def test_a_node_that_refuses_ends_the_launch(tmp_path):
+def test_a_node_that_refuses_ends_the_launch(tmp_path: Path) -> None:
     (tmp_path / "broken.npz").write_text("no map")
     with launched("bench", tmp_path, scene=SCENE, map="broken.npz") as launch:
         assert launch.end() == 1, launch.text
@@ -308,32 +331,35 @@ def test_a_node_that_refuses_ends_the_launch(tmp_path):
 
 @pytest.mark.slow
 @needs_launch
-def test_ctrl_c_while_the_nodes_load_ends_them_quietly(tmp_path):
+def test_ctrl_c_while_the_nodes_load_ends_them_quietly(tmp_path: Path) -> None:
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
         launch.wait_for_nodes(len(BENCH_NODES))
         launch.interrupt()
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "Traceback" not in launch.text
+        assert launch.errors == []
+        assert "Traceback" not in launch.text
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow
 @needs_launch
-def test_ctrl_c_twice_ends_everything_in_order(tmp_path):
+def test_ctrl_c_twice_ends_everything_in_order(tmp_path: Path) -> None:
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
         launch.wait_for(r"recording \d+ topics")
         launch.interrupt()
         launch.wait_for("user interrupted with ctrl-c")
         launch.interrupt()
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "has died" not in launch.text and "Traceback" not in launch.text
+        assert launch.errors == []
+        assert "has died" not in launch.text
+        assert "Traceback" not in launch.text
     verify(tmp_path / "run")
 
 
 @pytest.mark.slow
 @needs_launch
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_no_node_outlives_its_launch(number, tmp_path):
+def test_no_node_outlives_its_launch(number: int, tmp_path: Path) -> None:
     with launched("bench", tmp_path, scene=SCENE, map=HEIGHT_MAP, bag="run") as launch:
         launch.wait_for_nodes(len(BENCH_NODES))
         launch.wait_for(r"recording \d+ topics")
@@ -346,11 +372,12 @@ def test_no_node_outlives_its_launch(number, tmp_path):
 @pytest.mark.slow
 @needs_launch
 @pytest.mark.parametrize(("ni", "nodes"), [("false", STAND_NODES), ("true", STAND_NODES | {"ni_node"})])
-def test_the_stand_waits_for_its_devices_until_ctrl_c(ni, nodes, tmp_path):
+def test_the_stand_waits_for_its_devices_until_ctrl_c(ni: str, nodes: set[str], tmp_path: Path) -> None:
     with launched("stand", tmp_path, scene=SCENE, map=HEIGHT_MAP, ni=ni) as launch:
         launch.wait_for_nodes(len(nodes))
         assert set(launch.pids) == nodes
         launch.wait_for("labjack_node.*cannot configure")
         launch.interrupt()
         assert launch.end() == 0, launch.text
-        assert launch.errors == [] and "Traceback" not in launch.text
+        assert launch.errors == []
+        assert "Traceback" not in launch.text

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """No node replaces a private attribute of rclpy's own class: its timers or parameters would no longer be served."""
 
+from __future__ import annotations
+
 import ast
 from pathlib import Path
 
@@ -9,10 +11,10 @@ from rclpy.lifecycle import LifecycleNode
 
 ROOT = Path(__file__).resolve().parent.parent
 OF_RCLPY = {"Node", "LifecycleNode"}
-ON_PURPOSE = {"EnduringLifecycleNode": {"_LifecycleNodeMixin__on_change_state"}}
+ON_PURPOSE = {"CheckedLifecycleNode": {"_LifecycleNodeMixin__on_change_state"}}
 
 
-def classes():
+def classes() -> dict[str, ast.ClassDef]:
     """Return every class of the packages' modules, by name."""
     found = {}
     for path in sorted(ROOT.glob("atpid_*/atpid_*/**/*.py")):
@@ -22,13 +24,13 @@ def classes():
     return found
 
 
-def is_node(item, known):
+def is_node(item: ast.ClassDef, known: dict[str, ast.ClassDef]) -> bool:
     """Whether a class is derived from rclpy's node, directly or not."""
     bases = {base.id for base in item.bases if isinstance(base, ast.Name)}
     return bool(bases & OF_RCLPY) or any(is_node(known[base], known) for base in bases if base in known)
 
 
-def own_names(item):
+def own_names(item: ast.ClassDef) -> set[str]:
     """Return the private methods of a class and the private attributes it sets on `self`."""
     methods = {part.name for part in item.body if isinstance(part, ast.FunctionDef)}
     attributes = {
@@ -42,7 +44,7 @@ def own_names(item):
     return {name for name in methods | attributes if name.startswith("_") and not name.startswith("__")}
 
 
-def test_no_node_replaces_what_rclpy_keeps():
+def test_no_node_replaces_what_rclpy_keeps() -> None:
     rclpy.init()
     try:
         node = LifecycleNode("attributes")

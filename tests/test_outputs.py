@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -48,49 +50,68 @@ SENSOR = ["--channel", "support_displacement", "--sensor", "X", "--serial", "A"]
     ],
     ids=lambda value: " ".join(value[:2]) if isinstance(value, list) else "",
 )
-def test_a_place_that_cannot_be_written_is_one_line(main, arguments, root, tmp_path, monkeypatch, capsys):
+def test_a_place_that_cannot_be_written_is_one_line(
+    main: Callable[[list[str]], int],
+    arguments: list[str],
+    root: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.chdir(root)
     (tmp_path / "readings.csv").write_text(READINGS)
     places = {"READINGS": tmp_path / "readings.csv", "OUT": tmp_path / "laser.yaml", "MAP": tmp_path / "map.npz"}
     assert main([str(places.get(word, word)) for word in arguments]) == 2
-    said = capsys.readouterr()
-    assert said.out == "" and said.err.count("\n") == 1 and said.err.startswith("error: ") and NOWHERE in said.err
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1
+    assert printed.err.startswith("error: ")
+    assert NOWHERE in printed.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["readings.csv"]
 
 
 @pytest.mark.parametrize("figure", [contact, free_decay], ids=lambda module: module.__name__)
-def test_the_figures_of_their_own_commands_too(figure, monkeypatch, capsys):
+def test_the_figures_of_their_own_commands_too(
+    figure: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(sys, "argv", ["figure", "--out", NOWHERE])
     assert figure.main() == 2
     assert capsys.readouterr().err.startswith(f"error: {NOWHERE}: cannot be written")
 
 
-def test_a_new_folder_is_made_for_the_beam_s_parameters(root, tmp_path, capsys):
+def test_a_new_folder_is_made_for_the_beam_s_parameters(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "new" / "beam.yaml"
     found = control(["calibrate-beam", str(root / "bags/thesis_4_3_short"), "--moving-mass", "0.36", "--out", str(out)])
-    said = capsys.readouterr().err
-    assert out.parent.is_dir() and "Traceback" not in said
+    printed = capsys.readouterr().err
+    assert out.parent.is_dir()
+    assert "Traceback" not in printed
     assert (found == 0) == out.is_file()
 
 
-def test_a_disk_that_fills_up_costs_no_point_of_a_map(root, tmp_path):
+def test_a_disk_that_fills_up_costs_no_point_of_a_map(root: Path, tmp_path: Path) -> None:
     """A file that may not grow stands for the full disk: the same command goes on from what is in the journal."""
     out = tmp_path / "map.npz"
     command = [sys.executable, "-m", "atpid_sim", "map", str(root / "scenes/standard.yaml")]
     command += ["--amplitudes", "0.01:0.012:12", "--mass-fractions", "0.1", "--out", str(out)]
     full = subprocess.run(["sh", "-c", 'ulimit -f 2; exec "$@"', "sh", *command], capture_output=True, text=True)
-    assert full.returncode == 2 and "Traceback" not in full.stderr
+    assert full.returncode == 2
+    assert "Traceback" not in full.stderr
     line = full.stderr.strip().splitlines()[-1]
-    assert line.startswith("error: ") and "make room and give the same command: it goes on" in line
+    assert line.startswith("error: ")
+    assert "make room and give the same command: it goes on" in line
     journal = Path(f"{out}.journal")
     kept = journal.read_bytes().count(b"\n") - 1
-    assert 0 < kept < 12 and not out.exists()
+    assert 0 < kept < 12
+    assert not out.exists()
     again = subprocess.run(command, capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
-    assert HeightMap.load(out).heights.shape == (1, 12) and not journal.exists()
+    assert HeightMap.load(out).heights.shape == (1, 12)
+    assert not journal.exists()
 
 
-def test_files_and_folders_that_are_the_other(tmp_path):
+def test_files_and_folders_that_are_the_other(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="is a file; give a folder to --out"):
         folder(tmp_path / "file")
@@ -100,4 +121,5 @@ def test_files_and_folders_that_are_the_other(tmp_path):
         file(tmp_path / "file" / "below")
     with pytest.raises(OutputError, match="cannot be written: No such file or directory"), writing(tmp_path / "x"):
         (tmp_path / "none" / "x").write_text("")
-    assert folder(tmp_path / "a" / "b").is_dir() and list((tmp_path / "a" / "b").iterdir()) == []
+    assert folder(tmp_path / "a" / "b").is_dir()
+    assert list((tmp_path / "a" / "b").iterdir()) == []

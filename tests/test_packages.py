@@ -81,12 +81,11 @@ def imported(files: Iterable[Path]) -> set[str]:
 def started(files: Iterable[Path]) -> set[str]:
     """Return the project's packages that the files name in a string: to start a node, or to find a file."""
     pattern = re.compile(rf"({'|'.join(PACKAGES)})(\.\w+)*")
-    strings = [node.value for path in files for node in ast.walk(ast.parse(path.read_text())) if is_string(node)]
+    constants = (
+        node.value for path in files for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)
+    )
+    strings = (value for value in constants if isinstance(value, str))
     return {match[1] for match in map(pattern.fullmatch, strings) if match}
-
-
-def is_string(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
 def keys(modules: set[str]) -> set[str]:
@@ -189,7 +188,7 @@ def test_colcon_finds_every_package_once(place: str, workspace: Path) -> None:
 
 @pytest.mark.parametrize("place", [".", "src", "src/atpid", "src/atpid/ros2_ws/src"])
 def test_rosdep_finds_every_package_once(place: str, workspace: Path) -> None:
-    # rosdep asks this function; within ros2_ws it is told --from-paths src
+    # rosdep asks this function; within ros2_ws it is called with --from-paths src
     assert sorted(package.name for package in find_packages(str(workspace / place)).values()) == sorted(PACKAGES)
 
 

@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant node at its ends: a plant that fails, a machine too slow, and a recorder that is waited for."""
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +25,7 @@ from atpid_common.nodes import recorder_watch
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STATUS, nanoseconds_of, time_of
 from atpid_sim.nodes.plant_node import PlantNode
 from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.scene import Scene
 
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FIELDS = ("excitation_amplitude", "excitation_frequency", "input_energy", "beam_loss", "contact_loss",
@@ -29,16 +35,16 @@ FIELDS = ("excitation_amplitude", "excitation_frequency", "input_energy", "beam_
 class Oscillator:
     """A stand-in for the plant in closed form: no grain, one tone."""
 
-    def __init__(self, scene, fails_at=np.inf, seconds_a_block=0.0):
+    def __init__(self, scene: Scene, fails_at: float = np.inf, seconds_a_block: float = 0.0) -> None:
         self.height, self.ticks = 0.017, 0
         self.fails_at, self.delay = fails_at, seconds_a_block
-        self.told = []
+        self.commanded: list[tuple[float, float]] = []  # height [m], speed [m/s]
 
-    def advance(self, duration_ticks, rate, target, speed):
+    def advance(self, duration_ticks: int, rate: int, target: float, speed: float) -> SimpleNamespace:
         until = time.monotonic() + self.delay
         t = (self.ticks + np.arange(duration_ticks)) / rate
         self.ticks += duration_ticks
-        self.told.append((target, speed))
+        self.commanded.append((target, speed))
         if self.ticks / rate > self.fails_at:
             raise NumericalFailure(Outcome.ESCAPED.sentence)
         while time.monotonic() < until:
@@ -51,37 +57,50 @@ class Oscillator:
 class Peer(Node):
     """Identifier, selector and motor in one: answers each block with a state."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__("peer")
-        self.blocks, self.events, self.heard = [], [], 0
+        self.blocks: list[SampleBlock] = []
+        self.events: list[Event] = []
+        self.handshakes = 0
         self.states = self.create_publisher(CeilingState, "ceiling/state", STATES)
         self.status = self.create_publisher(RecorderStatus, "recorder/status", STATUS)
         self.blocks_in = self.create_subscription(SampleBlock, "sensors/laser", self.on_block, BLOCKS)
         self.create_subscription(Event, "events", self.on_event, EVENTS)
 
-    def on_block(self, block):
+    def on_block(self, block: SampleBlock) -> None:
         state = CeilingState(handshake=block.handshake, mode=CeilingState.MOVING, height=0.1, target=0.3, speed=0.25)
         state.header.frame_id = block.header.frame_id
         if block.handshake:
-            self.heard += 1
+            self.handshakes += 1
         else:
             self.blocks.append(block)
             last = (len(block.data) // 2 - 1) / block.rate
             state.header.stamp = time_of(nanoseconds_of(block.header.stamp) + round(1e9 * last))
         self.states.publish(state)
 
-    def on_event(self, event):
+    def on_event(self, event: Event) -> None:
         if not event.handshake:
             self.events.append(event)
 
 
+Spin = Callable[[Callable[[], object]], None]
+Start = Callable[..., tuple[PlantNode, Peer, Spin]]
+
+
 @pytest.fixture
-def graph(scenes, tmp_path):
+def graph(scenes: Path, tmp_path: Path) -> Iterator[Start]:
     """Make a plant node beside a peer; spin both until a condition holds."""
     rclpy.init()
-    made, executor = [], SingleThreadedExecutor()
+    made: list[Node] = []
+    executor = SingleThreadedExecutor()
 
-    def start(make_plant, *, lockstep=True, expect_recorder=False, duration=0.5):
+    def start(
+        make_plant: Callable[[Scene], Any],
+        *,
+        lockstep: bool = True,
+        expect_recorder: bool = False,
+        duration: float = 0.5,
+    ) -> tuple[PlantNode, Peer, Spin]:
         changes = {"duration": duration, "steady_window": [0.1, duration], "ceiling": {
             "closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}}  # fmt: skip
         path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes)
@@ -92,7 +111,7 @@ def graph(scenes, tmp_path):
         for node in made:
             executor.add_node(node)
 
-        def spin(until):
+        def spin(until: Callable[[], object]) -> None:
             deadline = time.monotonic() + 100.0
             while not until():
                 assert time.monotonic() < deadline
@@ -107,15 +126,20 @@ def graph(scenes, tmp_path):
     rclpy.try_shutdown()
 
 
-def test_each_block_waits_for_its_answer_and_the_ceiling_goes_where_the_state_says(graph):
-    plants = []
-    plant, peer, spin = graph(lambda scene: plants.append(Oscillator(scene)) or plants[-1])
+def test_each_block_waits_for_its_answer_and_the_ceiling_follows_the_state(graph: Start) -> None:
+    plants: list[Oscillator] = []
+
+    def make(scene: Scene) -> Oscillator:
+        plants.append(Oscillator(scene))
+        return plants[-1]
+
+    plant, peer, spin = graph(make)
     spin(plant.done.done)
     spin(lambda: len(peer.events) == 2)
     assert plant.done.result() == 0
     assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
     assert peer.blocks[1].header.frame_id == "plant:laser"
-    assert plants[-1].told == [(0.017, 0.0)] + [(0.3, 0.25)] * 9
+    assert plants[-1].commanded == [(0.017, 0.0)] + [(0.3, 0.25)] * 9
     assert [(event.kind, event.severity) for event in peer.events] == [
         (Event.STARTED, Event.INFO),
         (Event.FINISHED, Event.INFO),
@@ -124,7 +148,7 @@ def test_each_block_waits_for_its_answer_and_the_ceiling_goes_where_the_state_sa
     assert nanoseconds_of(peer.events[0].header.stamp) == 0
 
 
-def test_a_plant_that_fails_alarms_and_ends_with_status_3(graph):
+def test_a_plant_that_fails_alarms_and_ends_with_status_3(graph: Start) -> None:
     plant, peer, spin = graph(lambda scene: Oscillator(scene, fails_at=0.2))
     spin(plant.done.done)
     spin(lambda: len(peer.events) == 3)
@@ -137,17 +161,22 @@ def test_a_plant_that_fails_alarms_and_ends_with_status_3(graph):
     assert peer.events[1].text == plant.failure
 
 
-def test_in_real_time_the_plant_wakes_once_for_each_block(graph, monkeypatch):
-    wakes = []
+def test_in_real_time_the_plant_wakes_once_for_each_block(graph: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    wakes: list[int] = []
     pace = PlantNode._pace
-    monkeypatch.setattr(PlantNode, "_pace", lambda node: wakes.append(node.stream.computed_ticks) or pace(node))
+
+    def counted(node: PlantNode) -> None:
+        wakes.append(node.stream.computed_ticks)
+        pace(node)
+
+    monkeypatch.setattr(PlantNode, "_pace", counted)
     plant, _, spin = graph(Oscillator, lockstep=False)
     spin(plant.done.done)
     assert plant.done.result() == 0
     assert len(wakes) <= 2 * plant.stream.blocks  # a timer may be a moment early; polling woke five times a block
 
 
-def test_a_machine_too_slow_for_real_time_is_said_once_and_nothing_is_left_out(graph):
+def test_a_machine_too_slow_for_real_time_is_reported_once_and_nothing_is_left_out(graph: Start) -> None:
     plant, peer, spin = graph(lambda scene: Oscillator(scene, seconds_a_block=0.07), lockstep=False)
     spin(plant.done.done)
     spin(lambda: len(peer.blocks) == 10 and len(peer.events) == 3)
@@ -156,7 +185,7 @@ def test_a_machine_too_slow_for_real_time_is_said_once_and_nothing_is_left_out(g
     assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
 
 
-def test_in_real_time_stamps_are_the_start_plus_index_over_rate(graph):
+def test_in_real_time_stamps_are_the_start_plus_index_over_rate(graph: Start) -> None:
     begun = time.time_ns()
     plant, peer, spin = graph(Oscillator, lockstep=False)
     spin(plant.done.done)
@@ -167,9 +196,9 @@ def test_in_real_time_stamps_are_the_start_plus_index_over_rate(graph):
     assert time.time_ns() - stamps[0] >= 500_000_000
 
 
-def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_for_its_bag(graph):
+def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_for_its_bag(graph: Start) -> None:
     plant, peer, spin = graph(Oscillator, expect_recorder=True)
-    spin(lambda: peer.heard > 3)
+    spin(lambda: peer.handshakes > 3)
     assert not peer.blocks
     assert "recorder" in plant.waiting_for()
     topics = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
@@ -186,32 +215,36 @@ def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_f
 TOPICS = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
 
 
-def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(graph, monkeypatch):
+def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(
+    graph: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(recorder_watch, "GONE_AFTER", 0.3)
     plant, peer, spin = graph(Oscillator, lockstep=False, expect_recorder=True, duration=2.0)
-    spin(lambda: peer.heard > 3)
+    spin(lambda: peer.handshakes > 3)
     peer.status.publish(RecorderStatus(recording=True, bag="/bags/run", topics=TOPICS, received=[1] * len(TOPICS)))
     spin(lambda: any(event.kind == Event.STALE for event in peer.events))
     stale = next(event for event in peer.events if event.kind == Event.STALE)
-    assert stale.severity == Event.WARNING and stale.value > 0.3 and "/bags/run" in stale.text
+    assert stale.severity == Event.WARNING
+    assert stale.value > 0.3
+    assert "/bags/run" in stale.text
     peer.status.publish(RecorderStatus(recording=True, bag="/bags/run"))
     spin(lambda: any(event.kind == Event.RESUMED for event in peer.events))
     spin(plant.done.done)  # although the recorder has not reported its bag closed
     assert plant.done.result() == 0
 
 
-def test_a_recorder_whose_bag_is_closed_does_not_start_a_run(graph):
+def test_a_recorder_whose_bag_is_closed_does_not_start_a_run(graph: Start) -> None:
     plant, peer, spin = graph(Oscillator, expect_recorder=True)
-    spin(lambda: peer.heard > 3)
+    spin(lambda: peer.handshakes > 3)
     peer.status.publish(RecorderStatus(recording=False, bag="/bags/run", topics=TOPICS, received=[9] * len(TOPICS)))
     spin(lambda: "/bags/run is closed" in plant.waiting_for())
     assert not peer.blocks
 
 
-def test_what_is_waited_for_is_logged_with_the_nodes_that_are_missing(graph):
+def test_what_is_waited_for_is_logged_with_the_nodes_that_are_missing(graph: Start) -> None:
     _, peer, spin = graph(Oscillator)
     peer.destroy_subscription(peer.blocks_in)
-    logs = []
+    logs: list[Log] = []
     peer.create_subscription(Log, "/rosout", logs.append, ROSOUT)
     spin(lambda: any("no samples yet" in log.msg for log in logs))
     (text,) = {log.msg for log in logs if "no samples yet" in log.msg}
@@ -219,12 +252,13 @@ def test_what_is_waited_for_is_logged_with_the_nodes_that_are_missing(graph):
     assert text == f"no samples yet: waiting for an answer on ceiling/state; {missing}"
 
 
-def test_a_plant_reports_itself_on_the_absolute_diagnostics(graph):
+def test_a_plant_reports_itself_on_the_absolute_diagnostics(graph: Start) -> None:
     _, peer, spin = graph(Oscillator, expect_recorder=True)
-    found = []
+    found: list[DiagnosticArray] = []
     peer.create_subscription(DiagnosticArray, "/diagnostics", found.append, 10)
     spin(lambda: found)
     (status,) = found[-1].status
     assert (status.name, status.hardware_id) == ("plant_node: simulated plant", "simulated plant")
-    assert status.message.startswith("waiting for ") and status.level == DiagnosticStatus.OK
+    assert status.message.startswith("waiting for ")
+    assert status.level == DiagnosticStatus.OK
     assert {value.key: value.value for value in status.values}["scene"] == "scene.yaml"

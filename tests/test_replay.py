@@ -92,7 +92,7 @@ def replay(executor: SingleThreadedExecutor, bag: Path, scene: Path, out: Path, 
         overrides = [Parameter(key, value=value) for key, value in own[name].items()]
         nodes[name] = node_class(package, name)(parameter_overrides=overrides)
         executor.add_node(nodes[name])
-    player: Any = nodes["replay_node"]
+    player: ReplayNode = nodes["replay_node"]
     spin_until(executor, player.done.done)
     assert player.done.result() == 0
     return player
@@ -126,7 +126,7 @@ def scene_of(bag: Path, folder: Path) -> Path:
 
 def fields(message: Any) -> dict[str, Any]:
     """All fields, NaN as a word so that it equals itself."""
-    found = {}
+    found: dict[str, Any] = {}
     for name, value in vars(message).items():
         if hasattr(value, "__dataclass_fields__"):
             found[name] = fields(value)
@@ -225,12 +225,13 @@ def test_only_sensors_are_played_unless_asked(ros: SingleThreadedExecutor, recor
     assert "x real time" in loop.finished
 
 
-def test_a_paced_replay_follows_the_wall_and_tells_the_time(ros: SingleThreadedExecutor, recorded: Path) -> None:
+def test_a_paced_replay_follows_the_wall_clock_and_publishes_it(ros: SingleThreadedExecutor, recorded: Path) -> None:
     began = time.monotonic()
     node, loop = player(ros, recorded, rate=10.0)
     spin_until(ros, node.done.done)
     assert time.monotonic() - began >= 0.9 * 4.0 / 10.0
-    assert loop.clocks == sorted(loop.clocks) and loop.clocks[-1] >= 3_950_000_000
+    assert loop.clocks == sorted(loop.clocks)
+    assert loop.clocks[-1] >= 3_950_000_000
     assert len(loop.blocks) == 80
 
 
@@ -240,7 +241,8 @@ def test_a_replay_beside_a_live_source_is_refused(ros: SingleThreadedExecutor, r
     ros.add_node(source)
     node, loop = player(ros, recorded, rate=0.0)
     spin_until(ros, node.done.done)
-    assert node.done.result() == 2 and not loop.blocks
+    assert node.done.result() == 2
+    assert not loop.blocks
 
 
 def bad_bags(folder: Path) -> dict[str, tuple[Path, str]]:
@@ -266,10 +268,11 @@ def bad_bags(folder: Path) -> dict[str, tuple[Path, str]]:
 
 
 def test_a_bad_bag_is_one_line(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
-    for bag, said in bad_bags(tmp_path).values():
-        with pytest.raises(BagError, match=said) as caught:
+    for bag, message in bad_bags(tmp_path).values():
+        with pytest.raises(BagError, match=message) as caught:
             ReplayNode(parameter_overrides=[Parameter("bag", value=str(bag))])
-        assert str(bag) in str(caught.value) and "\n" not in str(caught.value)
+        assert str(bag) in str(caught.value)
+        assert "\n" not in str(caught.value)
     with pytest.raises(BagError, match="not given"):
         ReplayNode()
 
@@ -277,10 +280,11 @@ def test_a_bad_bag_is_one_line(ros: SingleThreadedExecutor, tmp_path: Path) -> N
 def test_a_bad_bag_ends_the_process_with_status_2(tmp_path: Path) -> None:
     (tmp_path / "note.txt").write_text("no bag at all\n")
     executable = Path(get_package_prefix("atpid_control")) / "lib/atpid_control/replay_node"
-    command = [executable, "--ros-args", "-p", f"bag:={tmp_path / 'note.txt'}"]
+    command = [str(executable), "--ros-args", "-p", f"bag:={tmp_path / 'note.txt'}"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=100.0, check=False)
     assert ended.returncode == 2
-    assert ended.stderr.count("\n") == 1 and "not a bag" in ended.stderr
+    assert ended.stderr.count("\n") == 1
+    assert "not a bag" in ended.stderr
 
 
 def test_ctrl_c_ends_a_replay_quietly(ros: SingleThreadedExecutor, recorded: Path) -> None:
@@ -295,5 +299,6 @@ def test_ctrl_c_ends_a_replay_quietly(ros: SingleThreadedExecutor, recorded: Pat
         stack.callback(process.kill)
         spin_until(ros, lambda: len(loop.blocks) > 0 or process.poll() is not None)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=100.0)
-    assert process.returncode == 0 and "Traceback" not in said, said
+        _, printed = process.communicate(timeout=100.0)
+    assert process.returncode == 0, printed
+    assert "Traceback" not in printed

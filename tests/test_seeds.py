@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The adaptive loop without the graph: the reductions of Fig. 4.8, rumble, drift, and how fast a step is identified."""
 
+from __future__ import annotations
+
 from argparse import Namespace
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,13 +27,17 @@ STEPPED = [("stepped_4_8", 0.76), ("stepped_4_8_phi_0_2", 0.82), ("stepped_4_8_p
 
 
 @pytest.fixture(scope="module")
-def height_map(scenes):
-    return map_for(load_scene(scenes / "stepped_4_8.yaml"))
+def height_map(scenes: Path) -> Path:
+    shipped = map_for(load_scene(scenes / "stepped_4_8.yaml"))
+    assert shipped is not None
+    return shipped
 
 
 @pytest.mark.parametrize(("name", "least"), STEPPED)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_stepped_excitation_is_reduced_in_every_stage_without_rumble(scenes, height_map, name, least, seed):
+def test_stepped_excitation_is_reduced_in_every_stage_without_rumble(
+    scenes: Path, height_map: Path, name: str, least: float, seed: int
+) -> None:
     ran = run_seed(scenes / f"{name}.yaml", seed, configured(), 40.0, height_map)
     assert [stage.excitation_amplitude for stage in ran.stages] == [0.03, 0.02, 0.01]
     assert min(stage.efficiency for stage in ran.stages) >= least
@@ -40,14 +47,14 @@ def test_stepped_excitation_is_reduced_in_every_stage_without_rumble(scenes, hei
 
 
 @pytest.mark.parametrize(("method", "least"), [("pca", 0.76), ("direct", 0.76)])
-def test_the_methods_that_compute_reach_it_as_well(scenes, height_map, method, least):
+def test_the_methods_that_compute_reach_it_as_well(scenes: Path, height_map: Path, method: str, least: float) -> None:
     scene = load_scene(scenes / "stepped_4_8.yaml")
     scene = scene.with_(ceiling=scene.ceiling.model_dump(mode="json", exclude_none=True) | {"controller": method})
     stages = list(measured(run_loop(noisy(scene, 1, 40.0), configured()), HeightMap.load(height_map)))
     assert min(stage.efficiency for stage in stages) >= least
 
 
-def test_the_thesis_bench_keeps_its_heights_and_amplitudes(scenes, height_map):
+def test_the_thesis_bench_keeps_its_heights_and_amplitudes(scenes: Path, height_map: Path) -> None:
     ran = run_seed(scenes / "thesis_4_3.yaml", 1, configured(), None, height_map)
     assert [stage.height for stage in ran.stages] == pytest.approx([0.29, 0.76, 0.57], rel=0.05)
     assert max(1.0 - stage.efficiency for stage in ran.stages) <= 0.24
@@ -55,7 +62,9 @@ def test_the_thesis_bench_keeps_its_heights_and_amplitudes(scenes, height_map):
 
 
 @pytest.mark.parametrize("decibels", [40.0, 60.0])
-def test_two_periods_after_a_step_the_amplitude_is_within_one_per_cent(scenes, height_map, decibels):
+def test_two_periods_after_a_step_the_amplitude_is_within_one_per_cent(
+    scenes: Path, height_map: Path, decibels: float
+) -> None:
     scene = load_scene(scenes / "stepped_4_8.yaml")
     ran = run_loop(noisy(scene, 3, decibels), configured(), height_map)
     time = np.array(ran.time)
@@ -66,7 +75,9 @@ def test_two_periods_after_a_step_the_amplitude_is_within_one_per_cent(scenes, h
 
 
 @pytest.mark.parametrize(("too_high", "kinds"), [(1.0, set()), (1.1, {"step_back"})])
-def test_the_loop_without_the_graph_decides_as_the_graph_does(scenes, height_map, tmp_path, too_high, kinds):
+def test_the_loop_without_the_graph_decides_as_the_graph_does(
+    scenes: Path, height_map: Path, tmp_path: Path, too_high: float, kinds: set[str]
+) -> None:
     good = HeightMap.load(height_map)
     replace(good, heights=too_high * good.heights).save(tmp_path / "map.npz")
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": "map.npz"}
@@ -78,12 +89,12 @@ def test_the_loop_without_the_graph_decides_as_the_graph_does(scenes, height_map
     assert [answer.command.height for answer in ran.answers] == pytest.approx(sent, rel=1e-12, nan_ok=True)
     beam = np.concatenate([message.beam for _, message in bag.messages("/plant/truth")])
     assert np.max(np.abs(ran.beam - beam)) <= 1e-9
-    told = [event.kind for _, event in bag.messages("/events") if event.header.frame_id == "selector_node"]
-    assert told == [answer.kind for answer in ran.answers if answer.kind]
-    assert set(told) == kinds
+    reported = [event.kind for _, event in bag.messages("/events") if event.header.frame_id == "selector_node"]
+    assert reported == [answer.kind for answer in ran.answers if answer.kind]
+    assert set(reported) == kinds
 
 
-def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes, height_map, tmp_path):
+def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes: Path, height_map: Path, tmp_path: Path) -> None:
     good = HeightMap.load(height_map)
     replace(good, heights=1.1 * good.heights).save(tmp_path / "high.npz")
     scene = load_scene(scenes / "stepped_4_8.yaml").with_(duration=8.0, steady_window=[6.0, 8.0])
@@ -97,7 +108,7 @@ def test_a_map_that_lies_too_high_is_left_and_not_returned_to(scenes, height_map
     assert longest_rumble(ran, (0.2, 8.0), good.lookup(0.03, 0.1)) > 1.0
 
 
-def test_a_grain_lighter_than_modelled_is_reported_as_drift_once(scenes, height_map):
+def test_a_grain_lighter_than_modelled_is_reported_as_drift_once(scenes: Path, height_map: Path) -> None:
     believed = load_scene(scenes / "thesis_4_3.yaml")
     real = believed.with_(grain={"mass_fraction": 0.085, "radius": 0.0085}, frequency=believed.frequency_hz)
     ran = run_loop(real, configured(), height_map, model=believed)
@@ -109,7 +120,9 @@ def test_a_grain_lighter_than_modelled_is_reported_as_drift_once(scenes, height_
 
 
 @pytest.mark.slow
-def test_the_command_prints_its_table_and_refuses_what_it_cannot_run(scenes, capsys):
+def test_the_command_prints_its_table_and_refuses_what_it_cannot_run(
+    scenes: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["seeds", str(scenes / "stepped_4_8.yaml"), "--seeds", "1", "--decibels", "40"]) == 0
     assert "stepped_4_8" in capsys.readouterr().out
     assert main(["seeds", str(scenes / "standard.yaml"), "--seeds", "1"]) == 2

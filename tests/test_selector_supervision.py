@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The selector in real time: silent partners, quality of service, live parameters, heights computed beside the loop."""
 
+from __future__ import annotations
+
 import math
 import threading
 import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
@@ -27,12 +32,14 @@ BLOCK = 50_000_000  # [ns]
 class Loop:
     """A selector in real time and a peer in the places of identifier and motor."""
 
-    def __init__(self, scenes, out, **changes):
+    def __init__(self, scenes: Path, out: Path, **changes: Any) -> None:
         rclpy.init()
         self.scene, given = parameters(scenes / "thesis_4_3.yaml", out, lockstep=False)
         overrides = [Parameter(name, value=value) for name, value in (given["selector_node"] | changes).items()]
         self.selector, self.peer = SelectorNode(parameter_overrides=overrides), Node("peer")
-        self.commands, self.events, self.statuses = [], [], []
+        self.commands: list[CeilingCommand] = []
+        self.events: list[Event] = []
+        self.statuses: list[DiagnosticStatus] = []
         self.excitation = self.peer.create_publisher(Excitation, "excitation", STATES)
         self.state = self.peer.create_publisher(CeilingState, "ceiling/state", STATES)
         self.runs = self.peer.create_publisher(Event, "events", EVENTS)
@@ -52,17 +59,17 @@ class Loop:
             self.executor.spin_once(timeout_sec=0.1)
         self.stamp = time.time_ns()
 
-    def on_diagnostics(self, array):
+    def on_diagnostics(self, array: DiagnosticArray) -> None:
         self.statuses += array.status
 
-    def until(self, condition, act=lambda: None):
+    def until(self, condition: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
         end = time.monotonic() + 100.0
         while not condition():
             assert time.monotonic() < end, "the event waited for did not come"
             act()
             self.executor.spin_once(timeout_sec=0.02)
 
-    def estimate(self, amplitude=0.015):
+    def estimate(self, amplitude: float = 0.015) -> CeilingCommand:
         """Send one steady estimate; return the command that answers it."""
         self.stamp += BLOCK
         message = Excitation(quality=Excitation.STEADY, amplitude=amplitude, amplitude_std=1e-6)
@@ -72,25 +79,25 @@ class Loop:
         self.until(lambda: self.commands and self.commands[-1].header.stamp == message.header.stamp)
         return self.commands[-1]
 
-    def kinds(self):
+    def kinds(self) -> list[str]:
         return [event.kind for event in self.events]
 
-    def found(self, kind):
+    def found(self, kind: str) -> Event:
         self.until(lambda: kind in self.kinds())
         return next(event for event in self.events if event.kind == kind)
 
-    def status(self, name, level):
+    def status(self, name: str, level: bytes) -> DiagnosticStatus:
         self.until(lambda: any(s.name == name and s.level == level for s in self.statuses))
         return next(s for s in reversed(self.statuses) if s.name == name and s.level == level)
 
-    def set(self, name, value):
+    def set(self, name: str, value: Any) -> Any:
         client = self.peer.create_client(SetParameters, "selector_node/set_parameters")
         assert client.wait_for_service(timeout_sec=100.0)
         answer = client.call_async(SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()]))
         self.until(answer.done)
         return answer.result().results[0]
 
-    def close(self):
+    def close(self) -> None:
         self.selector.close()
         for node in (self.selector, self.peer):
             node.destroy_node()
@@ -98,11 +105,14 @@ class Loop:
         rclpy.try_shutdown()
 
 
-@pytest.fixture
-def make(scenes, tmp_path):
-    made = []
+Make = Callable[..., Loop]
 
-    def loop(**changes):
+
+@pytest.fixture
+def make(scenes: Path, tmp_path: Path) -> Iterator[Make]:
+    made: list[Loop] = []
+
+    def loop(**changes: Any) -> Loop:
         made.append(Loop(scenes, tmp_path, **changes))
         return made[-1]
 
@@ -111,24 +121,25 @@ def make(scenes, tmp_path):
         item.close()
 
 
-def test_estimates_that_stay_away_are_an_event_and_in_the_diagnostics(make):
+def test_estimates_that_stay_away_are_an_event_and_in_the_diagnostics(make: Make) -> None:
     loop = make()
     loop.estimate()
     stale = loop.found("stale")
     assert stale.severity == Event.ALARM
-    assert stale.text.startswith("no message on excitation for ") and stale.value >= 0.4
+    assert stale.text.startswith("no message on excitation for ")
+    assert stale.value >= 0.4
     assert loop.status("selector_node: inputs", DiagnosticStatus.STALE).message == "no messages on excitation"
     loop.estimate()
     assert loop.found("resumed").value >= stale.value
 
 
-def test_a_silent_motor_is_an_event(make):
+def test_a_silent_motor_is_an_event(make: Make) -> None:
     loop = make()
     loop.state.publish(CeilingState(height=0.3))
     assert "ceiling/state" in loop.found("stale").text
 
 
-def test_after_the_end_of_a_run_nothing_is_expected(make):
+def test_after_the_end_of_a_run_nothing_is_expected(make: Make) -> None:
     loop = make(stale_timeout=30.0)
     loop.estimate()
     loop.state.publish(CeilingState(height=0.3))
@@ -144,7 +155,7 @@ def test_after_the_end_of_a_run_nothing_is_expected(make):
     assert loop.selector._supervision.stale.running
 
 
-def test_silence_ends_a_search_with_the_reason(make):
+def test_silence_ends_a_search_with_the_reason(make: Make) -> None:
     loop = make()
     client = ActionClient(loop.peer, SearchHeight, "selector_node/search")
     assert client.wait_for_server(timeout_sec=100.0)
@@ -157,7 +168,7 @@ def test_silence_ends_a_search_with_the_reason(make):
     client.destroy()
 
 
-def test_incompatible_quality_of_service_is_an_event(make):
+def test_incompatible_quality_of_service_is_an_event(make: Make) -> None:
     loop = make()
     kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     loop.peer.create_subscription(CeilingCommand, "ceiling/command", lambda _: None, kept)
@@ -167,18 +178,18 @@ def test_incompatible_quality_of_service_is_an_event(make):
     assert "durability" in loop.status("selector_node: quality of service", DiagnosticStatus.ERROR).message
 
 
-def test_a_missed_deadline_is_counted(make):
+def test_a_missed_deadline_is_counted(make: Make) -> None:
     loop = make()
     loop.estimate()
 
-    def missed():
+    def missed() -> bool:
         values = [{v.key: v.value for v in s.values} for s in loop.statuses if s.name.endswith("quality of service")]
         return any(int(value.get("ceiling/command deadlines missed", 0)) > 0 for value in values)
 
     loop.until(missed)
 
 
-def test_statuses_have_standard_names_and_a_hardware_id(make):
+def test_statuses_have_standard_names_and_a_hardware_id(make: Make) -> None:
     loop = make()
     loop.until(lambda: len(loop.statuses) >= 3)
     names = {status.name: status.hardware_id for status in loop.statuses}
@@ -189,7 +200,7 @@ def test_statuses_have_standard_names_and_a_hardware_id(make):
     }
 
 
-def test_a_live_parameter_holds_from_the_next_estimate_on_and_is_recorded(make):
+def test_a_live_parameter_holds_from_the_next_estimate_on_and_is_recorded(make: Make) -> None:
     loop = make()
     heights = {loop.estimate().height for _ in range(8)}
     assert len({height for height in heights if height > 0.0}) == 1
@@ -201,7 +212,7 @@ def test_a_live_parameter_holds_from_the_next_estimate_on_and_is_recorded(make):
 
 
 @pytest.mark.parametrize(("name", "value"), [("margin", -3.0), ("dead_band", math.nan), ("steady_count", 0)])
-def test_a_bad_value_is_refused_with_a_sentence(make, name, value):
+def test_a_bad_value_is_refused_with_a_sentence(make: Make, name: str, value: Any) -> None:
     loop = make()
     result = loop.set(name, value)
     assert not result.successful
@@ -209,22 +220,24 @@ def test_a_bad_value_is_refused_with_a_sentence(make, name, value):
     assert "parameter" not in loop.kinds()
 
 
-def test_a_parameter_that_is_read_once_is_refused(make):
+def test_a_parameter_that_is_read_once_is_refused(make: Make) -> None:
     loop = make()
     result = loop.set("method", "pca")
-    assert not result.successful and "read-only" in result.reason
+    assert not result.successful
+    assert "read-only" in result.reason
 
 
-def test_each_estimate_is_answered_while_a_height_is_computed(make, monkeypatch):
+def test_each_estimate_is_answered_while_a_height_is_computed(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     loop = make(method="direct")
     proceed = threading.Event()
-    select = loop.selector._controller._inner._selector.select
+    controller: Any = loop.selector._controller
+    select = controller._inner._selector.select
 
-    def slow(*arguments, **named):
+    def slow(*arguments: Any, **named: Any) -> Any:
         assert proceed.wait(100.0)
         return select(*arguments, **named)
 
-    monkeypatch.setattr(loop.selector._controller._inner._selector, "select", slow)
+    monkeypatch.setattr(controller._inner._selector, "select", slow)
     commands = [loop.estimate() for _ in range(10)]
     assert [command.reason for command in commands[3:]] == ["computing"] * 7
     assert all(math.isnan(command.height) for command in commands)

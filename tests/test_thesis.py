@@ -4,7 +4,10 @@
 docs/scenes.md prints the measurements beside the model's numbers, those it misses too.
 """
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,7 +54,7 @@ BEST = [
 ]
 
 
-def standard(**changes: object) -> Scene:
+def standard(**changes: Any) -> Scene:
     return load_scene(SCENES / "standard.yaml").with_(**changes)
 
 

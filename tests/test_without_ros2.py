@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the documentation gives in place of `ros2`, which the wheels do not have: stand, nodes, topics, lifecycle."""
 
+from __future__ import annotations
+
 import os
 import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO
 
 import pytest
 import yaml
@@ -26,7 +31,7 @@ WIRING = {
 
 
 @pytest.fixture
-def domain():
+def domain() -> Iterator[int]:
     """A ROS domain for the processes of one test."""
     with own_domain() as number:
         yield number
@@ -35,8 +40,9 @@ def domain():
 class Running:
     """A command that runs; what it prints on standard output and error is collected."""
 
-    def __init__(self, *words):
-        self.lines, self.errors = [], []
+    def __init__(self, *words: object) -> None:
+        self.lines: list[str] = []
+        self.errors: list[str] = []
         self.process = subprocess.Popen(
             [sys.executable, "-m", *map(str, words)],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
@@ -46,19 +52,19 @@ class Running:
         for reader in self._readers:
             reader.start()
 
-    def _read(self, pipe, lines):
+    def _read(self, pipe: IO[str], lines: list[str]) -> None:
         with pipe:
             for line in pipe:
                 lines.append(line.rstrip("\n"))
 
-    def printed(self, words):
+    def printed(self, words: str) -> bool:
         return any(words in line for line in [*self.lines, *self.errors])
 
-    def wait_for(self, words):
+    def wait_for(self, words: str) -> None:
         wait_until(lambda: self.printed(words) or self.process.poll() is not None)
         assert self.printed(words), (self.lines, self.errors)
 
-    def end(self, number=None):
+    def end(self, number: int | None = None) -> int:
         """Send a signal, or none; return the exit status."""
         if number is not None:
             self.process.send_signal(number)
@@ -68,12 +74,15 @@ class Running:
         return status
 
 
-@pytest.fixture
-def start(domain):
-    """Start commands, and stop what is left of them."""
-    running = []
+Start = Callable[..., Running]
 
-    def begin(*words):
+
+@pytest.fixture
+def start(domain: int) -> Iterator[Start]:
+    """Start commands, and stop what is left of them."""
+    running: list[Running] = []
+
+    def begin(*words: object) -> Running:
         running.append(Running(*words))
         return running[-1]
 
@@ -82,13 +91,15 @@ def start(domain):
         command.end(signal.SIGTERM if command.process.poll() is None else None)
 
 
-def parameter_file(path, node, **values):
+def parameter_file(path: Path, node: str, **values: object) -> Path:
     path.write_text(yaml.safe_dump({f"/**/{node}": {"ros__parameters": values}}))
     return path
 
 
 @pytest.mark.timeout(300)
-def test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters(start, root, scenes, tmp_path):
+def test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters(
+    start: Start, root: Path, scenes: Path, tmp_path: Path
+) -> None:
     labjack = parameter_file(tmp_path / "labjack.yaml", "labjack_node", **WIRING, expect_recorder=True)
     limits = {"lowest": 0.017, "highest": 1.0, "speed": 0.3, "initial_height": 0.017}
     motor = parameter_file(tmp_path / "motor.yaml", "motor_node", backend="simulated", **limits)
@@ -110,7 +121,7 @@ def test_the_stand_runs_until_ctrl_c_and_its_bag_keeps_all_parameters(start, roo
 
 
 @pytest.mark.timeout(300)
-def test_a_node_of_the_stand_that_ends_ends_the_stand(start, scenes, tmp_path):
+def test_a_node_of_the_stand_that_ends_ends_the_stand(start: Start, scenes: Path, tmp_path: Path) -> None:
     labjack = parameter_file(tmp_path / "labjack.yaml", "labjack_node", **(WIRING | {"calibrations": ["none.yaml"]}))
     stand = start("atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path / "bag",
                   "--labjack-config", labjack)  # fmt: skip
@@ -118,7 +129,7 @@ def test_a_node_of_the_stand_that_ends_ends_the_stand(start, scenes, tmp_path):
     assert stand.errors[-1].startswith("error: labjack_node ended with status 2")
 
 
-def test_a_bag_that_exists_is_refused_before_a_node_starts(start, scenes, tmp_path):
+def test_a_bag_that_exists_is_refused_before_a_node_starts(start: Start, scenes: Path, tmp_path: Path) -> None:
     stand = start("atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path)
     assert stand.end() == 2
     (line,) = stand.errors
@@ -126,7 +137,7 @@ def test_a_bag_that_exists_is_refused_before_a_node_starts(start, scenes, tmp_pa
 
 
 @pytest.mark.timeout(300)
-def test_a_motor_is_configured_and_activated_by_hand(start, root):
+def test_a_motor_is_configured_and_activated_by_hand(start: Start, root: Path) -> None:
     file = root / "atpid_driver" / "config" / "motor.yaml"
     given = ["--ros-args", "--params-file", file, "-p", "autostart:=false", "-p", "initial_height:=0.05"]
     motor = start("atpid_driver.nodes.motor_node", *given)
@@ -136,7 +147,8 @@ def test_a_motor_is_configured_and_activated_by_hand(start, root):
     state = start("atpid_common.nodes.echo", "/ceiling/state", "--once")
     assert state.end() == 0
     message = yaml.safe_load("\n".join(state.lines[:-1]))
-    assert state.lines[-1] == "---" and (message["mode"], message["height"]) == (1, 0.05)
+    assert state.lines[-1] == "---"
+    assert (message["mode"], message["height"]) == (1, 0.05)
     again = start("atpid_common.nodes.lifecycle", "/motor_node", "configure")
     assert again.end() == 2
     assert again.errors[-1] == "error: /motor_node did not configure and is inactive; its log has the reason"
@@ -145,7 +157,7 @@ def test_a_motor_is_configured_and_activated_by_hand(start, root):
 
 
 @pytest.mark.timeout(300)
-def test_the_messages_of_a_sensor_are_printed(start, root):
+def test_the_messages_of_a_sensor_are_printed(start: Start, root: Path) -> None:
     file = root / "atpid_driver" / "config" / "labjack.yaml"
     given = ["--ros-args", "--params-file", file, "-p", "handshake:=false", "-p", "backend:=simulated"]
     laser = start("atpid_driver.nodes.labjack_node", *given)
@@ -158,19 +170,20 @@ def test_the_messages_of_a_sensor_are_printed(start, root):
     assert data.end(signal.SIGINT) == 0
     assert len(yaml.safe_load("\n".join(data.lines[: data.lines.index("---")]))) == 100
     wrong = start("atpid_common.nodes.echo", "/sensors/laser", "--field", "volts")
-    assert wrong.end() == 2 and wrong.errors[-1].startswith("error: --field: given volts; ")
+    assert wrong.end() == 2
+    assert wrong.errors[-1].startswith("error: --field: given volts; ")
     assert laser.end(signal.SIGINT) == 0
 
 
 @pytest.mark.timeout(300)
-def test_a_topic_nobody_publishes_is_waited_for_with_a_line(start):
+def test_a_topic_without_a_publisher_is_waited_for_with_a_line(start: Start) -> None:
     echo = start("atpid_common.nodes.echo", "/nothere")
     echo.wait_for("waiting for a publisher of /nothere")
     assert echo.end(signal.SIGINT) == 0
 
 
 @pytest.mark.timeout(300)
-def test_a_replay_node_alone_says_what_it_waits_for(start, root):
+def test_a_replay_node_alone_logs_what_it_waits_for(start: Start, root: Path) -> None:
     bag = root / "bags" / "thesis_4_3_short"
     replay = start("atpid_control.nodes.replay_node", "--ros-args", "-p", f"bag:={bag}", "-p", "rate:=0.0")
     replay.wait_for("waiting for an answer on ceiling/command; not running: identifier_node, selector_node")

@@ -6,6 +6,11 @@ from __future__ import annotations
 from atpid_common.executable import run_executable
 
 
+def acquisition_node() -> int:
+    """Run acquisition_node; return its exit status."""
+    return run_executable("atpid_driver.nodes.acquisition_node")
+
+
 def feed_node() -> int:
     """Run feed_node; return its exit status."""
     return run_executable("atpid_driver.nodes.feed_node")

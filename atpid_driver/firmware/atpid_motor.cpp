@@ -7,20 +7,20 @@
 
 namespace {
 
-constexpr uint8_t BYTES_A_TURN = 16;  // so that a flood of bytes cannot keep the motor from being watched
+constexpr uint8_t BYTES_A_TURN = 16;  // so that a flood of bytes cannot delay the control of the motor
 
 Motion motion;
 Board board;
 Session session(motion, board);
 FrameParser parser;
 
-// Never waits: a host that does not read its answers loses them, the motor is watched all the same.
+// Never waits: a host that does not read its answers loses them, the control of the motor goes on.
 void send(FrameWriter &reply) {
     const char *bytes = reply.finish();
     if (Serial.availableForWrite() >= reply.length()) Serial.write(bytes, reply.length());
 }
 
-void listen() {
+void receive() {
     Request request;
     for (uint8_t turn = 0; turn < BYTES_A_TURN && Serial.available(); ++turn) {
         if (!parser.take(static_cast<uint8_t>(Serial.read()), request)) continue;
@@ -45,10 +45,10 @@ void loop() {
     const uint32_t now_ms = millis();
     if (now_ms != last_ms) {
         last_ms = now_ms;
-        motion.step(board_look(now_ms));
+        motion.step(board_inputs(now_ms));
         board_alive();
     }
-    listen();
+    receive();
     board_drive(motion.direction());
     if (!Serial.available()) board_rest();
 }

@@ -89,7 +89,7 @@ Board board_describe() { return Board{count_boot(), reset_cause()}; }
 
 bool board_reset_by_watchdog() { return reset_flags & _BV(WDRF); }
 
-Inputs board_look(uint32_t now_ms) {
+Inputs board_inputs(uint32_t now_ms) {
     Inputs inputs;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         inputs.raw = latest_sum;

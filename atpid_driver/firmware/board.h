@@ -7,7 +7,7 @@
 void board_begin();              // pins first: the motor is off before anything else runs
 Board board_describe();          // counts this boot
 bool board_reset_by_watchdog();
-Inputs board_look(uint32_t now_ms);
+Inputs board_inputs(uint32_t now_ms);
 void board_drive(Direction direction);
 void board_alive();              // feeds the watchdog
 void board_rest();               // sleeps until the next interrupt

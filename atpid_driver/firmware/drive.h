@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The motor: off, up or down at one constant speed, and whether the ceiling does what the motor says. Pure.
+// The motor: off, up or down at one constant speed, and whether the ceiling follows. Pure.
 #pragma once
 #include <stdint.h>
 

@@ -12,16 +12,16 @@ Motion::Motion(uint16_t faults_at_boot)
 
 void Motion::step(const Inputs &inputs) {
     now_ms_ = inputs.now_ms;
-    lower_.look(inputs.lower_open);
-    upper_.look(inputs.upper_open);
-    stop_.look(inputs.stop_open);
-    uint16_t seen = sensor_.look(inputs.raw, inputs.count, now_ms_);
+    lower_.update(inputs.lower_open);
+    upper_.update(inputs.upper_open);
+    stop_.update(inputs.stop_open);
+    uint16_t seen = sensor_.update(inputs.raw, inputs.count, now_ms_);
     seen |= contacts_wrong();
-    if (!(seen & fault::SENSOR)) seen |= misplaced() | watch();  // without a position the rest would only guess
+    if (!(seen & fault::SENSOR)) seen |= misplaced() | monitor();  // without a position the rest would only guess
     if (seen) fail(seen);
     if (mode_ == Mode::HOMING) step_homing();
     if (mode_ == Mode::MOVING) step_move();
-    if (!armed()) drive_.off(now_ms_);  // last word, whatever was decided above
+    if (!armed()) drive_.off(now_ms_);  // takes precedence over all of the above
 }
 
 // Faults whose cause is there now and keeps the motor from being armed.
@@ -41,7 +41,7 @@ uint16_t Motion::misplaced() const {
 }
 
 // Faults of the motion itself and of the link.
-uint16_t Motion::watch() {
+uint16_t Motion::monitor() {
     if (mode_ == Mode::DISARMED) return 0;
     uint16_t found = drive_.check(height_um(), now_ms_);
     if (!armed()) return found;
@@ -96,7 +96,7 @@ Answer Motion::home() {
     if (!armed()) return Answer::DISARMED;
     if (mode_ == Mode::HOMING) return Answer::BUSY;
     homed_ = false;
-    sensor_.forget();
+    sensor_.reset_reference();
     homing_ = Homing::SEEK;
     start(Mode::HOMING, HOME_UM);
     return Answer::OK;

@@ -63,7 +63,7 @@ private:
     uint16_t causes() const;
     uint16_t contacts_wrong() const;
     uint16_t misplaced() const;
-    uint16_t watch();
+    uint16_t monitor();
     uint16_t limit_reached() const;
     void fail(uint16_t faults);
     void hold();

@@ -3,7 +3,7 @@
 
 #include "faults.h"
 
-uint16_t PositionSensor::look(uint16_t raw, uint8_t count, uint32_t now_ms) {
+uint16_t PositionSensor::update(uint16_t raw, uint8_t count, uint32_t now_ms) {
     uint16_t jumped = 0;
     if (count != count_) {
         const uint16_t step = raw > raw_ ? raw - raw_ : raw_ - raw;

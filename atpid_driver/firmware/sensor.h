@@ -7,15 +7,15 @@
 
 class PositionSensor {
 public:
-    // Looks at the latest reading and how many there have been; returns the faults seen now.
-    uint16_t look(uint16_t raw, uint8_t count, uint32_t now_ms);
+    // Takes the latest reading and the count of readings; returns the faults present now.
+    uint16_t update(uint16_t raw, uint8_t count, uint32_t now_ms);
     uint16_t causes() const { return causes_; }  // faults whose cause is still there
     uint16_t raw() const { return raw_; }
     int32_t height_um() const { return HOME_UM - (static_cast<int32_t>(home_raw_) - raw_) * UM_PER_RAW; }
     bool plausible_home() const;      // whether the reading is where the upper switch must be
     bool beyond_home() const { return raw_ > HOME_RAW + HOME_RAW_WINDOW; }
     void reference() { home_raw_ = raw_ + HOME_LAG_RAW; }  // on the way down the upper switch has just closed
-    void forget() { home_raw_ = HOME_RAW; }
+    void reset_reference() { home_raw_ = HOME_RAW; }
 
 private:
     uint16_t raw_ = 0;

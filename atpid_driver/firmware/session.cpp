@@ -65,7 +65,7 @@ const char *Session::act(const Request &request) {
     bool known = false;
     for (const char *word : words) known = known || is(request, word);
     if (!known) return "COMMAND";
-    motion_.beat();  // only a host that means to move proves itself alive
+    motion_.beat();  // only a command that moves counts as heartbeat
     if (moves) return reason(motion_.move(static_cast<int32_t>(request.number)));
     if (is(request, "ARM")) return reason(motion_.arm());
     if (is(request, "HOME")) return reason(motion_.home());

@@ -4,7 +4,7 @@
 #include "frame.h"
 #include "motion.h"
 
-struct Board {  // what the identity reply tells of the board
+struct Board {  // what the identity reply contains
     uint32_t boots;
     const char *reset_cause;
 };

@@ -7,7 +7,7 @@
 
 class Contact {
 public:
-    void look(bool open) {
+    void update(bool open) {
         if (open == open_) {
             count_ = 0;
         } else if (++count_ >= DEBOUNCE_MS) {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS context of its own in a test, and a node that listens to what a source says."""
+"""A ROS context of its own in a test, and a node that subscribes to the topics of a source."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import STATUS
 
-PATIENCE = 100.0
+TIMEOUT = 100.0
 N = TypeVar("N", bound=Node)
 
 
 class Bench:
-    """One context and executor, with a node that listens to what a source says."""
+    """One context and executor, with a node that subscribes to the topics of a source."""
 
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
         self.executor = SingleThreadedExecutor(context=self.context)
-        self.ears = Node("ears", context=self.context)
+        self.peer = Node("peer", context=self.context)
         self.blocks: list[SampleBlock] = []
         self.handshakes: list[SampleBlock] = []
         self.events: list[Event] = []
         self.diagnostics: list[Any] = []
         for topic in ("sensors/laser", "sensors/accelerometer"):
-            self.ears.create_subscription(SampleBlock, topic, self._on_block, 1000)
-        self.ears.create_subscription(Event, "events", self.events.append, 100)
-        self.ears.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
-        self.state = self.ears.create_publisher(CeilingState, "ceiling/state", 100)
-        self.recorder = self.ears.create_publisher(RecorderStatus, "recorder/status", STATUS)
-        self.executor.add_node(self.ears)
+            self.peer.create_subscription(SampleBlock, topic, self._on_block, 1000)
+        self.peer.create_subscription(Event, "events", self.events.append, 100)
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self.state = self.peer.create_publisher(CeilingState, "ceiling/state", 100)
+        self.recorder = self.peer.create_publisher(RecorderStatus, "recorder/status", STATUS)
+        self.executor.add_node(self.peer)
         self.nodes: list[Node] = []
 
     def _on_block(self, block: SampleBlock) -> None:
@@ -51,23 +51,23 @@ class Bench:
 
     def start(self, kind: type[N], **values: object) -> N:
         overrides = [Parameter(name, value=value) for name, value in values.items()]
-        node = kind(context=self.context, parameter_overrides=overrides)
+        node: N = kind(context=self.context, parameter_overrides=overrides)
         self.nodes.append(node)
         self.executor.add_node(node)
         return node
 
     def until(self, what: Callable[[], object]) -> None:
         """Spin until something has happened."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         while not what():
             assert time.monotonic() < deadline, "it did not happen"
             self.executor.spin_once(timeout_sec=0.05)
 
-    def said(self, words: str) -> bool:
+    def has_event(self, words: str) -> bool:
         return any(words in event.text for event in self.events)
 
     def close(self) -> None:
-        for node in [*self.nodes, self.ears]:
+        for node in [*self.nodes, self.peer]:
             self.executor.remove_node(node)
             node.destroy_node()
         self.executor.shutdown()

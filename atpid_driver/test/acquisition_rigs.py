@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The backends as the contract tests see them: a device, and somebody who pulls its cable."""
+"""The backends for the contract tests: a device, and functions that pull its cable."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, 
 
 
 def need_emulator() -> None:
-    """Leave a test out, and say so, where the AVR tools are missing; in CI that is a failure."""
+    """Skip a test, with the reason, where the AVR tools are missing; in CI that is a failure."""
     missing = missing_tools()
     if not missing:
         return
@@ -52,13 +52,13 @@ def wait_for(condition: Callable[[], object], what: str, limit: float = 100.0) -
 
 @dataclass
 class ScriptedPort:
-    """A port that knows each request and its answer beforehand; `done` fails on traffic that did not take place."""
+    """A port with a script of requests and answers; `done` fails on traffic that did not take place."""
 
     script: list[tuple[bytes, bytes]]
     waiting: list[bytes] = field(default_factory=list)
 
     def write(self, data: bytes) -> None:
-        assert self.script, f"request nobody expected: {data!r}"
+        assert self.script, f"unexpected request: {data!r}"
         request, answer = self.script.pop(0)
         assert data == request
         self.waiting += answer.splitlines(keepends=True)
@@ -74,4 +74,4 @@ class ScriptedPort:
 
     def done(self) -> None:
         assert not self.script, f"requests that were never made: {self.script}"
-        assert not self.waiting, f"answers nobody read: {self.waiting}"
+        assert not self.waiting, f"unread answers: {self.waiting}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The emulated stand's wires: plant blocks become volts, the real client package reads them, metres come out again."""
+"""The wiring of the emulated stand: plant blocks become volts, the real client package reads them, metres come back."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from acquisition_bench import Bench
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 
 from atpid_common.nodes.handshake import empty_block
-from atpid_common.nodes.messages import BLOCKS, EVENTS, doubles
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, doubles
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.feed_node import STATES, FeedNode
+from atpid_driver.nodes.feed_node import FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.standins import Control, Feed, StandinError, build
 
@@ -40,9 +40,9 @@ def test_the_plants_metres_come_back_through_the_device(
     path = tmp_path / "feed"
     monkeypatch.setenv("ATPID_LJM_SOURCE", f"feed:{path}")
     monkeypatch.setenv("ATPID_LJM_CONTROL", str(tmp_path / "no-faults"))
-    plant = bench.ears.create_publisher(SampleBlock, "emulated/sensors/laser", BLOCKS)
+    plant = bench.peer.create_publisher(SampleBlock, "emulated/sensors/laser", BLOCKS)
     answers: list[CeilingState] = []
-    bench.ears.create_subscription(CeilingState, "emulated/ceiling/state", answers.append, STATES)
+    bench.peer.create_subscription(CeilingState, "emulated/ceiling/state", answers.append, STATES)
     bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS)
     bench.until(lambda: plant.get_subscription_count())
     plant.publish(empty_block(tuple(CHANNELS), ("m", "m")))
@@ -73,7 +73,7 @@ def test_the_plants_metres_come_back_through_the_device(
     between = motion[:-1, 1] + 0.015 * np.diff(motion[:, 1])
     assert np.nanmax(np.abs(read[:, 1] - between[:1900])) < 1e-9
     assert np.isnan(read[700, 1])
-    events = bench.ears.create_publisher(Event, "events", EVENTS)
+    events = bench.peer.create_publisher(Event, "events", EVENTS)
     bench.until(lambda: events.get_subscription_count() >= 2)
     events.publish(Event(kind="finished"))
     bench.until(lambda: len(seen()) >= 2400)  # the sensors go on when the plant has finished
@@ -84,7 +84,7 @@ def test_the_plants_metres_come_back_through_the_device(
 
 def test_the_motors_states_are_passed_on(bench: Bench, tmp_path: Path) -> None:
     passed: list[CeilingState] = []
-    bench.ears.create_subscription(CeilingState, "emulated/ceiling/state", passed.append, STATES)
+    bench.peer.create_subscription(CeilingState, "emulated/ceiling/state", passed.append, STATES)
     bench.start(FeedNode, feed=str(tmp_path / "feed"), calibrations=CALIBRATIONS)
     bench.until(lambda: bench.state.get_subscription_count())
     state = CeilingState(height=0.25, mode=CeilingState.MOVING)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The T7 backend on the real labjack.ljm package: what HARDWARE says of errors, overruns, rates and skew."""
+"""The T7 backend on the real labjack.ljm package: errors, overruns, rates and skew."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ def test_a_feed_faster_than_the_reader_is_an_overrun(
     assert np.array_equal(block.volts[56:, 0], np.arange(56, 100) / 100.0)
 
 
-def test_without_the_library_one_line_says_what_to_install() -> None:
+def test_without_the_library_one_line_names_what_to_install() -> None:
     """In a process of its own, since this one has the stand-in."""
     program = (
         "from atpid_driver.acquisition.labjack import load_ljm\n"

@@ -93,6 +93,16 @@ def test_a_read_error_is_one_line_and_the_task_starts_again(make: Make, control:
     assert device.read().first_index == 0
 
 
+def read_blocks(device: NiAcquisition, count: int) -> None:
+    for _ in range(count):
+        device.read()
+
+
+def open_and_start(device: NiAcquisition) -> None:
+    device.open()
+    device.start()
+
+
 def test_a_module_that_sends_nothing_is_a_time_out(make: Make, control: Control) -> None:
     device = make(rate=12_800.0, scans_per_block=64)
     device.open()
@@ -100,8 +110,7 @@ def test_a_module_that_sends_nothing_is_a_time_out(make: Make, control: Control)
     device.read()
     control.stall(True)
     with pytest.raises(StreamLostError, match="-200284"):
-        for _ in range(3):
-            device.read()
+        read_blocks(device, 3)
 
 
 @pytest.mark.parametrize(
@@ -112,13 +121,12 @@ def test_a_module_that_sends_nothing_is_a_time_out(make: Make, control: Control)
         ({"device": "cDAQ9Mod9"}, DeviceMissingError, "NI MAX"),
     ],
 )
-def test_refusals_say_what_is_allowed(
+def test_refusals_name_what_is_allowed(
     make: Make, changes: dict[str, object], error: type[Exception], words: str
 ) -> None:
     device = make(**changes)
     with pytest.raises(error, match=words):
-        device.open()
-        device.start()
+        open_and_start(device)
 
 
 def test_a_server_that_is_away_is_named() -> None:
@@ -129,7 +137,7 @@ def test_a_server_that_is_away_is_named() -> None:
     device.close()
 
 
-def test_without_the_runtime_one_line_says_what_to_install() -> None:
+def test_without_the_runtime_one_line_names_what_to_install() -> None:
     program = (
         "from atpid_driver.acquisition import create\n"
         "channels = [{'name': 'a', 'terminal': 'ai0', 'kind': 'iepe'}]\n"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The LabJack and the NI node: life, handshake, messages, diagnostics, and every fault by name."""
+"""The acquisition nodes: lifecycle, handshake, messages, diagnostics, and every fault by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from acquisition_bench import PATIENCE, Bench
+from acquisition_bench import TIMEOUT, Bench
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus
 from lifecycle_msgs.msg import State
 
@@ -186,7 +186,7 @@ def test_diagnostics_carry_serial_rate_backlog_drops_and_drift(bench: Bench, t7:
     names = {"dropped [scans]", "last error", "clock drift [ppm]", "clock offset [s]", "next index", "interruptions"}
     assert names <= values.keys()
     t7.drop(40)
-    bench.until(lambda: bench.said("40 scans lost"))
+    bench.until(lambda: bench.has_event("40 scans lost"))
     bench.until(lambda: any(block.dropped == 40 for block in bench.blocks))
     bench.until(lambda: any("scans lost in the last second" in status.message for status in bench.diagnostics))
 
@@ -217,14 +217,14 @@ def test_missing_then_plugged_in_then_pulled_then_plugged_in_again(
     device: Control = request.getfixturevalue(control)
     device.unplug()
     node = bench.start(kind, **parameters())
-    bench.until(lambda: bench.said("cannot configure"))
+    bench.until(lambda: bench.has_event("cannot configure"))
     assert label(node) == "unconfigured"
     device.replug()
     bench.until(lambda: len(bench.blocks) >= 2)
     device.unplug()
-    bench.until(lambda: bench.said("trying again"))
+    bench.until(lambda: bench.has_event("trying again"))
     device.replug()
-    bench.until(lambda: bench.said("streaming again"))
+    bench.until(lambda: bench.has_event("streaming again"))
     count = len(bench.blocks)
     bench.until(lambda: len(bench.blocks) > count + 1)
     faults = [event.text for event in bench.events if event.kind == "fault"]
@@ -239,7 +239,7 @@ def test_missing_then_plugged_in_then_pulled_then_plugged_in_again(
 def test_wrong_serial_number_then_the_right_one(bench: Bench, t7: Control) -> None:
     t7.serial(99)
     node = bench.start(LabJackNode, **laser(serial=470012345))
-    bench.until(lambda: bench.said("the T7 has serial number 99, expected 470012345"))
+    bench.until(lambda: bench.has_event("the T7 has serial number 99, expected 470012345"))
     assert label(node) == "unconfigured"
     bench.until(lambda: any("serial number 99" in status.message for status in bench.diagnostics))
     t7.serial(470012345)
@@ -249,7 +249,7 @@ def test_wrong_serial_number_then_the_right_one(bench: Bench, t7: Control) -> No
 def test_a_library_that_is_missing_then_installed(bench: Bench, t7: Control, tmp_path: Path) -> None:
     library = tmp_path / "libLabJackM.so"
     node = bench.start(LabJackNode, **laser(library=str(library)))
-    bench.until(lambda: bench.said("install LJM from labjack.com"))
+    bench.until(lambda: bench.has_event("install LJM from labjack.com"))
     assert label(node) == "unconfigured"
     shutil.copy(LIBRARIES / "libLabJackM.so", library)
     bench.until(lambda: bench.blocks)
@@ -259,7 +259,7 @@ def test_a_library_that_is_missing_then_installed(bench: Bench, t7: Control, tmp
 def test_configured_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
     t7.unplug()
     node = bench.start(LabJackNode, **laser())
-    bench.until(lambda: bench.said("cannot configure"))
+    bench.until(lambda: bench.has_event("cannot configure"))
     t7.replug()
     node.trigger_configure()
     bench.until(lambda: node._starter is None)  # the next attempt sees that it need not
@@ -271,7 +271,7 @@ def test_configured_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -
 def test_shut_down_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) -> None:
     t7.unplug()
     node = bench.start(LabJackNode, **laser())
-    bench.until(lambda: bench.said("cannot configure"))
+    bench.until(lambda: bench.has_event("cannot configure"))
     node.trigger_shutdown()
     seen = len(bench.diagnostics)
     bench.until(lambda: len(bench.diagnostics) > seen + 1)
@@ -280,7 +280,7 @@ def test_shut_down_by_hand_while_it_tries_to_start(bench: Bench, t7: Control) ->
 
 def test_a_set_up_the_device_refuses_leaves_the_node_alive(bench: Bench, t7: Control) -> None:
     bench.start(LabJackNode, **laser(rate=90_000.0))
-    bench.until(lambda: bench.said("a scan takes longer than the scan period"))
+    bench.until(lambda: bench.has_event("a scan takes longer than the scan period"))
     bench.until(lambda: any("LJM 2942" in status.message for status in bench.diagnostics))
 
 
@@ -291,7 +291,7 @@ def test_a_set_up_the_device_refuses_leaves_the_node_alive(bench: Bench, t7: Con
         ({"calibrations": ["laser_beam.yaml", "laser_support.yaml"]}, "in the order"),
         ({"calibrations": ["laser_support.yaml"]}, "one file each"),
         ({"calibrations": ["none.yaml", "laser_beam.yaml"]}, "cannot be read"),
-        ({"backend": "serial"}, "backend of labjack_node: given 'serial'; allowed: 'labjack', 'simulated'"),
+        ({"backend": "serial"}, "backend of labjack_node: given 'serial'; allowed: 'labjack', 'nidaqmx', 'simulated'"),
         ({"voltage_range": 7.0}, "a T7 has the ranges"),
         ({"rate": -3.0}, "rate"),
         ({"kinds": ["charge"]}, "kind"),
@@ -320,9 +320,9 @@ def run_node(*parameters: str) -> subprocess.Popen[str]:
 
 def test_bad_parameters_end_the_process_with_status_2_and_one_line() -> None:
     process = run_node("rate:=1000.0")
-    said, _ = process.communicate(timeout=PATIENCE)
+    output, _ = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 2
-    assert said.splitlines() == [
+    assert output.splitlines() == [
         "error: parameter channels of labjack_node is not given: names of the channels in the messages; "
         "set it in the parameter file"
     ]
@@ -330,7 +330,7 @@ def test_bad_parameters_end_the_process_with_status_2_and_one_line() -> None:
 
 def test_a_parameter_file_that_is_not_there_is_one_line_and_status_2() -> None:
     command = [sys.executable, "-m", "atpid_driver.nodes.ni_node", "--ros-args", "--params-file", "none.yaml"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     assert done.returncode == 2
     assert done.stderr == "error: parameter file none.yaml: cannot be opened\n"
 
@@ -341,12 +341,12 @@ def test_a_node_started_twice_is_refused_with_status_2(bench: Bench) -> None:
     first = run_node(*simulated, *wiring)
     bench.until(lambda: bench.blocks)
     second = run_node(*simulated, *wiring)
-    said, _ = second.communicate(timeout=PATIENCE)
+    output, _ = second.communicate(timeout=TIMEOUT)
     first.send_signal(signal.SIGINT)
-    first.communicate(timeout=PATIENCE)
+    first.communicate(timeout=TIMEOUT)
     assert (first.returncode, second.returncode) == (0, 2)
-    assert "already running" in said
-    assert len(said.splitlines()) == 1
+    assert "already running" in output
+    assert len(output.splitlines()) == 1
 
 
 def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
@@ -357,9 +357,10 @@ def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
     bench.until(lambda: bench.blocks)
     for _ in range(2):  # as `ros2 launch` does
         process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=PATIENCE)
+    output, _ = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 0
-    connected, streams, stopped = (line.split("]: ")[-1] for line in said.splitlines())
+    connected, streams, stopped = (line.split("]: ")[-1] for line in output.splitlines())
     assert connected.startswith("connected to simulated:1: ")
     assert streams == "simulated:1 streams 2 channels at 1000 Hz"
-    assert stopped.startswith("simulated:1: stream stopped after ") and stopped.endswith(" 0 of them lost")
+    assert stopped.startswith("simulated:1: stream stopped after ")
+    assert stopped.endswith(" 0 of them lost")

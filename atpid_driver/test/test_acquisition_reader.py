@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import queue
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,14 +18,14 @@ from atpid_driver.acquisition import Backoff, Block, DriftMeter, HardwareClock, 
 from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 
-PATIENCE = 100.0
+TIMEOUT = 100.0
 QUICK = Backoff(first=0.01, longest=0.02)
 
 
 class Watch:
-    """Collects what a reader hands over, waiting for it."""
+    """Collects blocks and reports of a reader, waiting for them."""
 
-    def __init__(self, device: SimulatedAcquisition, **options: object) -> None:
+    def __init__(self, device: SimulatedAcquisition, **options: Any) -> None:
         self._ready = threading.Event()
         self.reports: queue.Queue[tuple[bool, str]] = queue.Queue()
         identity = device.open()
@@ -33,20 +34,20 @@ class Watch:
             identity,
             self._ready.set,
             lambda *report: self.reports.put(report),
-            **{"backoff": QUICK, **options},  # type: ignore[arg-type]
+            **{"backoff": QUICK, **options},
         )
         self.reader.start()
 
     def blocks(self, count: int) -> list[Block]:
         taken: list[Block] = []
         while len(taken) < count:
-            assert self._ready.wait(PATIENCE)
+            assert self._ready.wait(TIMEOUT)
             self._ready.clear()
             taken += self.reader.take()
         return taken
 
     def report(self) -> tuple[bool, str]:
-        return self.reports.get(timeout=PATIENCE)
+        return self.reports.get(timeout=TIMEOUT)
 
 
 def simulated(faults: Faults | None = None, rate: float = 10_000.0, scans: int = 100) -> SimulatedAcquisition:
@@ -124,7 +125,7 @@ def test_another_device_in_the_same_place_is_not_taken() -> None:
     watch.reader.stop()
 
 
-def test_a_refused_set_up_is_said_and_not_tried_again() -> None:
+def test_a_refused_set_up_is_reported_and_not_tried_again() -> None:
     class Refusing(SimulatedAcquisition):
         def start(self) -> float:
             raise SetupRefusedError("rate too high")
@@ -135,7 +136,7 @@ def test_a_refused_set_up_is_said_and_not_tried_again() -> None:
     assert watch.reports.empty()
 
 
-def test_a_bug_in_a_backend_is_said() -> None:
+def test_a_bug_in_a_backend_is_reported() -> None:
     class Broken(SimulatedAcquisition):
         def read(self) -> Block:
             raise ZeroDivisionError("oops")

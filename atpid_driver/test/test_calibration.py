@@ -190,9 +190,9 @@ def test_the_command_makes_a_file_and_a_picture(tmp_path: Path, capsys: pytest.C
     assert made.broken_loop_volts == 0.9
     assert made.limits_volts == pytest.approx((1.1, 4.9), abs=2e-3)
     assert (tmp_path / "laser.png").read_bytes().startswith(b"\x89PNG")
-    said = capsys.readouterr().out
-    assert "residual [m]" in said
-    assert len(said.splitlines()) > 27
+    output = capsys.readouterr().out
+    assert "residual [m]" in output
+    assert len(output.splitlines()) > 27
     assert main(command(tmp_path)) == 2  # a calibration is not overwritten by accident
     assert "--force" in capsys.readouterr().err
     assert main(command(tmp_path, "--force")) == 0
@@ -216,7 +216,7 @@ def test_readings_that_cannot_be_used_are_refused(
     (tmp_path / "readings.csv").write_text(content)
     degree = ("--degree", "2") if "same m" in words else ()
     assert main(command(tmp_path, *degree)) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert len(said.splitlines()) == 1
+    output = capsys.readouterr().err
+    assert words in output
+    assert len(output.splitlines()) == 1
     assert os.listdir(tmp_path) == ["readings.csv"]

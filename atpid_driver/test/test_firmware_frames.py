@@ -48,8 +48,8 @@ def test_lookup_takes_the_nearest_amplitude(tmp_path: Path, amplitude: int, heig
     with board(tmp_path, height=0.98, firmware=firmware) as emulator:
         host = SteppedHost(emulator)
         host.make_ready()
-        assert host.ask("LOOKUP", 9_999) == host.ask("LOOKUP", 30_001) == Refusal("RANGE")
-        state = host.ask("LOOKUP", amplitude)
+        assert host.request("LOOKUP", 9_999) == host.request("LOOKUP", 30_001) == Refusal("RANGE")
+        state = host.request("LOOKUP", amplitude)
         assert isinstance(state, StateReply)
         assert state.target == height
 

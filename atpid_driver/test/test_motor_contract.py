@@ -148,4 +148,4 @@ def test_closed_it_is_unconfigured_and_can_be_connected_again(ready: Rig) -> Non
 
 def test_it_has_a_name_for_diagnostics_and_nothing_to_complain_of(ready: Rig) -> None:
     assert ready.actuator.health()["hardware_id"]
-    assert ready.actuator.news() == []
+    assert ready.actuator.reports() == []

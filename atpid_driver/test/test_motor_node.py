@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import isnan, nan
 from typing import Any
 
@@ -20,8 +20,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from atpid_common.nodes.parameters import ParameterError
 from atpid_common.nodes.single_instance import StartedTwiceError, claim
-from atpid_driver.motor import Mode, SettingsError
+from atpid_driver.motor import Mode
 from atpid_driver.nodes import motor_node
 from atpid_driver.nodes.motor_node import MotorNode
 
@@ -56,7 +57,7 @@ def test_lockstep_answers_each_command_with_its_stamp(stand: Stand) -> None:
     assert (state.mode, state.height, state.sequence) == (CeilingState.HOLDING, 0.317, 1)
 
 
-def test_lockstep_says_what_it_does_next(stand: Stand) -> None:
+def test_lockstep_reports_the_next_motion(stand: Stand) -> None:
     stand.motor(lockstep=True)
     stand.handshake()
     state = stand.ask(0.5, 1.0, sequence=3)
@@ -66,7 +67,7 @@ def test_lockstep_says_what_it_does_next(stand: Stand) -> None:
     assert state.height == state.target == pytest.approx(0.167, abs=1e-12)
 
 
-def test_a_refused_height_is_told_once_and_the_ceiling_stays(stand: Stand) -> None:
+def test_a_refused_height_is_reported_once_and_the_ceiling_stays(stand: Stand) -> None:
     stand.motor(lockstep=True)
     stand.handshake()
     for k in range(5):
@@ -94,7 +95,8 @@ def test_a_simulated_ceiling_stands_where_the_plants_does(stand: Stand, lockstep
     stand.until(lambda: truth.get_subscription_count() == 1)
     if not lockstep:
         stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOMING)
-        assert isnan(stand.states[-1].height) and not stand.states[-1].homed
+        assert isnan(stand.states[-1].height)
+        assert not stand.states[-1].homed
     message = PlantTruth(handshake=True, ceiling=[0.05, 0.2901])
     stand.until(lambda: truth.get_subscription_count() == 0, lambda: truth.publish(message))
     states = len(stand.states)
@@ -113,6 +115,10 @@ def test_a_command_that_waited_too_long_is_ignored(stand: Stand) -> None:
     assert node._read().target == 0.017
 
 
+def reported(stand: Stand, mode: int) -> Callable[[], object]:
+    return lambda: stand.states[-1].mode == mode
+
+
 def test_lifecycle_by_a_manager(stand: Stand) -> None:
     stand.motor(autostart=False)
     stand.until(lambda: stand.states)
@@ -125,7 +131,7 @@ def test_lifecycle_by_a_manager(stand: Stand) -> None:
         (Transition.TRANSITION_CLEANUP, CeilingState.UNCONFIGURED),
     ):
         assert stand.change(transition)
-        stand.until(lambda mode=mode: stand.states[-1].mode == mode)  # type: ignore[misc]
+        stand.until(reported(stand, mode))
 
 
 def test_an_impossible_transition_is_refused_and_the_node_lives_on(stand: Stand) -> None:
@@ -166,7 +172,8 @@ def test_commands_that_stay_away_stop_the_ceiling_where_it_is(stand: Stand) -> N
     stand.command(0.9, 1.0, sequence=7)
     stand.until(lambda: "stale" in stand.kinds())
     stale = next(event for event in stand.events if event.kind == Event.STALE)
-    assert stale.severity == Event.ALARM and stale.value >= 0.4
+    assert stale.severity == Event.ALARM
+    assert stale.value >= 0.4
     assert stale.text == f"no message on ceiling/command for {stale.value:.2f} s: the ceiling stays where it is"
     stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING)
     assert 0.017 < stand.states[-1].height < 0.1
@@ -230,7 +237,7 @@ def test_rearm_needs_an_active_node(stand: Stand) -> None:
     assert (answer.success, answer.message) == (False, "the motor node is unconfigured: configure and activate it")
 
 
-def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:
+def test_a_duplicate_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:
     node = stand.motor()
     stand.handshake()
     other = Node("motor_node", context=stand.context)
@@ -242,10 +249,10 @@ def test_a_namesake_that_was_there_before_keeps_the_motor_off_until_it_is_gone(s
     stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING)
 
 
-def test_a_namesake_that_comes_later_is_told_but_stops_nothing(stand: Stand) -> None:
+def test_a_duplicate_that_comes_later_is_reported_but_stops_nothing(stand: Stand) -> None:
     node = stand.motor()
     stand.handshake()
-    node._namesakes.born -= 60.0
+    node._duplicates.started -= 60.0
     other = Node("motor_node", context=stand.context)
     stand.until(lambda: stand.events)
     assert "this one stays" in stand.events[0].text
@@ -275,7 +282,7 @@ def test_started_twice_is_one_line_and_exit_2(capfd: pytest.CaptureFixture[str])
     ("change", "text"),
     [
         ({"lowest": 2.0}, "0 < lowest < highest"),
-        ({"backend": "steam"}, "allowed simulated, serial"),
+        ({"backend": "steam"}, "allowed: 'simulated', 'serial'"),
         ({"rate": 1.0}, "rate"),
     ],
 )
@@ -288,7 +295,7 @@ def test_bad_parameters_are_one_line_and_exit_2(
 
 
 def test_limits_have_no_default(stand: Stand) -> None:
-    with pytest.raises(SettingsError, match="highest of motor_node is not given and has no default"):
+    with pytest.raises(ParameterError, match="highest of motor_node is not given: highest ceiling height"):
         MotorNode(
             parameter_overrides=[Parameter("backend", value="simulated"), Parameter("lowest", value=0.017)],
             context=stand.context,

@@ -74,7 +74,7 @@ def test_unplugged_and_plugged_in_again_it_moves_on_fresh_commands_only(stand: S
         stand.close_motor()
 
 
-def test_a_jam_is_told_and_armed_again_by_a_person(stand: Stand, tmp_path: Path) -> None:
+def test_a_jam_is_reported_and_armed_again_on_request(stand: Stand, tmp_path: Path) -> None:
     with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
         emulator.pace(1.0)
         stand.motor(**parameters(tmp_path))

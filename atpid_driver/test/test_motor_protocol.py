@@ -36,7 +36,7 @@ def test_one_or_two_flipped_bits_are_always_refused(sequence: int, word: str, nu
     bad = bytearray(good)
     for bit in bits:
         bad[bit // 8] ^= 1 << bit % 8
-    with pytest.raises(p.ProtocolError):
+    with pytest.raises(ProtocolError):
         p.decode(bytes(bad))
 
 

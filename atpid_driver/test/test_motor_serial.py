@@ -12,7 +12,7 @@ from motor_rigs import board, settings, wait_for
 
 from atpid_driver.emulator import Emulator
 from atpid_driver.motor import IdentityError, LimitsError, LinkError, Mode, NotReadyError, Reading
-from atpid_driver.motor import conversation as conversation_module
+from atpid_driver.motor import session as session_module
 from atpid_driver.motor.serial_actuator import SerialActuator
 
 
@@ -22,10 +22,10 @@ class Rig:
     def __init__(self, folder: Path, emulator: Emulator) -> None:
         self.actuator = SerialActuator(settings(folder))
         self.emulator = emulator
-        self.told: list[str] = []
+        self.reports: list[str] = []
 
     def read(self) -> Reading:
-        self.told += self.actuator.news()
+        self.reports += self.actuator.reports()
         return self.actuator.read(time.monotonic_ns())
 
     def move(self, height: float) -> None:
@@ -97,7 +97,7 @@ def test_a_board_that_does_not_answer(tmp_path: Path) -> None:
 
 
 def test_the_wrong_firmware_version(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversation_module, "VERSION", "2.")
+    monkeypatch.setattr(session_module, "VERSION", "2.")
     with pytest.raises(IdentityError, match=r"firmware 1\.0\.0 with protocol 1: this driver needs 2\.x"):
         rig.actuator.connect(0)
     assert rig.read().mode is Mode.UNCONFIGURED
@@ -120,8 +120,8 @@ def test_unplugged_in_motion_and_plugged_in_again(rig: Rig) -> None:
         rig.move(0.5)
     rig.emulator.plug()
     rig.wait(Mode.DISARMED)
-    assert any("is gone" in text for text in rig.told)
-    assert any("found again" in text and "motor off until the next height" in text for text in rig.told)
+    assert any("is gone" in text for text in rig.reports)
+    assert any("found again" in text and "motor off until the next height" in text for text in rig.reports)
     assert stands_still(rig.emulator)
     rig.command_until_ready(0.95)
     rig.wait(Mode.HOLDING)
@@ -133,7 +133,7 @@ def test_a_reset_in_motion_is_noticed_and_needs_homing(rig: Rig) -> None:
     rig.start_down()
     rig.emulator.reset()
     wait_for(lambda: rig.read().mode is Mode.DISARMED and not rig.read().homed, "disarmed, height lost")
-    assert any("restarted" in text for text in rig.told)
+    assert any("restarted" in text for text in rig.reports)
     assert stands_still(rig.emulator)
     rig.command_until_ready(0.95)
 
@@ -163,7 +163,7 @@ def test_a_jam_is_not_armed_again_by_a_command(rig: Rig) -> None:
     rig.emulator.set("jam", 1)
     rig.wait(Mode.FAULT)
     rig.emulator.set("jam", 0)
-    with pytest.raises(NotReadyError, match=r"does not move \(jammed, or no motor power\); mend it, then call ~/rearm"):
+    with pytest.raises(NotReadyError, match=r"jammed, or no motor power\); remove the cause, then call ~/rearm"):
         rig.move(0.5)
     assert stands_still(rig.emulator)
     rig.actuator.activate(time.monotonic_ns())
@@ -183,7 +183,7 @@ def test_a_hung_board_is_a_lost_link_and_recovers(rig: Rig) -> None:
     rig.make_ready()
     rig.emulator.pace(0)
     rig.wait(Mode.UNCONFIGURED)
-    assert any("no answer to" in text for text in rig.told)
+    assert any("no answer to" in text for text in rig.reports)
     rig.emulator.pace(1.0)
     rig.wait(Mode.DISARMED, Mode.FAULT)
     rig.command_until_ready(0.98)

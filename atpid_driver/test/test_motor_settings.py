@@ -44,7 +44,7 @@ def test_serial_backend_plays_the_role_without_opening_anything() -> None:
         ({"lowest": 2.0}, "0 < lowest < highest"),
     ],
 )
-def test_bad_settings_say_what_to_do(change: dict[str, Any], text: str) -> None:
+def test_bad_settings_are_refused_with_the_remedy(change: dict[str, Any], text: str) -> None:
     with pytest.raises(SettingsError, match=text):
         actuator_of(MotorSettings(**GOOD | change))
 

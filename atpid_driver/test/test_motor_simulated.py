@@ -30,7 +30,7 @@ def test_travels_at_constant_speed_and_arrives_exactly() -> None:
     assert (end.mode, end.height, end.velocity, end.sequence) == (Mode.HOLDING, 0.317, 0.0, 5)
 
 
-def test_state_at_the_command_is_where_it_is_and_says_what_it_does_next() -> None:
+def test_state_at_the_command_has_the_height_and_the_next_motion() -> None:
     ceiling = ready()
     ceiling.move(0.5, 1, SECOND)
     state = ceiling.read(SECOND)
@@ -118,7 +118,8 @@ def test_a_ceiling_that_is_not_placed_is_homing_and_moves_nowhere() -> None:
     ceiling = ready(nan)
     state = ceiling.read(SECOND)
     assert (state.mode, state.homed, state.ready) == (Mode.HOMING, False, False)
-    assert isnan(state.height) and isnan(state.target)
+    assert isnan(state.height)
+    assert isnan(state.target)
     with pytest.raises(NotReadyError, match="not known yet where the ceiling stands"):
         ceiling.move(0.5, 1, SECOND)
     ceiling.place(0.29, SECOND)

@@ -78,7 +78,7 @@ def _open_missing() -> None:
 
 def _discard_closed() -> bool:
     """Redirect standard output and error to the null device where their pipe has no reader; return whether one had
-    none. A broken pipe elsewhere, of a device say, is an error like any other.
+    none. A broken pipe elsewhere, such as that of a device, is an error like any other.
     """
     closed = [stream for stream in (sys.stdout, sys.stderr) if _has_no_reader(stream)]
     for stream in closed:

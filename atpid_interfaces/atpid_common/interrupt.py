@@ -44,7 +44,7 @@ class Interrupt:
         for number in ENDING_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
-    def _handle(self, number: int, frame: FrameType | None) -> None:
+    def _handle(self, _number: int, _frame: FrameType | None) -> None:
         already = self.received
         self._received = True
         if not self._deferred and not already:

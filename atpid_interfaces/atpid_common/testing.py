@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# The same examples each time, and none too slow: whether main is sound must not depend on luck or on a busy machine.
+# The same examples each time, and none too slow: the result must not depend on chance or on the load.
 settings.register_profile("atpid", derandomize=True, deadline=None)
 settings.load_profile("atpid")
 
@@ -35,11 +35,11 @@ WARNINGS = (
 TIMEOUT = 600.0  # ends a test that hangs; none is that slow on a busy machine [s]
 SLOW = "slow: seconds of processor time, processes, or real time; `make test-fast` leaves it out"
 
-# Threads and processes that outlive a test by right, by the start of their name: "session-" is for fixtures wider than
+# Threads and processes that may outlive a test, by the start of their name: "session-" is for fixtures wider than
 # one test, the others belong to libraries.
 LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
 LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
-PATIENCE = 60.0  # [s] for a thread or process that has been told to end, on a busy machine
+END_TIMEOUT = 60.0  # [s] for a thread or process to end, on a busy machine
 
 
 def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
@@ -65,16 +65,16 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         pytest.exit(f"{package.name} is tested inside the repository, whose scenes/ and bags/ its tests use", 4)
 
 
-def pytest_unconfigure(config: pytest.Config) -> None:
-    """Give the session's ROS domain back."""
+def pytest_unconfigure() -> None:
+    """Release the session's ROS domain."""
     DOMAIN_HOLDER.close()
 
 
 def claim_domain() -> tuple[int, socket.socket]:
-    """Return a ROS domain nobody on this machine uses, and the socket that keeps it for this session.
+    """Return a ROS domain that no other session on this machine uses, and the socket that keeps it for this session.
 
     Domain d has its ports from 7400 + 250 d on; up to 101 they lie below the system's own ephemeral ports. The socket's
-    name is the one a bench claims its domain by, so benches and test sessions keep out of each other's way.
+    name is the one a bench claims its domain by, so benches and test sessions do not share one.
     """
     for domain in random.Random(os.getpid()).sample(range(1, 102), 101):
         holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -122,7 +122,7 @@ def threads() -> set[threading.Thread]:
 
 def leftovers(threads_before: set[threading.Thread], children_before: dict[int, str]) -> list[str]:
     """Wait for what a test started to end, and describe what does not."""
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + END_TIMEOUT
     for thread in threads() - threads_before:
         thread.join(max(0.0, deadline - time.monotonic()))
     left = [f"thread {thread.name}" for thread in threads() - threads_before]

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exit statuses and one-line errors of the command lines."""
 
+from __future__ import annotations
+
 import sys
+from collections.abc import Callable
 from types import SimpleNamespace
+from typing import NoReturn
 
 import pytest
 
@@ -13,7 +17,7 @@ COMMANDS = {"measure": ("measuring", "measure something"), "other": ("no_such_mo
 
 
 @pytest.fixture
-def measuring(monkeypatch):
+def measuring(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """A command's module: `measure --times N` returns N."""
     module = SimpleNamespace(
         add_arguments=lambda parser: parser.add_argument("--times", type=int, default=0),
@@ -23,26 +27,28 @@ def measuring(monkeypatch):
     return module
 
 
-def fails(error):
-    def run(*_):
+def fails(error: BaseException) -> Callable[..., int]:
+    def run(*_: object) -> NoReturn:
         raise error
 
     return run
 
 
-def test_a_command_gets_its_arguments_and_gives_the_status(measuring):
+def test_a_command_gets_its_arguments_and_gives_the_status(measuring: SimpleNamespace) -> None:
     assert run_commands("package", "Text.", COMMANDS, ["measure", "--times", "3"]) == 3
 
 
-def test_help_lists_the_commands_without_loading_them(capsys):
+def test_help_lists_the_commands_without_loading_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_commands("package", "Text.", COMMANDS, ["--help"]) == 0
-    said = capsys.readouterr().out
-    assert "measure something" in said
-    assert "do something else" in said
+    output = capsys.readouterr().out
+    assert "measure something" in output
+    assert "do something else" in output
 
 
 @pytest.mark.parametrize("given", [[], ["nothing"], ["measure", "--unknown"]])
-def test_arguments_that_do_not_fit_are_bad_input(measuring, capsys, given):
+def test_arguments_that_do_not_fit_are_bad_input(
+    measuring: SimpleNamespace, capsys: pytest.CaptureFixture[str], given: list[str]
+) -> None:
     assert run_commands("package", "Text.", COMMANDS, given) == 2
     assert "usage: python -m package" in capsys.readouterr().err
 
@@ -56,12 +62,14 @@ def test_arguments_that_do_not_fit_are_bad_input(measuring, capsys, given):
         (KeyboardInterrupt("the bag is closed"), 130, "the bag is closed"),
     ],
 )
-def test_errors_of_the_project_are_one_line(capsys, error, status, line):
+def test_errors_of_the_project_are_one_line(
+    capsys: pytest.CaptureFixture[str], error: BaseException, status: int, line: str
+) -> None:
     assert guarded(fails(error)) == status
     assert capsys.readouterr().err == f"{line}\n"
 
 
 @pytest.mark.parametrize("error", [ValueError("a defect"), ZeroDivisionError("a defect"), OSError("a defect")])
-def test_other_errors_keep_their_traceback(error):
+def test_other_errors_keep_their_traceback(error: BaseException) -> None:
     with pytest.raises(type(error), match="a defect"):
         guarded(fails(error))

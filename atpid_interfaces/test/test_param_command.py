@@ -82,4 +82,5 @@ def test_a_parameter_is_read_set_and_described(stand: Stand) -> None:
 def test_what_cannot_be_is_one_line_and_status_2(stand: Stand, arguments: tuple[str, ...], text: str) -> None:
     status, out, error = stand.run(*arguments)
     assert (status, out) == (2, "")
-    assert error.startswith(text) and "\n" not in error
+    assert error.startswith(text)
+    assert "\n" not in error

@@ -110,7 +110,8 @@ def test_a_bad_value_is_refused_with_a_sentence_and_changes_nothing(
     result = tested.set(**values)
     assert not result.successful
     assert reason in result.reason
-    assert tested.applied == [] and tested.events == []
+    assert tested.applied == []
+    assert tested.events == []
     assert tested.parameters["onset"] == 0.06
 
 

@@ -38,7 +38,9 @@ class Stand:
         self.supervision.stale.watch("estimates", "nothing is controlled")
         self.supervision.follow_events()
         self.node.create_subscription(Empty, "estimates", self._on_estimate, 10)
-        self.received, self.events, self.statuses, self.ticks = 0, [], [], 0
+        self.received, self.ticks = 0, 0
+        self.events: list[Event] = []
+        self.statuses: list[DiagnosticStatus] = []
         self.peer.create_subscription(Event, "events", self.events.append, EVENTS)
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self.estimates = self.peer.create_publisher(Empty, "estimates", 10)

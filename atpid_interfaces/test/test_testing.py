@@ -31,7 +31,7 @@ def test_warnings_are_errors(request):
 def session(folder: Path) -> subprocess.CompletedProcess[str]:
     """Run pytest with the plugin in a folder; the check for leftovers waits 0.1 s."""
     (folder / "pytest.ini").write_text("[pytest]\n")
-    (folder / "conftest.py").write_text("import atpid_common.testing as plugin\nplugin.PATIENCE = 0.1\n")
+    (folder / "conftest.py").write_text("import atpid_common.testing as plugin\nplugin.END_TIMEOUT = 0.1\n")
     command = [sys.executable, "-m", "pytest", "-p", "atpid_common.testing", "-p", "no:cacheprovider", "-q"]
     environment = {**os.environ, "OUTER": os.environ["ROS_DOMAIN_ID"]}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
@@ -39,10 +39,10 @@ def session(folder: Path) -> subprocess.CompletedProcess[str]:
 
 def test_what_a_session_with_the_plugin_is_like(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text(TESTS)
-    said = session(tmp_path).stdout
-    assert "the test left running: thread forgotten" in said
-    assert "the test left running: process " in said
-    assert "4 passed, 2 errors" in said
+    output = session(tmp_path).stdout
+    assert "the test left running: thread forgotten" in output
+    assert "the test left running: process " in output
+    assert "4 passed, 2 errors" in output
 
 
 def test_a_package_without_the_repository_is_refused(tmp_path: Path) -> None:

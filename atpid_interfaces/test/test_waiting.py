@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What takes long is announced, what is quick is not."""
 
+from __future__ import annotations
+
 import threading
 
 import pytest
@@ -8,14 +10,14 @@ import pytest
 from atpid_common.waiting import announced
 
 
-def test_what_is_quick_is_not_announced():
+def test_what_is_quick_is_not_announced() -> None:
     lines: list[str] = []
     with announced("compiling", lines.append, after=60.0):
         pass
     assert lines == []
 
 
-def test_what_takes_long_is_announced_and_its_end_too():
+def test_what_takes_long_is_announced_and_its_end_too() -> None:
     lines: list[str] = []
     announcement = threading.Event()
 
@@ -29,6 +31,6 @@ def test_what_takes_long_is_announced_and_its_end_too():
     assert lines[1].startswith("compiling: done after ")
 
 
-def test_an_error_passes_through():
+def test_an_error_passes_through() -> None:
     with pytest.raises(ValueError, match="inside"), announced("compiling", after=60.0):
         raise ValueError("inside")

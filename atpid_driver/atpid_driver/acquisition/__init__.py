@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Acquisition devices behind one role: LabJack T7, NI-9230, simulated."""
+"""Acquisition devices behind one protocol (`Acquisition`): LabJack T7, NI-9230, simulated."""
 
 from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
 from atpid_driver.acquisition.errors import (
@@ -13,14 +13,17 @@ from atpid_driver.acquisition.errors import (
 )
 from atpid_driver.acquisition.protocol import Acquisition, Block, Identity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
-from atpid_driver.acquisition.registry import BACKENDS, create
+from atpid_driver.acquisition.registry import Backend, backend, create
+from atpid_driver.acquisition.registry import names as backend_names
+from atpid_driver.acquisition.settings import Channel, Settings, setting
 
 __all__ = [
-    "BACKENDS",
     "Acquisition",
     "AcquisitionError",
+    "Backend",
     "Backoff",
     "Block",
+    "Channel",
     "DeviceMissingError",
     "DriftMeter",
     "HardwareClock",
@@ -28,9 +31,13 @@ __all__ = [
     "LibraryMissingError",
     "NotStreamingError",
     "Reader",
+    "Settings",
     "SetupRefusedError",
     "Status",
     "StreamLostError",
     "WrongDeviceError",
+    "backend",
+    "backend_names",
     "create",
+    "setting",
 ]

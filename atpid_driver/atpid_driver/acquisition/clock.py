@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The device's clock, told by its sample index, against the host's."""
+"""The device's clock, given by its sample index, against the host's."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class HardwareClock:
 class DriftMeter:
     """Drift of the device's clock against the host's steady clock, from when blocks arrive.
 
-    A block can arrive late but never early, so the least lateness in each second is kept and a line put through
-    those: transport delays do not bend it.
+    A block can arrive late but never early, so the least lateness in each second is kept and a line fitted
+    to those: transport delays do not bias it.
     """
 
     def __init__(self) -> None:

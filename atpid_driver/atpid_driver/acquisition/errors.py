@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can go wrong with an acquisition device, in one line each: what happened, what is expected, what to do."""
+"""Errors of an acquisition device, one line each: what happened, what is expected, what to do."""
 
 from __future__ import annotations
-
-from typing import ClassVar
 
 from atpid_driver.errors import DriverError
 
@@ -11,13 +9,10 @@ from atpid_driver.errors import DriverError
 class AcquisitionError(DriverError):
     """A device could not be opened, set up or read."""
 
-    retry: ClassVar[bool] = True
-    """Whether trying again later may help without anybody changing a parameter."""
-
     def __init__(self, message: str, code: int | None = None) -> None:
         super().__init__(message)
         self.code = code
-        """The vendor's error code, None where the driver itself found the fault."""
+        """The vendor's error code, None where the driver itself detected the fault."""
 
 
 class LibraryMissingError(AcquisitionError):
@@ -25,11 +20,11 @@ class LibraryMissingError(AcquisitionError):
 
 
 class DeviceMissingError(AcquisitionError):
-    """No device answers where one is expected."""
+    """No device was found where one is expected."""
 
 
 class WrongDeviceError(AcquisitionError):
-    """A device answers, but not the one that was asked for."""
+    """A device was found, but not the one asked for."""
 
 
 class StreamLostError(AcquisitionError):

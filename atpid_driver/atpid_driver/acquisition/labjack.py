@@ -107,7 +107,7 @@ class LabJackAcquisition:
         return Identity("labjack", serial)
 
     def start(self) -> float:
-        """Write the set-up registers and start streaming; LJM says the rate its clock really gives."""
+        """Write the set-up registers and start streaming; return the actual rate."""
         settings = self._settings
         self._configure()
         addresses = self._call("namesToAddresses", len(settings.channels), self._terminals())[0]
@@ -117,7 +117,7 @@ class LabJackAcquisition:
         return self._rate
 
     def skew(self) -> tuple[float, ...]:
-        """The T7 has one converter: the channels follow one another."""
+        """Return the delays: the T7 has one converter, which samples the channels one after the other."""
         return skew_s(self._rate or self._settings.rate, len(self._settings.channels))
 
     def read(self) -> Block:
@@ -140,19 +140,19 @@ class LabJackAcquisition:
     def stop(self) -> None:
         """Stop the stream; a stream that stopped by itself, or a device that is gone, is stopped too."""
         self._rate = None
-        self._forgive(STOPPED_ALREADY | GONE, "eStreamStop")
+        self._call_ignoring(STOPPED_ALREADY | GONE, "eStreamStop")
 
     def close(self) -> None:
         """Close the handle."""
         self._rate = None
-        self._forgive(GONE | STOPPED_ALREADY, "close")
+        self._call_ignoring(GONE | STOPPED_ALREADY, "close")
         self._handle = None
 
     def _terminals(self) -> list[str]:
         return [channel.terminal for channel in self._settings.channels]
 
     def _find(self) -> int:
-        """Open the T7 asked for; failing that any T7, so that a wrong one can be told from none."""
+        """Open the T7 asked for; failing that any T7, so that a wrong one is distinguished from none."""
         settings = self._settings
         if settings.serial:
             with contextlib.suppress(DeviceMissingError):
@@ -170,11 +170,11 @@ class LabJackAcquisition:
             "STREAM_TRIGGER_INDEX": 0.0,
             "STREAM_CLOCK_SOURCE": 0.0,
         }
-        # A program that was killed leaves its stream running, and the stream registers cannot be written then.
-        self._forgive(STOPPED_ALREADY, "eStreamStop")
+        # After a program that was killed the stream still runs, and the stream registers cannot be written.
+        self._call_ignoring(STOPPED_ALREADY, "eStreamStop")
         self._call("eWriteNames", self._handle, len(registers), list(registers), list(registers.values()))
 
-    def _forgive(self, codes: frozenset[int], name: str) -> None:
+    def _call_ignoring(self, codes: frozenset[int], name: str) -> None:
         if self._handle is None:
             return
         try:
@@ -184,7 +184,7 @@ class LabJackAcquisition:
                 raise
 
     def _call(self, name: str, *arguments: object) -> Any:
-        """Call LJM and turn its errors into ours: one line, the code, what to do."""
+        """Call LJM; raise its errors as an AcquisitionError: one line, the code, what to do."""
         try:
             return getattr(self._ljm, name)(*arguments)
         except self._ljm.LJMError as error:

@@ -25,7 +25,7 @@ from atpid_driver.acquisition.protocol import Block, Identity
 from atpid_driver.acquisition.settings import Channel, NiSettings
 
 BUFFER_SECONDS = 10.0
-PATIENCE_S = 2.0
+READ_TIMEOUT = 2.0
 ONE_VOLT_PER_G = 1000.0  # [mV/g]
 
 MISSING_RUNTIME = (
@@ -74,7 +74,7 @@ class NiAcquisition:
         return tuple(channel.name for channel in self._settings.channels)
 
     def open(self) -> Identity:
-        """Ask the module for its type and serial number and compare."""
+        """Read the module's type and serial number, and check the latter."""
         settings = self._settings
         self._nidaqmx = load_nidaqmx(settings.library)
         model, serial = self._guard(self._identify)
@@ -86,12 +86,12 @@ class NiAcquisition:
         return Identity(model.replace(" ", "-").lower(), serial)
 
     def start(self) -> float:
-        """Make the task, start it and read back the rate the module coerced ours to."""
+        """Make the task, start it and return the rate the module coerced the one asked for to."""
         self.stop()
         return float(self._guard(self._start))
 
     def skew(self) -> tuple[float, ...]:
-        """One converter a channel: all at once."""
+        """Return zeros: one converter for each channel, sampling at once."""
         return (0.0,) * len(self._settings.channels)
 
     def read(self) -> Block:
@@ -115,10 +115,10 @@ class NiAcquisition:
         try:
             self._guard(task.close)
         except AcquisitionError:
-            task._handle = None  # so that its finaliser does not warn of a task the module has already lost
+            task._handle = None  # so that its finaliser does not warn about a task that the module has lost already
 
     def close(self) -> None:
-        """Clear the task and hang up."""
+        """Clear the task and close the connection."""
         self.stop()
         if self._link is not None:
             self._link.close()
@@ -175,11 +175,11 @@ class NiAcquisition:
     def _read(self) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.float64]], int]:
         scans = self._settings.scans_per_block
         columns = np.empty((len(self._settings.channels), scans))
-        self._reader.read_many_sample(columns, scans, PATIENCE_S + 2.0 * scans / self._settings.rate)
+        self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
         return columns, int(self._task.in_stream.avail_samp_per_chan)
 
     def _guard(self, call: Any) -> Any:
-        """Call into nidaqmx and turn its errors into ours: one line, the code, what to do."""
+        """Call into nidaqmx; raise its errors as an AcquisitionError: one line, the code, what to do."""
         errors = self._nidaqmx.errors
         try:
             return call()
@@ -192,6 +192,6 @@ class NiAcquisition:
             ) from None
         except errors.DaqError as error:
             code = int(error.error_code)
-            said = str(error).splitlines()[0]
-            kind, hint = HINTS.get(code, (StreamLostError, said))
+            text = str(error).splitlines()[0]
+            kind, hint = HINTS.get(code, (StreamLostError, text))
             raise kind(f"{hint} (NI-DAQmx {code})", code) from None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one role every acquisition device plays, whatever its vendor."""
+"""The protocol that every acquisition device implements."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Volts = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Identity:
-    """Who answered: model and serial number as the device itself says them."""
+    """Model and serial number, as the device reports them."""
 
     model: str
     serial: int
@@ -52,7 +52,7 @@ class Acquisition(Protocol):
         ...
 
     def open(self) -> Identity:
-        """Connect, check that it is the device asked for, and say which it is."""
+        """Connect, check that it is the device asked for, and return its identity."""
         ...
 
     def start(self) -> float:
@@ -72,5 +72,5 @@ class Acquisition(Protocol):
         ...
 
     def close(self) -> None:
-        """Let the device go; no error if it is not open or already gone."""
+        """Release the device; no error if it is not open or already gone."""
         ...

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A device's blocking calls in a thread of their own, its blocks in a bounded queue, and its return after a fault.
+"""Reads a device in a thread of its own, queues its blocks, and reconnects after a fault.
 
 Time and index go on through an interruption: a stream that comes back is given the index its first scan has on the
 clock of the first start, so that the gap shows in the indices and is counted as dropped.
@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
 from atpid_driver.acquisition.errors import AcquisitionError, StreamLostError, WrongDeviceError
@@ -36,7 +37,7 @@ class Backoff:
 
 @dataclass(frozen=True)
 class Status:
-    """A snapshot of how the stream does, for diagnostics."""
+    """A snapshot of the state of the stream, for diagnostics."""
 
     streaming: bool = False
     rate: float = float("nan")
@@ -53,9 +54,9 @@ class Status:
 
 
 class Reader:
-    """Reads an opened device until told to stop; `ready` is called from the thread whenever there is something new.
+    """Reads an opened device until it is stopped; `ready` is called from the thread whenever there is something new.
 
-    `report` gets each distinct line worth logging: (is_fault, text).
+    `report` is called with each distinct line to be logged: (is_fault, text).
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class Reader:
 
     @property
     def status(self) -> Status:
-        """How the stream does now."""
+        """State of the stream now."""
         with self._changed:
             return replace(
                 self._status,
@@ -115,20 +116,20 @@ class Reader:
 
     def _run(self) -> None:
         try:
-            self._live()
-        except Exception as error:  # a thread's last words would otherwise be lost
+            self._read_until_stopped()
+        except Exception as error:  # an exception would end the thread without a report
             log.exception("acquisition thread")
             self._fault(f"internal error, streaming ended: {error!r}")
         finally:
             self._update(streaming=False)
-            self._quietly(self._device.stop)
+            self._ignoring_errors(self._device.stop)
 
-    def _live(self) -> None:
+    def _read_until_stopped(self) -> None:
         while not self._stop.is_set():
             try:
                 self._begin()
                 while not self._stop.is_set():
-                    self._pass_on(self._device.read())
+                    self._enqueue(self._device.read())
             except AcquisitionError as error:
                 self._fault(f"{self._identity}: {error}")
                 if not error.retry:
@@ -151,19 +152,19 @@ class Reader:
         moment from above, so the earlier is the nearer.
         """
         wall_ns, steady_s = self._started
-        rate, had = self._status.rate, self._status.next_index
+        rate, before = self._status.rate, self._status.next_index
         origin_s = min(steady_s, arrival - block.next_index / rate)
         if self.clock is None:
             self.clock = HardwareClock(wall_ns + round((origin_s - steady_s) * 1e9), rate)
             self._origin_s = origin_s
-        self._base_index = max(had, round((origin_s - self._origin_s) * rate)) if had else 0
-        self._base_dropped = self._status.dropped + self._base_index - had
+        self._base_index = max(before, round((origin_s - self._origin_s) * rate)) if before else 0
+        self._base_dropped = self._status.dropped + self._base_index - before
         again = self._status.interruptions > 0
         self._update(streaming=True, last_error="")
         if again:
-            self._report(False, f"{self._identity}: streaming again, {self._base_index - had} scans lost")
+            self._report(False, f"{self._identity}: streaming again, {self._base_index - before} scans lost")
 
-    def _pass_on(self, block: Block) -> None:
+    def _enqueue(self, block: Block) -> None:
         arrival = time.monotonic()
         if not self._status.streaming:
             self._place(block, arrival)
@@ -183,37 +184,37 @@ class Reader:
         self._ready()
 
     def _recover(self) -> None:
-        """Open the device again, waiting longer after each attempt; says each different reason once."""
+        """Open the device again, waiting longer after each attempt; each different reason is reported once."""
         attempt = 0
         while not self._stop.wait(self._backoff.delay(attempt)):
             attempt += 1
-            self._quietly(self._device.stop)
-            self._quietly(self._device.close)
+            self._ignoring_errors(self._device.stop)
+            self._ignoring_errors(self._device.close)
             try:
                 identity = self._device.open()
                 if identity != self._identity:
                     raise WrongDeviceError(f"{identity} answers, expected {self._identity}: connect the same device")
                 return
             except AcquisitionError as error:
-                self._say_once(f"{self._identity}: {error}; trying again")
+                self._report_once(f"{self._identity}: {error}; trying again")
 
     def _fault(self, text: str) -> None:
         self._update(streaming=False, interruptions=self._status.interruptions + 1)
-        self._say_once(text)
+        self._report_once(text)
 
-    def _say_once(self, text: str) -> None:
+    def _report_once(self, text: str) -> None:
         if text != self._status.last_error:
             self._update(last_error=text)
             self._report(True, text)
 
-    def _update(self, **changes: object) -> None:
+    def _update(self, **changes: Any) -> None:
         with self._changed:
-            self._status = replace(self._status, **changes)  # type: ignore[arg-type]
+            self._status = replace(self._status, **changes)
         self._ready()
 
     @staticmethod
-    def _quietly(call: Callable[[], None]) -> None:
+    def _ignoring_errors(call: Callable[[], None]) -> None:
         try:
             call()
         except AcquisitionError as error:
-            log.debug("while letting go: %s", error)
+            log.debug("while releasing the device: %s", error)

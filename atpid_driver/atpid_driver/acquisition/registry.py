@@ -1,47 +1,91 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Backends by name. Vendors' packages are imported when their backend is asked for, not before."""
+"""Backends by name: those built in, and those that installed distributions declare as entry points of `GROUP`.
+
+A vendor's package is imported when its backend is created, not before (docs/howto_sensor.md).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple
 
 from atpid_driver.acquisition.errors import SetupRefusedError
 from atpid_driver.acquisition.protocol import Acquisition
 from atpid_driver.acquisition.settings import LabJackSettings, NiSettings, Settings, SimulatedSettings, checked
 
+#: Group of the entry points that add backends; the name of an entry point is the name of its backend.
+GROUP = "atpid.acquisition"
 
-def _simulated(settings: Settings) -> Acquisition:
+
+class Backend(NamedTuple):
+    """What makes a device: the class of its settings, and a function of such settings that returns it unopened."""
+
+    settings: type[Settings]
+    make: Callable[[Any], Acquisition]
+
+
+def _simulated(settings: SimulatedSettings) -> Acquisition:
     from atpid_driver.acquisition.simulated import SimulatedAcquisition
 
-    assert isinstance(settings, SimulatedSettings)
     return SimulatedAcquisition(settings)
 
 
-def _labjack(settings: Settings) -> Acquisition:
+def _labjack(settings: LabJackSettings) -> Acquisition:
     from atpid_driver.acquisition.labjack import LabJackAcquisition
 
-    assert isinstance(settings, LabJackSettings)
     return LabJackAcquisition(settings)
 
 
-def _nidaqmx(settings: Settings) -> Acquisition:
+def _nidaqmx(settings: NiSettings) -> Acquisition:
     from atpid_driver.acquisition.nidaqmx import NiAcquisition
 
-    assert isinstance(settings, NiSettings)
     return NiAcquisition(settings)
 
 
-BACKENDS: dict[str, tuple[type[Settings], Callable[[Settings], Acquisition]]] = {
-    "simulated": (SimulatedSettings, _simulated),
-    "labjack": (LabJackSettings, _labjack),
-    "nidaqmx": (NiSettings, _nidaqmx),
+BUILT_IN = {
+    "labjack": Backend(LabJackSettings, _labjack),
+    "nidaqmx": Backend(NiSettings, _nidaqmx),
+    "simulated": Backend(SimulatedSettings, _simulated),
 }
 
 
-def create(backend: str, values: dict[str, object]) -> Acquisition:
-    """Return the named backend set up with `values`, keys it does not know left out; SetupRefusedError otherwise."""
-    if backend not in BACKENDS:
-        raise SetupRefusedError(f"backend {backend!r} is not known: choose one of {', '.join(sorted(BACKENDS))}")
-    model, make = BACKENDS[backend]
+def names() -> tuple[str, ...]:
+    """Return the names of all backends, those of entry points after the built-in ones; none is imported."""
+    return (*BUILT_IN, *sorted({entry.name for entry in entry_points(group=GROUP)} - BUILT_IN.keys()))
+
+
+def backend(name: str) -> Backend:
+    """Return a backend. Raises SetupRefusedError: there is none of this name, several, or it cannot be loaded."""
+    found = {entry.value: entry for entry in entry_points(group=GROUP, name=name)}
+    if len(found) + (name in BUILT_IN) > 1:
+        places = ", ".join(["the built-in one"] * (name in BUILT_IN) + [_place(entry) for entry in found.values()])
+        raise SetupRefusedError(f"backend {name!r} exists more than once: {places}; rename or uninstall one")
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    if not found:
+        raise SetupRefusedError(f"backend {name!r} is not known: choose one of {', '.join(names())}")
+    (entry,) = found.values()
+    try:
+        loaded = entry.load()
+    except Exception as error:  # the plug-in's own code, which may fail in any way
+        text = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise SetupRefusedError(f"backend {name!r} of {_place(entry)} cannot be loaded: {text}") from error
+    if not isinstance(loaded, Backend):
+        raise SetupRefusedError(
+            f"backend {name!r} of {_place(entry)} is a {type(loaded).__name__}: it must be an "
+            f"{Backend.__module__}.{Backend.__name__}"
+        )
+    return loaded
+
+
+def _place(entry: EntryPoint) -> str:
+    distribution = f" ({entry.dist.name} {entry.dist.version})" if entry.dist is not None else ""
+    return f"{entry.value}{distribution}"
+
+
+def create(name: str, values: dict[str, object]) -> Acquisition:
+    """Return the named backend set up with `values`, keys it does not have left out; SetupRefusedError otherwise."""
+    model, make = backend(name)
     known = {key: value for key, value in values.items() if key in model.model_fields}
     return make(checked(model, known))

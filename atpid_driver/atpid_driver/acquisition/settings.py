@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each backend is told, checked before any device is touched."""
+"""Settings of each backend, checked before any device is opened.
+
+The acquisition nodes declare a ROS parameter for each setting of a backend: `setting` gives it description and unit.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from atpid_driver.acquisition.errors import SetupRefusedError
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 T7_RANGES = (10.0, 1.0, 0.1, 0.01)
+
 S = TypeVar("S", bound="Settings")
+
+
+def setting(default: Any, description: str, unit: str = "", low: float | None = None, high: float | None = None) -> Any:
+    """Return a field with a default, a description, an SI unit and the range `low` to `high`, where there is one."""
+    return Field(default, description=description, ge=low, le=high, json_schema_extra={"unit": unit})
 
 
 class Channel(BaseModel):
@@ -31,7 +39,7 @@ class Settings(BaseModel):
 
     serial: Annotated[int, Field(ge=0)] = 0
     channels: Annotated[tuple[Channel, ...], Field(min_length=1)]
-    rate: Positive
+    rate: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
     scans_per_block: Annotated[int, Field(ge=1)]
 
     @model_validator(mode="after")
@@ -43,20 +51,20 @@ class Settings(BaseModel):
 
 
 class SimulatedSettings(Settings):
-    """Sines of one amplitude [V], offset [V] and frequency [Hz], paced like a device."""
+    """Sines of one amplitude, offset and frequency, paced like a device."""
 
-    amplitude: float = 1.0
-    offset: float = 3.0
-    frequency: Positive = 5.0
+    amplitude: float = setting(1.0, "of the simulated backend's sines", "V", 0.0, 100.0)
+    offset: float = setting(3.0, "of the simulated backend's sines", "V", -100.0, 100.0)
+    frequency: float = setting(5.0, "of the simulated backend's sines", "Hz", 1e-3, 50_000.0)
 
 
 class LabJackSettings(Settings):
     """A T7 over LJM; `library` is a path to libLabJackM.so where the loader does not find it by name."""
 
-    connection: Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"] = "ANY"
-    voltage_range: Positive = 10.0
-    resolution_index: Annotated[int, Field(ge=0, le=8)] = 0
-    settling_us: Annotated[float, Field(ge=0.0, le=4400.0)] = 0.0
+    connection: Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"] = setting("ANY", "how the T7 is connected")
+    voltage_range: float = setting(10.0, "input range: 10, 1, 0.1 or 0.01", "V", 0.01, 10.0)
+    resolution_index: int = setting(0, "a larger one is quieter and slower; 0: the device chooses", "", 0, 8)
+    settling_us: float = setting(0.0, "settling time between channels; 0: the device chooses", "us", 0.0, 4400.0)
     library: str = ""
 
     @field_validator("voltage_range")
@@ -70,15 +78,15 @@ class LabJackSettings(Settings):
 class NiSettings(Settings):
     """An NI-9230 through NI-DAQmx here, or on another PC through NI's gRPC device server at `grpc` ("host:port")."""
 
-    device: Annotated[str, Field(min_length=1)] = "cDAQ1Mod1"
-    voltage_range: Positive = 30.0
-    excitation_current: Annotated[float, Field(ge=0.0, le=0.02)] = 0.004
+    device: str = Field("cDAQ1Mod1", min_length=1, description="the module's name in NI MAX")
+    voltage_range: float = setting(30.0, "input range", "V", 0.001, 100.0)
+    excitation_current: float = setting(0.004, "current of IEPE inputs", "A", 0.0, 0.02)
+    grpc: str = setting("", "host:port of NI's gRPC device server on another PC; empty: the driver on this one")
     library: str = ""
-    grpc: str = ""
 
 
 def checked(model: type[S], values: dict[str, object]) -> S:
-    """Return settings made of `values`; SetupRefusedError says in one line what was given and what is allowed."""
+    """Return settings made of `values`; raise SetupRefusedError: one line with what was given and what is allowed."""
     try:
         return model.model_validate(values)
     except ValidationError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A device made of sines, for trying the graph without one; it can act the faults a real one has."""
+"""A simulated device: sines on every channel, with injectable faults."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SERIAL = 1
 
 @dataclass
 class Faults:
-    """What the simulated device suffers. Set the fields from any thread."""
+    """Faults injected into the simulated device. Set the fields from any thread."""
 
     plugged: bool = True
     serial: int = SERIAL
@@ -43,7 +43,7 @@ class SimulatedAcquisition:
         return tuple(channel.name for channel in self._settings.channels)
 
     def open(self) -> Identity:
-        """Answer if plugged in."""
+        """Return the identity if plugged in."""
         if not self.faults.plugged:
             raise DeviceMissingError("simulated device not found: plug it in")
         wanted = self._settings.serial
@@ -61,7 +61,7 @@ class SimulatedAcquisition:
         return self._settings.rate
 
     def skew(self) -> tuple[float, ...]:
-        """All channels at once."""
+        """Return zeros: all channels are sampled at once."""
         return (0.0,) * len(self._settings.channels)
 
     def read(self) -> Block:
@@ -76,7 +76,7 @@ class SimulatedAcquisition:
             raise StreamLostError("simulated device was unplugged")
         self._next = last
         volts = self._waveform(first, last)
-        self._lose(volts)
+        self._drop(volts)
         due = int((time.monotonic() - self._started) * settings.rate)
         return Block(first, volts, self._dropped, max(0, due - last))
 
@@ -85,7 +85,7 @@ class SimulatedAcquisition:
         self._started = None
 
     def close(self) -> None:
-        """Nothing to let go."""
+        """Close; there is nothing to release."""
         self._started = None
 
     def _waveform(self, first: int, last: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -94,7 +94,7 @@ class SimulatedAcquisition:
         phase = np.arange(len(settings.channels)) * np.pi / 4.0
         return settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)
 
-    def _lose(self, volts: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> None:
+    def _drop(self, volts: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> None:
         lost = min(self.faults.drop, len(volts))
         volts[:lost] = np.nan
         self.faults.drop -= lost

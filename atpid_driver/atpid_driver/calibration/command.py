@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fit, write both files and print the residuals; CalibrationError for readings that cannot be used."""
     out: Path = arguments.out
     if out.exists() and not arguments.force:
-        raise CalibrationError(f"{out} exists: a calibration is kept; name another file or say --force")
+        raise CalibrationError(f"{out} exists: a calibration is kept; name another file or pass --force")
     output.file(out)
     picture = output.file(arguments.picture or out.with_suffix(".png"), "--picture")
     positions, volts = read_readings(arguments.readings)
@@ -78,7 +78,7 @@ def calibration_of(result: Fit, arguments: argparse.Namespace) -> Calibration:
 
 
 def curvature_hint(result: Fit) -> str:
-    """Say so if one degree more would explain the residuals better than chance (four standard deviations)."""
+    """Return a hint where one degree more explains the residuals (by four standard deviations); empty otherwise."""
     degree = len(result.coefficients)
     if degree > 5 or len(np.unique(result.positions)) < degree + 2:
         return ""

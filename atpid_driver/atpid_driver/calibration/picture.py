@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The calibration one looks at: readings and curve above, residuals with error bars below."""
+"""The picture of a calibration: readings and curve above, residuals with error bars below."""
 
 from __future__ import annotations
 

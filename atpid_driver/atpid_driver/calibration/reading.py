@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common import output
-from atpid_driver.acquisition import BACKENDS, Acquisition, create
+from atpid_driver.acquisition import Acquisition, backend_names, create
 from atpid_driver.calibration.fit import COLUMNS
 from atpid_driver.calibration.model import CalibrationError
 
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("readings", type=Path, help="CSV file the row is added to")
     parser.add_argument("--position", type=float, required=True, help="where the target is now (SI)")
     parser.add_argument("--terminal", required=True, help="input, for example AIN0 or ai0")
-    parser.add_argument("--backend", choices=sorted(BACKENDS), default="labjack", help="default: labjack")
+    parser.add_argument("--backend", choices=backend_names(), default="labjack", help="default: labjack")
     parser.add_argument("--kind", choices=("voltage", "iepe"), default="voltage", help="default: voltage")
     parser.add_argument("--device", default="cDAQ1Mod1", help="NI module's name in NI MAX")
     parser.add_argument("--grpc", default="", help="host:port of NI's gRPC device server")
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, add the row, and say mean and scatter."""
+    """Measure, add the row, print mean and scatter."""
     if not math.isfinite(arguments.position) or not arguments.seconds > 0.0:
         raise CalibrationError(
             f"position {arguments.position}, seconds {arguments.seconds}: give finite, positive time"

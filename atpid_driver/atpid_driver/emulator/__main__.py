@@ -9,14 +9,18 @@ import sys
 import tempfile
 from pathlib import Path
 
+from atpid_common.cli import guarded
+from atpid_common.errors import DONE
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.fuzz import fuzz
 
+MOVED = 3  # exit status of fuzz where the motor moved
+
 
 def _run(arguments: argparse.Namespace) -> int:
-    """Serve the board at a port in real time until interrupted; commands on standard input break and mend the stand."""
+    """Serve the board at a port in real time until interrupted; commands on standard input inject and clear faults."""
     for name in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(name, lambda number, frame: sys.exit(0))
+        signal.signal(name, lambda *_: sys.exit(0))
     with Emulator(
         arguments.link, eeprom=arguments.eeprom, height=arguments.height, bootloader=1.0, reset_on_open=True
     ) as emulator:
@@ -25,7 +29,7 @@ def _run(arguments: argparse.Namespace) -> int:
         for line in sys.stdin:
             print(emulator.command(line.strip()), flush=True)
         signal.pause()
-    return 0
+    return DONE
 
 
 def _fuzz(arguments: argparse.Namespace) -> int:
@@ -40,11 +44,11 @@ def _fuzz(arguments: argparse.Namespace) -> int:
 
         result = fuzz(emulator, arguments.frames, arguments.seed, progress)
     print(result)
-    return 3 if result.moved_um or result.switched or result.resets else 0
+    return MOVED if result.moved_um or result.switched or result.resets else DONE
 
 
 def main() -> int:
-    """Return 0 done, 2 bad input, 3 the motor moved."""
+    """Run the command; return its exit status, 3 where the motor moved."""
     parser = argparse.ArgumentParser(prog="python -m atpid_driver.emulator", description=__doc__)
     commands = parser.add_subparsers(required=True)
     run = commands.add_parser("run", help="serve the emulated board in real time")
@@ -56,12 +60,12 @@ def main() -> int:
     long.add_argument("--frames", type=int, default=1_000_000)
     long.add_argument("--seed", type=int, default=1)
     long.set_defaults(act=_fuzz)
-    arguments = parser.parse_args()
-    try:
+
+    def act() -> int:
+        arguments = parser.parse_args()
         return int(arguments.act(arguments))
-    except ValueError as error:
-        print(f"emulator: {error}", file=sys.stderr)
-        return 2
+
+    return guarded(act)
 
 
 if __name__ == "__main__":

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import shutil
 import subprocess
 from pathlib import Path
 from typing import Final
 
-from atpid_common.cache import cache_root
+from atpid_common.cache import cache_root, content_key
 from atpid_common.errors import InputError
 from atpid_common.share import share_folder
 
@@ -41,7 +40,7 @@ def build_firmware(table: Path | None = None, folder: Path | None = None) -> Pat
 
     Raises `EmulatorUnavailableError` where the tools are missing or the build fails.
     """
-    source = _firmware_source()
+    source = share_folder("atpid_driver") / "firmware"
     build = folder or _build_folder("firmware", source)
     _make(source, build, *([f"TABLE={table}"] if table else []))
     return build / "atpid_motor.elf"
@@ -54,19 +53,11 @@ def build_emulator() -> Path:
     return build / "emulator"
 
 
-def _firmware_source() -> Path:
-    """Return the folder of the installed firmware's sources."""
-    return share_folder("atpid_driver") / "firmware"
-
-
 def _build_folder(name: str, source: Path) -> Path:
     """Return where to build, a folder of the user's cache named after the contents of the sources."""
-    digest = hashlib.sha256()
-    for path in sorted(path for path in source.rglob("*") if path.is_file()):
-        place = path.relative_to(source)
-        if place.parts[0] != "build":
-            digest.update(str(place).encode() + path.read_bytes())
-    return cache_root() / f"{name}-{digest.hexdigest()[:16]}"
+    built = source / "build"
+    files = (path for path in source.rglob("*") if path.is_file() and built not in path.parents)
+    return cache_root() / f"{name}-{content_key(source, files)}"
 
 
 def _make(source: Path, build: Path, *variables: str) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A host that talks to the emulated board in the board's own time: every step is repeatable to the cycle."""
+"""A host of the emulated board in simulated time: every step is repeatable to the cycle."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ BOOT_TIME = 0.05
 
 
 class SteppedHost:
-    """Asks the board and lets simulated time go on only as far as told; there is no port and no thread."""
+    """Sends requests and steps simulated time explicitly; there is no port and no thread."""
 
     def __init__(self, emulator: Emulator) -> None:
-        """Take the board for itself and let it start."""
+        """Disconnect the serial port and let the board start."""
         self.emulator = emulator
         self.sequence = 0
         emulator.unplug()
@@ -27,29 +27,29 @@ class SteppedHost:
         self.sequence = (self.sequence + 1) % 65536
         return encode(self.sequence, word, *arguments)
 
-    def ask(self, word: str, *arguments: int | str, seconds: float = 0.01) -> Reply:
-        """Send a command, go on by `seconds`, return the answer. Raises `ProtocolError` if it is not the only one."""
+    def request(self, word: str, *arguments: int | str, seconds: float = 0.01) -> Reply:
+        """Send a command, advance by `seconds`, return the answer. Raises `ProtocolError` if it is not the only one."""
         (answer,) = self.answers(self.frame(word, *arguments), seconds)
         if answer.sequence != self.sequence:
             raise ProtocolError(f"answer {answer.sequence} to request {self.sequence}")
         return reply_of(answer)
 
     def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
-        """Send bytes, go on by `seconds`, return every frame that came back."""
+        """Send bytes, advance by `seconds`, return every frame received."""
         return [decode(line) for line in self.emulator.exchange(data, seconds).splitlines(keepends=True)]
 
     def state(self) -> StateReply:
         """Return the state without a heartbeat."""
-        reply = self.ask("STATE")
+        reply = self.request("STATE")
         if not isinstance(reply, StateReply):
             raise ProtocolError(f"STATE was refused: {reply}")
         return reply
 
     def beat(self, seconds: float) -> StateReply:
-        """Go on for `seconds` with a heartbeat every tenth; return the last state."""
+        """Advance by `seconds` with a heartbeat every 0.1 s; return the last state."""
         reply: Reply | None = None
         for _ in range(max(1, round(seconds / BEAT_TIME))):
-            reply = self.ask("BEAT", seconds=BEAT_TIME)
+            reply = self.request("BEAT", seconds=BEAT_TIME)
         if not isinstance(reply, StateReply):
             raise ProtocolError(f"BEAT was refused: {reply}")
         return reply
@@ -57,7 +57,7 @@ class SteppedHost:
     def make_ready(self) -> StateReply:
         """Identify, arm and home. Raises `ProtocolError` if the board ends up anywhere but at rest and homed."""
         for word in ("ID", "ARM", "HOME"):
-            self.ask(word)
+            self.request(word)
         for _ in range(100):
             state = self.beat(BEAT_TIME)
             if state.homed:

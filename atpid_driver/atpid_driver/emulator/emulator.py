@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The emulator as a context manager: start, break, run, look, end."""
+"""The emulator as a context manager: start, run, inject faults, read the state, end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class EmulatorError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class StandState:
-    """What really happens at the emulated stand, times in the board's own milliseconds since the emulator's start."""
+    """True state of the emulated stand; times in the board's own milliseconds since the emulator's start."""
 
     board: str
     ms: float
@@ -30,14 +30,14 @@ class StandState:
     resets: int
     motor_off_ms: float
     last_byte_ms: float
-    lag_s: float
     open: bool
 
 
 class Emulator:
-    """The real firmware on an emulated board, its serial port at `link`; stands still until `run` or `pace`.
+    """The real firmware on an emulated board, its serial port at `link`; time stops until `run` or `pace`.
 
-    `height` [m] is where the ceiling really is at first, `bootloader` [s] how long the board is deaf after a restart,
+    `height` [m] is the true initial height of the ceiling, `bootloader` [s] how long the board ignores input after a
+    restart,
     `reset_on_open` whether opening the port restarts the board, as on a real one.
     """
 
@@ -53,11 +53,11 @@ class Emulator:
     ) -> None:
         """Start it. Raises `EmulatorUnavailableError` where it cannot be built."""
         self.link = link
-        words = [str(build_emulator()), str(firmware or build_firmware()), "--link", str(link)]
-        words += ["--height", f"{height * 1e6:.1f}", "--bootloader", f"{bootloader * 1e3:.3f}"]
-        words += ["--eeprom", str(eeprom)] if eeprom else []
-        words += ["--reset-on-open"] if reset_on_open else []
-        self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+        arguments = [str(build_emulator()), str(firmware or build_firmware()), "--link", str(link)]
+        arguments += ["--height", f"{height * 1e6:.1f}", "--bootloader", f"{bootloader * 1e3:.3f}"]
+        arguments += ["--eeprom", str(eeprom)] if eeprom else []
+        arguments += ["--reset-on-open"] if reset_on_open else []
+        self._process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
         self._expect("ready")
 
     def __enter__(self) -> Emulator:
@@ -71,19 +71,19 @@ class Emulator:
         self.close()
 
     def run(self, seconds: float) -> None:
-        """Let simulated time go on by `seconds`, as fast as this machine can."""
+        """Advance simulated time by `seconds`, as fast as this machine can."""
         self._do(f"run {seconds * 1e3:.3f}")
 
     def drain(self, seconds: float = 0.0) -> None:
-        """Let the board take in all that was sent, then go on by `seconds`."""
+        """Run until the board has received all that was sent, then for `seconds`."""
         self._do(f"drain {seconds * 1e3:.3f}")
 
     def pace(self, factor: float) -> None:
-        """Run by itself at `factor` times real time; 0: stand still, as a board that hangs."""
+        """Run at `factor` times real time; 0: stop, as a board that hangs."""
         self._do(f"pace {factor}")
 
     def set(self, name: str, value: str | int | float) -> None:
-        """Break or mend something at the stand: see data/stand.h for names and values."""
+        """Inject or clear a fault of the stand: see data/stand.h for names and values."""
         self._do(f"set {name} {value}")
 
     def reset(self) -> None:
@@ -91,7 +91,7 @@ class Emulator:
         self._do("reset")
 
     def hang(self) -> None:
-        """Make the firmware's main program hang, which its watchdog must notice."""
+        """Make the firmware's main program hang, which its watchdog must detect."""
         self._do("hang")
 
     def power(self, on: bool) -> None:
@@ -99,11 +99,11 @@ class Emulator:
         self._do(f"power {int(on)}")
 
     def unplug(self) -> None:
-        """Pull the USB cable: the port vanishes."""
+        """Pull the USB cable: the port disappears."""
         self._do("unplug")
 
     def plug(self) -> None:
-        """Put it back: the port appears again under the same name."""
+        """Plug it in: the port appears again under the same name."""
         self._do("plug")
 
     def send(self, data: bytes) -> None:
@@ -113,22 +113,22 @@ class Emulator:
 
     def received(self) -> bytes:
         """Return what the board sent since the last call; empty while a host has the port."""
-        return bytes.fromhex(self._ask("recv"))
+        return bytes.fromhex(self._exchange("recv"))
 
     def exchange(self, data: bytes, seconds: float = 0.01) -> bytes:
-        """Send, let the board take it in and go on by `seconds`, return its answers."""
+        """Send, wait until the board has received it, advance by `seconds`, return its answers."""
         self.send(data)
         self.drain(seconds)
         return self.received()
 
     def state(self) -> StandState:
-        """Return what really happens at the stand."""
-        values = json.loads(self._ask("state"))
+        """Return the true state of the stand."""
+        values = json.loads(self._exchange("state"))
         return StandState(**values | {"open": bool(values["open"])})
 
     def command(self, line: str) -> str:
-        """Hand a line to the emulator as it is and return its answer (data/emulator.c lists the commands)."""
-        return self._ask(line)
+        """Send a line to the emulator as it is and return its answer (data/emulator.c lists the commands)."""
+        return self._exchange(line)
 
     def close(self) -> None:
         """Power off and end."""
@@ -140,11 +140,11 @@ class Emulator:
                 stream.close()
 
     def _do(self, command: str) -> None:
-        answer = self._ask(command)
+        answer = self._exchange(command)
         if answer != "ok":
             raise EmulatorError(f"emulator: {command[:60]}: {answer}")
 
-    def _ask(self, command: str) -> str:
+    def _exchange(self, command: str) -> str:
         assert self._process.stdin is not None
         self._process.stdin.write(command + "\n")
         self._process.stdin.flush()

@@ -19,7 +19,7 @@ FRAMES_A_BEAT = 150  # about 0.1 s at 250 kbaud
 
 @dataclass(frozen=True, slots=True)
 class FuzzResult:
-    """What came of it: frames sent and refused, moves and restarts (must be 0), simulated and wall time [s]."""
+    """Frames sent and refused, moves and restarts (must be 0), simulated and wall time [s]."""
 
     frames: int
     rejected: int
@@ -57,7 +57,7 @@ def _digit(frame: bytearray, rng: random.Random) -> bytes:
     return bytes(frame)
 
 
-def _noise(frame: bytearray, rng: random.Random) -> bytes:
+def _noise(_frame: bytearray, rng: random.Random) -> bytes:
     return b"$" + rng.randbytes(rng.randint(1, 40))
 
 
@@ -67,7 +67,7 @@ DAMAGES: tuple[Callable[[bytearray, random.Random], bytes], ...] = (_flip, _trun
 def harmful(count: int, newest: Callable[[], int], rng: random.Random) -> Iterator[bytes]:
     """Yield `count` frames that must not be carried out: damaged ones, and whole ones that were carried out before.
 
-    `newest` returns the last sequence carried out; a damaged frame pretends to be a newer one.
+    `newest` returns the last sequence carried out; a damaged frame has a newer one.
     """
     made = 0
     while made < count:
@@ -94,8 +94,8 @@ def _whole(part: bytes) -> bool:
     return True
 
 
-def fuzz(emulator: Emulator, frames: int, seed: int, progress: Callable[[int], None] = lambda done: None) -> FuzzResult:
-    """Home the motor, send `frames` harmful frames with good heartbeats between, and see that it stays where it is.
+def fuzz(emulator: Emulator, frames: int, seed: int, progress: Callable[[int], None] = lambda _: None) -> FuzzResult:
+    """Home the motor, send `frames` harmful frames with good heartbeats between, and check that it stays where it is.
 
     Raises `ProtocolError` if the board leaves its state or stops answering.
     """
@@ -110,9 +110,9 @@ def fuzz(emulator: Emulator, frames: int, seed: int, progress: Callable[[int], N
         emulator.send(b"".join(batch) + b"\n")
         emulator.drain(0.01)
         emulator.received()
-        state = host.ask("BEAT")
+        state = host.request("BEAT")
         if not isinstance(state, StateReply) or state.mode is not Mode.HOLDING or state.faults:
-            raise ProtocolError(f"after {sent} frames the board says {state}")
+            raise ProtocolError(f"after {sent} frames the state is {state}")
         rejected += (state.rejected - first.rejected - rejected) % SEQUENCES
         progress(sent)
     after = emulator.state()

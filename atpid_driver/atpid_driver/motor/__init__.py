@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ceiling's motor: one role (`CeilingActuator`), two ends (a simulated ceiling, a serial port)."""
+"""The ceiling's motor: one protocol (`CeilingActuator`), two backends (a simulated ceiling, a serial port)."""
 
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Identity, Limits, Mode, Reading
 from atpid_driver.motor.errors import (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The role every ceiling plays, whatever moves it. Heights are floor to ceiling [m], times integer nanoseconds."""
+"""The protocol that every ceiling implements. Heights are floor to ceiling [m], times integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Limits:
     speed: float
 
     def __post_init__(self) -> None:
-        """Refuse limits no ceiling can have."""
+        """Raise `LimitsError` for limits that are not possible."""
         if not 0.0 < self.lowest < self.highest < float("inf"):
             raise LimitsError(
                 f"ceiling limits lowest {self.lowest:g} m, highest {self.highest:g} m: need 0 < lowest < highest; "
@@ -52,7 +52,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who answers: kind of ceiling, firmware version, number of boots (0 where it has none)."""
+    """Kind of ceiling, firmware version, number of boots (0 where it has none)."""
 
     name: str
     version: str
@@ -82,7 +82,7 @@ class Reading:
 class CeilingActuator(Protocol):
     """A ceiling that travels to a height at constant speed.
 
-    Life: `connect` (who is there; motor off) → `activate` (arm and home) → `move`, `read` → `deactivate` (motor off)
+    Sequence: `connect` (identify; motor off) → `activate` (arm and home) → `move`, `read` → `deactivate` (motor off)
     → `close`.
     `now` is the time the call stands for [ns]: the simulated ceiling moves by it alone, a real one has its own clock.
     """
@@ -103,17 +103,17 @@ class CeilingActuator(Protocol):
     def move(self, height: float, sequence: int, now: int) -> None:
         """Travel to `height` [m]; NaN: stop and stay.
 
-        Raises `HeightRefusedError` or `NotReadyError`; the ceiling then keeps to what it was told before.
+        Raises `HeightRefusedError` or `NotReadyError`; the ceiling then keeps its previous target.
         """
 
     def read(self, now: int) -> Reading:
-        """Return the state at `now`. Reading is also the heartbeat: whoever moves a ceiling must keep reading it."""
+        """Return the state at `now`. Reading keeps the heartbeat alive: without it the motor is switched off."""
 
-    def news(self) -> list[str]:
-        """Return what happened of itself since the last call, a line each: link lost, found again, a late refusal."""
+    def reports(self) -> list[str]:
+        """Return the events of the link since the last call, one line each: lost, restored, a late refusal."""
 
     def health(self) -> dict[str, str]:
         """Return what diagnostics show of the connection: `hardware_id`, counters, `last error`."""
 
     def close(self) -> None:
-        """Let go of it, motor off."""
+        """Switch the motor off and close the connection."""

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Named errors of the motor: each message is one line with what was given, what is allowed and what to do."""
 
-from atpid_common.errors import InputError
+from atpid_driver.errors import DriverError
 
 
-class MotorError(InputError):
-    """Anything the motor refuses or cannot do."""
+class MotorError(DriverError):
+    """A command or a setting that the motor refuses, or a motor that cannot be reached."""
 
 
 class SettingsError(MotorError):
@@ -20,7 +20,7 @@ class HeightRefusedError(MotorError):
     """A height outside the limits; the ceiling stays on its present target."""
 
     def __init__(self, height: float, lowest: float, highest: float) -> None:
-        """Say which `height` was given and which range is allowed, all in metres."""
+        """Take the `height` given and the limits, all in metres."""
         self.height = height
         super().__init__(
             f"ceiling height {height:g} m refused: allowed {lowest:g} to {highest:g} m; the ceiling stays, "
@@ -41,7 +41,7 @@ class LinkError(MotorError):
 
 
 class IdentityError(LinkError):
-    """What answers at the port is not the firmware this driver speaks to."""
+    """The board at the port does not run the firmware of this driver."""
 
 
 class ProtocolError(MotorError):

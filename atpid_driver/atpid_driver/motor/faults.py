@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The firmware's fault table: bit, name, and the words a user reads. docs/motor_protocol.md has the same table."""
+"""The firmware's fault table: bit, name and text. docs/motor_protocol.md has the same table."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The I/O thread to the board: opens, identifies, polls, carries out jobs, reconnects with backoff.
 
-It moves nothing of itself: every command but the poll was handed in.
+It starts no motion by itself: every command but the poll comes from `submit`.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
-from atpid_driver.motor.conversation import Conversation, Port, SessionLostError, check_identity
 from atpid_driver.motor.errors import CommandStaleError, LinkError, MotorError, NotReadyError
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
 from atpid_driver.motor.serial_port import SerialPort
+from atpid_driver.motor.session import Port, Session, SessionLostError, check_identity
 from atpid_driver.motor.settings import MotorSettings
 
 NO_LINK: Final = Reading(Mode.UNCONFIGURED)
-FED_TIME: Final = 0.25
+KEEP_ALIVE_TIME: Final = 0.25
 QUEUE: Final = 8
 FIRST_WAIT, LONGEST_WAIT = 0.1, 5.0
 
 
 @dataclass(slots=True)
 class Job:
-    """Commands to be carried out one after the other, when they were handed in, and their outcome."""
+    """Commands to be carried out one after the other, when they were queued, and their outcome."""
 
     commands: tuple[tuple[str, tuple[int, ...]], ...]
     sequence: int | None = None
@@ -41,25 +41,25 @@ class Job:
 
 
 class Link:
-    """Owns the port. `reading` is the last state, `goal` the last height asked for [µm], `beating` whether to beat."""
+    """Owns the port. `reading`: last state; `goal`: last height requested [µm]; `heartbeat`: whether to send one."""
 
     def __init__(self, settings: MotorSettings, open_port: Callable[[str, int], Port] = SerialPort) -> None:
-        """Remember `settings`; the thread starts with `start`."""
+        """Keep `settings`; the thread starts with `start`."""
         self._settings = settings
         self._open_port = open_port
         self._jobs: queue.Queue[Job] = queue.Queue(QUEUE)
-        self._news: deque[str] = deque(maxlen=32)
+        self._reports: deque[str] = deque(maxlen=32)
         self._stop, self._ended = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
         self._first: Future[IdentityReply] = Future()
         self._identity: IdentityReply | None = None
-        self._fed = -FED_TIME
+        self._kept_alive = -KEEP_ALIVE_TIME
         self._sequence = 0
         self._last_error = ""
         self._counts = {"connections": 0, "garbled answers": 0, "repeated requests": 0, "frames refused by board": 0}
         self.reading = NO_LINK
         self.goal: int | None = None
-        self.beating = False
+        self.heartbeat = False
 
     def start(self) -> IdentityReply:
         """Start the thread and return the identity. Raises what the first attempt raised; the thread has then ended."""
@@ -72,7 +72,7 @@ class Link:
             return self._first.result()
         except MotorError:
             self.stop()
-            self._news.clear()  # the caller is told by the error itself
+            self._reports.clear()  # the caller gets the error itself
             raise
 
     def stop(self) -> None:
@@ -84,12 +84,12 @@ class Link:
         self._thread = None
         self.reading = NO_LINK
 
-    def feed(self) -> None:
-        """Prove that the caller is alive."""
-        self._fed = time.monotonic()
+    def keep_alive(self) -> None:
+        """Note that the caller still runs: the heartbeat continues for KEEP_ALIVE_TIME."""
+        self._kept_alive = time.monotonic()
 
     def submit(self, job: Job) -> None:
-        """Hand in a job. Raises `LinkError` without a link or with too many waiting."""
+        """Queue a job. Raises `LinkError` without a link or with too many waiting."""
         if self.reading.mode is Mode.UNCONFIGURED:
             raise LinkError("no connection to the board; it is looked for")
         try:
@@ -97,17 +97,18 @@ class Link:
         except queue.Full:
             raise LinkError(f"{QUEUE} commands are waiting for the board: it answers too slowly") from None
 
-    def news(self) -> list[str]:
-        """Return and forget what there is to tell."""
-        told = []
-        while self._news:
-            told.append(self._news.popleft())
-        return told
+    def reports(self) -> list[str]:
+        """Return the events since the last call, one line each."""
+        taken = []
+        while self._reports:
+            taken.append(self._reports.popleft())
+        return taken
 
     def health(self) -> dict[str, str]:
         """Return identity and counters for diagnostics."""
-        who = self._identity
-        name = f"{self._settings.port}: {who.name} {who.version}, boot {who.boots} ({who.reset_cause})" if who else ""
+        board, name = self._identity, ""
+        if board is not None:
+            name = f"{self._settings.port}: {board.name} {board.version}, boot {board.boots} ({board.reset_cause})"
         return {"hardware_id": name, "last error": self._last_error} | {k: str(v) for k, v in self._counts.items()}
 
     # -- the thread ------------------------------------------------------------------------------------------------
@@ -126,7 +127,7 @@ class Link:
                 self._connect_and_serve()
             except MotorError as error:
                 self._failed(error)
-            except Exception as error:  # the thread must not die in silence
+            except Exception as error:  # an exception would end the thread without a report
                 self._failed(LinkError(f"link to the board failed: {type(error).__name__}: {error}"))
             wait = FIRST_WAIT if self._counts["connections"] > before else min(2 * wait, LONGEST_WAIT)
             self._stop.wait(wait)
@@ -139,63 +140,63 @@ class Link:
     def _connect_and_serve(self) -> None:
         port = self._open_port(self._settings.port, self._settings.baud)
         try:
-            talk = Conversation(port)
+            session = Session(port)
             while not self._stop.is_set():
-                self._identify(talk)
+                self._identify(session)
                 try:
-                    self._serve(talk)
+                    self._serve(session)
                 except SessionLostError as error:
                     self._lost(error)
         finally:
             port.close()
 
-    def _identify(self, talk: Conversation) -> None:
-        identity = talk.identify(self._settings.identify_timeout, self._stop.is_set)
+    def _identify(self, session: Session) -> None:
+        identity = session.identify(self._settings.identify_timeout, self._stop.is_set)
         check_identity(identity, self._settings.limits)
         before, self._identity = self._identity, identity
         self._counts["connections"] += 1
-        self._poll(talk)
+        self._poll(session)
         if before is not None:
             restarted = "" if before.boots == identity.boots else f", restarted ({identity.reset_cause})"
-            self._tell(f"board found again at {self._settings.port}{restarted}; motor off until the next height")
+            self._report(f"board found again at {self._settings.port}{restarted}; motor off until the next height")
         if not self._first.done():
             self._first.set_result(identity)
 
-    def _serve(self, talk: Conversation) -> None:
-        """Poll at the node's rate, jobs in between, until the link is lost or it is told to stop."""
+    def _serve(self, session: Session) -> None:
+        """Poll at the node's rate, jobs in between, until the link is lost or it is stopped."""
         due = time.monotonic()
         while not self._stop.is_set():
             due = max(due + 1.0 / self._settings.rate, time.monotonic())
             while (left := due - time.monotonic()) > 0:
                 try:
-                    self._carry_out(talk, self._jobs.get(timeout=left))
+                    self._carry_out(session, self._jobs.get(timeout=left))
                 except queue.Empty:
                     break
-            self._poll(talk)
-        talk.ask("DISARM")
+            self._poll(session)
+        session.request("DISARM")
 
-    def _poll(self, talk: Conversation) -> None:
-        alive = self.beating and time.monotonic() - self._fed < FED_TIME
-        reply = talk.ask("BEAT" if alive else "STATE")
+    def _poll(self, session: Session) -> None:
+        alive = self.heartbeat and time.monotonic() - self._kept_alive < KEEP_ALIVE_TIME
+        reply = session.request("BEAT" if alive else "STATE")
         if isinstance(reply, Refusal):
             raise SessionLostError(f"the board no longer follows: {reply}; it is identified again")
         self._take(reply)
-        self._counts["garbled answers"], self._counts["repeated requests"] = talk.garbled, talk.repeated
+        self._counts["garbled answers"], self._counts["repeated requests"] = session.garbled, session.repeated
 
-    def _carry_out(self, talk: Conversation, job: Job) -> None:
+    def _carry_out(self, session: Session, job: Job) -> None:
         waited = time.monotonic() - job.received
         try:
             if waited > self._settings.command_timeout:
                 raise CommandStaleError(f"{job.commands[0][0]} ignored: it waited {waited:.2f} s; the ceiling stays")
             for word, arguments in job.commands:
-                reply = talk.ask(word, *arguments)
+                reply = session.request(word, *arguments)
                 if isinstance(reply, Refusal):
-                    raise NotReadyError(f"the board refused {word}: {reply}{self._because(talk)}")
+                    raise NotReadyError(f"the board refused {word}: {reply}{self._fault_text(session)}")
                 self._take(reply)
         except MotorError as error:
             self.goal = None
             if not job.awaited:
-                self._tell(str(error))
+                self._report(str(error))
             job.done.set_exception(error)
             if isinstance(error, LinkError):
                 raise
@@ -207,9 +208,9 @@ class Link:
             self.reading = replace(self.reading, sequence=self._sequence)
             job.done.set_result(None)
 
-    def _because(self, talk: Conversation) -> str:
+    def _fault_text(self, session: Session) -> str:
         """Return the board's faults in words, for a refusal."""
-        self._poll(talk)
+        self._poll(session)
         return f" ({in_words(self.reading.faults)})" if self.reading.faults else ""
 
     def _take(self, reply: object) -> None:
@@ -231,13 +232,13 @@ class Link:
         )
 
     def _lost(self, error: MotorError) -> None:
-        """Forget the state, refuse what was waiting, say it once."""
+        """Discard the state, fail the jobs that wait, report the error once."""
         self.reading, self.goal = NO_LINK, None
         while not self._jobs.empty():
             self._jobs.get_nowait().done.set_exception(error)
         if str(error) != self._last_error:
-            self._tell(str(error))
+            self._report(str(error))
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._last_error = text
-        self._news.append(text)
+        self._reports.append(text)

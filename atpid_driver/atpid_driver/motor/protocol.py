@@ -21,7 +21,6 @@ from atpid_driver.motor.faults import Fault
 PROTOCOL: Final = 1
 NAME: Final = "ATPID-MOTOR"
 SEQUENCES: Final = 1 << 16
-MAX_REQUEST: Final = 32
 MAX_REPLY: Final = 96
 COMMANDS: Final = ("ID", "STATE", "BEAT", "ARM", "HOME", "MOVE", "LOOKUP", "STOP", "DISARM")
 REFUSALS: Final[dict[str, str]] = {
@@ -122,7 +121,7 @@ def decode(line: bytes) -> Frame:
 
 
 def reply_of(frame: Frame) -> Reply:
-    """Return what the firmware said in `frame`. Raises `ProtocolError` if it is none of its replies."""
+    """Return the reply in `frame`. Raises `ProtocolError` if it is none of the firmware's."""
     try:
         return _PARSERS[frame.word](frame.arguments)
     except (KeyError, ValueError) as error:

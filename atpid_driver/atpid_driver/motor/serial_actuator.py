@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The serial backend: the real board, or the emulated one, behind the role `CeilingActuator`.
+"""The serial backend: the real board, or the emulated one, as a `CeilingActuator`.
 
-Callers only look at the last reading and hand in jobs; one I/O thread (`link.py`) talks to the board.
-The heartbeat goes on only while somebody reads: a node that hangs lets the firmware switch the motor off.
+Callers read the last reading and queue jobs; one I/O thread (`link.py`) communicates with the board.
+The heartbeat continues only while the reading is read: the firmware switches the motor off where a node hangs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class SerialActuator:
     """A ceiling behind a serial port."""
 
     def __init__(self, settings: MotorSettings) -> None:
-        """Remember `settings`; nothing is opened before `connect`."""
+        """Keep `settings`; nothing is opened before `connect`."""
         self._settings = settings
         self._link = Link(settings)
         self._active = False
@@ -37,29 +37,29 @@ class SerialActuator:
         return self._settings.limits
 
     def connect(self, now: int) -> Identity:
-        """Open the port and ask for the identity until it answers; the link then reconnects by itself."""
+        """Open the port and request the identity until the board answers; the link then reconnects by itself."""
         identity = self._link.start()
         return Identity(identity.name, identity.version, identity.boots)
 
     def activate(self, now: int) -> None:
         """Arm, clearing faults whose cause is gone, and start homing if the reference is lost."""
-        self._link.feed()
-        self._active = self._link.beating = True
+        self._link.keep_alive()
+        self._active = self._link.heartbeat = True
         try:
             self._do(self._arming())
         except MotorError:
-            self._active = self._link.beating = False
+            self._active = self._link.heartbeat = False
             raise
 
     def deactivate(self, now: int) -> None:
         """Stop and disarm: motor off. Where the link fails the firmware does so by itself within 500 ms."""
-        self._active = self._link.beating = False
+        self._active = self._link.heartbeat = False
         with suppress(LinkError):
             self._do(Job((("DISARM", ()),)))
 
     def move(self, height: float, sequence: int, now: int) -> None:
-        """Hand `height` [m] to the I/O thread, which sends it if it is still fresh; NaN: stop."""
-        self._link.feed()
+        """Queue `height` [m] for the I/O thread, which sends it within `command_timeout`; NaN: stop."""
+        self._link.keep_alive()
         goal = height if isnan(height) else self.limits.check(height)
         reading = self._link.reading
         if not reading.ready:
@@ -73,21 +73,21 @@ class SerialActuator:
             self._link.submit(Job((("MOVE", (micrometres(goal),)),), sequence))
 
     def read(self, now: int) -> Reading:
-        """Return the last state the board reported; reading keeps the heartbeat going."""
-        self._link.feed()
+        """Return the last state the board reported; this keeps the heartbeat alive."""
+        self._link.keep_alive()
         return self._link.reading
 
-    def news(self) -> list[str]:
-        """Return what the link had to tell since the last call."""
-        return self._link.news()
+    def reports(self) -> list[str]:
+        """Return the events of the link since the last call, one line each."""
+        return self._link.reports()
 
     def health(self) -> dict[str, str]:
-        """Return who is there and what the link counts."""
+        """Return identity and counters of the link."""
         return self._link.health()
 
     def close(self) -> None:
-        """Disarm if anybody still listens, and let go of the port."""
-        self._active = self._link.beating = False
+        """Disarm if the board still answers, and release the port."""
+        self._active = self._link.heartbeat = False
         self._link.stop()
 
     def _arming(self) -> Job:
@@ -95,7 +95,7 @@ class SerialActuator:
         return Job((("ARM", ()),) if homed else (("ARM", ()), ("HOME", ())))
 
     def _recover(self, reading: Reading, goal: float) -> None:
-        """Arm and home again on a fresh height after a lost link; never of itself, never after another fault.
+        """Arm and home again on a fresh height after a lost link; never without a command, never after another fault.
 
         Commands that come while that is under way do not start it anew: they would fill the queue of a slow board.
         """
@@ -105,19 +105,19 @@ class SerialActuator:
             job = self._arming()
             self._link.submit(job)
             self._recovery = job
-        raise NotReadyError(f"ceiling height {goal:g} m not taken up: {self._why(reading)}")
+        raise NotReadyError(f"ceiling height {goal:g} m not taken up: {self._state_text(reading)}")
 
-    def _why(self, reading: Reading) -> str:
+    def _state_text(self, reading: Reading) -> str:
         if reading.mode is Mode.UNCONFIGURED:
             return "no connection to the board; it is looked for"
         if reading.mode is Mode.HOMING:
             return "homing; command it again when it is done"
         if reading.faults & ~LINK_FAULTS:
-            return f"{in_words(reading.faults)}; mend it, then call ~/rearm"
+            return f"{in_words(reading.faults)}; remove the cause, then call ~/rearm"
         return "motor off; armed and homed again first" if self._active else "motor off; activate it"
 
     def _do(self, job: Job) -> None:
-        """Hand in `job` and wait for its outcome, bounded."""
+        """Queue `job` and wait for its outcome, at most JOB_TIME."""
         job.awaited = True
         self._link.submit(job)
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A serial port through pyserial, with its errors said in one line each."""
+"""A serial port through pyserial, with one-line errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class SerialPort:
     """An exclusively locked port; what fails raises `LinkError`."""
 
     def __init__(self, name: str, baud: int) -> None:
-        """Open `name`, best /dev/serial/by-id/..., and drop what lay in its buffers."""
+        """Open `name`, best /dev/serial/by-id/..., and clear its buffers."""
         self._name = name
         self._rest = bytearray()
         try:
@@ -37,7 +37,7 @@ class SerialPort:
         try:
             self._port.timeout = timeout
             self._rest += self._port.read_until(b"\n", 256)
-        except (OSError, TypeError) as error:  # pyserial meets a closed descriptor with a TypeError
+        except (OSError, TypeError) as error:  # pyserial raises TypeError for a closed descriptor
             raise LinkError(self._gone(error)) from None
         if not self._rest.endswith(b"\n") and len(self._rest) < 256:
             return b""
@@ -45,7 +45,7 @@ class SerialPort:
         return line
 
     def close(self) -> None:
-        """Let go of the port, even one that is gone."""
+        """Close the port, even one that is gone."""
         try:
             self._port.close()
         except OSError:

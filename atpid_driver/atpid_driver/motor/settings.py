@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the motor node needs to know, checked in one place.
+"""Parameters of the motor node, checked in one place.
 
-No limit and no speed has a default: the parameter file says them.
+Limits and speed have no defaults: they belong into the parameter file.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ class SimulatedActuator:
         return self._limits
 
     def connect(self, now: int) -> Identity:
-        """Answer as a simulated ceiling."""
+        """Return the identity of a simulated ceiling."""
         self._halt(now, Mode.DISARMED)
         return Identity("simulated ceiling", "1")
 
@@ -107,16 +107,16 @@ class SimulatedActuator:
             sequence=self._sequence,
         )
 
-    def news(self) -> list[str]:
-        """Return nothing: nothing happens to it."""
+    def reports(self) -> list[str]:
+        """Return none: it has no link."""
         return []
 
     def health(self) -> dict[str, str]:
-        """Return its name; there is no link to count on."""
+        """Return its name; there is no link."""
         return {"hardware_id": "simulated ceiling"}
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close."""
         self._mode = Mode.UNCONFIGURED
 
     def _halt(self, now: int, mode: Mode) -> None:

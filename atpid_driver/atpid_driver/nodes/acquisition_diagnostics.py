@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An acquisition device's line in /diagnostics."""
+"""The status of an acquisition device in `/diagnostics`."""
 
 from __future__ import annotations
 

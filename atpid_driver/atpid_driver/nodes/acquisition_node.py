@@ -1,50 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the LabJack and the NI node share: a lifecycle node around one `Acquisition` device.
+"""The acquisition node: a lifecycle node around one `Acquisition` device, whichever backend it is.
 
-configure opens the device and checks who it is; activate shakes hands and streams; deactivate stops the stream.
+configure opens the device and checks its identity; activate does the handshake and streams; deactivate stops the
+stream. `labjack_node` and `ni_node` are two uses of it, with a backend and a topic by default.
 The device's calls block in the Reader's thread; only the executor's thread publishes.
 """
 
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable
-from typing import Any
+import sys
+from typing import Any, ClassVar
 
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rclpy.timer import Timer
+from rclpy.lifecycle import TransitionCallbackReturn
 
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
-from atpid_common.nodes.lifecycle_node import EnduringLifecycleNode
 from atpid_common.nodes.messages import BLOCKS, STATES, time_of
-from atpid_common.nodes.parameters import Row
+from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.recorder_watch import RecorderWatch
-from atpid_driver.acquisition import AcquisitionError, Backoff, Identity, Reader, Status, create
+from atpid_driver.acquisition import Backoff, Identity, Reader, Status, create
 from atpid_driver.calibration import Counts, block_si
 from atpid_driver.nodes.acquisition_diagnostics import status_message
-from atpid_driver.nodes.acquisition_parameters import settings_of
+from atpid_driver.nodes.acquisition_parameters import Use, settings_of
 from atpid_driver.nodes.blocks import Layout, sample_block
+from atpid_driver.nodes.device_node import DeviceNode
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
-class AcquisitionNode(EnduringLifecycleNode):
+class AcquisitionNode(DeviceNode):
     """Publishes what one device measures, in SI units, on one topic. An InputError for a parameter that cannot be."""
 
-    def __init__(self, name: str, topic: str, rows: tuple[Row, ...], *, in_loop: bool, **kwargs: Any) -> None:
-        """Declare parameters and topics; nothing is opened. `in_loop`: the loop answers this topic's handshake."""
-        super().__init__(name, **kwargs)
-        self.settings = settings_of(self, rows)
+    NAME: ClassVar[str] = "acquisition_node"
+    USE: ClassVar[Use] = Use()
+
+    def __init__(self, **kwargs: Any) -> None:
+        """Declare parameters and topics; nothing is opened."""
+        super().__init__(self.NAME, **kwargs)
+        self.settings = settings_of(self, self.USE)
         self._device = create(self.settings.backend, self.settings.device)
-        self._topic, self._in_loop = topic, in_loop
-        self._blocks = self.create_publisher(SampleBlock, topic, BLOCKS)
+        self._blocks = self.create_publisher(SampleBlock, self.settings.topic, BLOCKS)
         self._events = EventPublisher(self)
-        if in_loop:
+        if self.settings.in_loop:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
         expected = self.settings.expect_recorder
         self._recorder = RecorderWatch(self, self._on_recorder, self._events.publish, expected=expected)
@@ -54,78 +56,37 @@ class AcquisitionNode(EnduringLifecycleNode):
         self._layout: Layout | None = None
         self._reports: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
         self._counts: dict[str, Counts] = {name: Counts() for name in self._device.channels}
-        self._last_dropped, self._lost_lately, self._last_error, self._closing = 0, 0, "", False
+        self._last_dropped, self._lost_lately, self._closing = 0, 0, False
         self._arrived = self.create_guard_condition(self._drain)
         self.create_timer(1.0, self._each_second, clock=STEADY)
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
-        self._attempts, self._backoff, self._may_retry = 0, Backoff(), True
-        self._starter: Timer | None = None
+        self._attempts, self._backoff = 0, Backoff()
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
 
     # -- lifecycle -------------------------------------------------------------------------------------------------
-
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the device and check its serial number."""
-        return self._transition("configure", self._configure)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Shake hands, then stream."""
-        return self._transition("activate", self._activate)
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the stream; the device stays open."""
-        return self._transition("deactivate", self._halt)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the device."""
-        return self._transition("clean up", self._let_go)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of the device from any state."""
-        self._end_starting()
-        return self._transition("shut down", self._let_go)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Return to unconfigured, alive, so that it can be configured again."""
-        self._transition("let go", self._let_go)
-        return TransitionCallbackReturn.SUCCESS
-
-    def _transition(self, verb: str, act: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do `act`; what the device refuses fails the transition, what breaks is an error; both are logged once."""
-        try:
-            act()
-        except AcquisitionError as error:
-            self._complain(f"cannot {verb}: {error}")
-            self._may_retry = error.retry
-            return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy drops exceptions of transitions without a word
-            self._complain(f"cannot {verb}: {type(error).__name__}: {error}")
-            self._may_retry = False
-            return TransitionCallbackReturn.ERROR
-        self._last_error = ""
-        return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:
         self._identity = self._device.open()
         self.get_logger().info(f"connected to {self._identity}: {', '.join(self._device.channels)}")
 
     def _activate(self) -> None:
-        if not self.settings.handshake:
+        settings = self.settings
+        if not settings.handshake:
             self._stream()
             return
         self._handshake = Handshake(
             self,
             self._publish_handshake,
             self._stream,
-            topics=(self._topic, *(LOOP_TOPICS if self._in_loop else ())),
-            answer="ceiling/state" if self._in_loop else "",
-            recorder=self.settings.expect_recorder,
+            topics=(settings.topic, *(LOOP_TOPICS if settings.in_loop else ())),
+            answer="ceiling/state" if settings.in_loop else "",
+            recorder=settings.expect_recorder,
         )
         if self._recorder.status is not None:
             self._handshake.on_status(self._recorder.status)
 
-    def _halt(self) -> None:
+    def _deactivate(self) -> None:
         handshake, self._handshake = self._handshake, None
         if handshake is not None:
             handshake.cancel()
@@ -136,8 +97,8 @@ class AcquisitionNode(EnduringLifecycleNode):
             self.get_logger().info(f"{self._identity}: stream stopped after {scans} scans, {lost} of them lost")
             self._reader = None
 
-    def _let_go(self) -> None:
-        self._halt()
+    def _release(self) -> None:
+        self._deactivate()
         self._identity = None
         self._device.close()
 
@@ -154,11 +115,6 @@ class AcquisitionNode(EnduringLifecycleNode):
             self._attempts += 1
         else:
             self._end_starting()
-
-    def _end_starting(self) -> None:
-        if self._starter is not None:
-            self.destroy_timer(self._starter)
-            self._starter = None
 
     # -- the stream ------------------------------------------------------------------------------------------------
 
@@ -182,7 +138,7 @@ class AcquisitionNode(EnduringLifecycleNode):
         self._reader.start()
 
     def _wake(self) -> None:
-        """Tell the executor from the reader's thread that there is something to take."""
+        """Trigger the executor from the reader's thread: there is something to take."""
         if not self._closing and self.context.ok():
             self._arrived.trigger()
 
@@ -201,7 +157,7 @@ class AcquisitionNode(EnduringLifecycleNode):
             layout = self._layout_at(reader.clock.rate)
             self._blocks.publish(sample_block(layout, stamp, block.first_index, values, block.dropped, block.backlog))
         while not self._reports.empty():
-            self._pass_on(*self._reports.get())
+            self._publish_report(*self._reports.get())
 
     def _publish_started(self, rate: float, stamp_ns: int) -> None:
         text = f"{self._identity} streams {len(self._device.channels)} channels at {rate:g} Hz"
@@ -213,14 +169,14 @@ class AcquisitionNode(EnduringLifecycleNode):
             self._layout = Layout(str(self._identity), rate, self._device.channels, units, self._device.skew())
         return self._layout
 
-    # -- watching --------------------------------------------------------------------------------------------------
+    # -- monitoring --------------------------------------------------------------------------------------------------
 
     @property
     def status(self) -> Status:
-        """How the stream does; all zero while there is none."""
+        """State of the stream; all zero while there is none."""
         return self._reader.status if self._reader is not None else Status()
 
-    def _pass_on(self, fault: bool, text: str) -> None:
+    def _publish_report(self, fault: bool, text: str) -> None:
         self._events.publish(Event.ALARM if fault else Event.INFO, Event.FAULT if fault else Event.RECOVERED, text)
 
     def _each_second(self) -> None:
@@ -231,11 +187,11 @@ class AcquisitionNode(EnduringLifecycleNode):
             self._events.publish(Event.WARNING, Event.DROPPED, text, float(self._lost_lately))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        state = self._state_in_words()
+        state = self._state_text()
         arguments = (self._identity, state, self.status, self._counts, self._lost_lately, self._last_error)
         return [status_message(self, *arguments)]
 
-    def _state_in_words(self) -> str:
+    def _state_text(self) -> str:
         if self._identity is None:
             return "no device"
         if self._handshake is not None:
@@ -244,14 +200,19 @@ class AcquisitionNode(EnduringLifecycleNode):
             return "connected"
         return "streaming" if self._reader.status.streaming else "interrupted"
 
-    def _complain(self, text: str) -> None:
-        """Log a complaint once, not at every attempt."""
-        if text != self._last_error:
-            self._events.publish(Event.ALARM, Event.FAULT, text)
-        self._last_error = text
+    def _report(self, text: str) -> None:
+        self._events.publish(Event.ALARM, Event.FAULT, text)
 
     def destroy_node(self) -> None:
-        """Stop the stream, let go of the device, then the node's own end."""
+        """Stop the stream, release the device, then end the node."""
         self._closing = True
-        self._transition("let go", self._let_go)
         super().destroy_node()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node as a process of its own; return the exit status."""
+    return run_node(AcquisitionNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

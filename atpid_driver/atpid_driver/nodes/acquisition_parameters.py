@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the acquisition nodes: declared with description and range, checked before a device is touched."""
+"""Parameters of the acquisition nodes: declared with description and range, checked before a device is opened."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
 
+from pydantic.fields import FieldInfo
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.share import share_folder
-from atpid_driver.acquisition import SetupRefusedError
+from atpid_driver.acquisition import Settings, SetupRefusedError, backend, backend_names
 from atpid_driver.calibration import Calibration, check_channels, load
 
 TYPES = Parameter.Type
+_TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}
 
 COMMON = (
     Row("serial", 0, "serial number the device must have; 0: take any", "", 0, 2**32 - 1),
@@ -30,26 +34,27 @@ COMMON = (
     Row("expect_recorder", False, "do not stream before the recorder has received every topic"),
     Row("library", "", "path of the vendor's library; empty: where the loader finds it"),
 )
-LABJACK = (
-    Row("backend", "labjack", "what is read", choices=("labjack", "simulated")),
-    Row("connection", "ANY", "how the T7 is connected", choices=("ANY", "USB", "TCP", "ETHERNET", "WIFI")),
-    Row("voltage_range", 10.0, "input range: 10, 1, 0.1 or 0.01", "V", 0.01, 10.0),
-    Row("resolution_index", 0, "a larger one is quieter and slower; 0: the device chooses", "", 0, 8),
-    Row("settling_us", 0.0, "settling time between channels; 0: the device chooses", "us", 0.0, 4400.0),
-)
-NI = (
-    Row("backend", "nidaqmx", "what is read", choices=("nidaqmx", "simulated")),
-    Row("device", "cDAQ1Mod1", "the module's name in NI MAX"),
-    Row("voltage_range", 30.0, "input range", "V", 0.001, 100.0),
-    Row("excitation_current", 0.004, "current of IEPE inputs", "A", 0.0, 0.02),
-    Row("grpc", "", "host:port of NI's gRPC device server on another PC; empty: the driver on this one"),
-)
-SIMULATED = (
-    Row("amplitude", 1.0, "of the simulated backend's sines", "V", 0.0, 100.0),
-    Row("offset", 3.0, "of the simulated backend's sines", "V", -100.0, 100.0),
-    Row("frequency", 5.0, "of the simulated backend's sines", "Hz", 1e-3, 50_000.0),
-)
-DEVICE_KEYS = ("serial", "rate", "library", *(row.name for row in (*LABJACK, *NI, *SIMULATED)))
+
+
+@dataclass(frozen=True)
+class Use:
+    """What an acquisition node is used for: its parameters `backend`, `topic` and `in_loop` by default.
+
+    backend: None where it must be given; in_loop: whether the loop answers the handshake of this topic.
+    """
+
+    backend: str | None = None
+    topic: str = "sensors/acquisition"
+    in_loop: bool = False
+
+    def rows(self) -> tuple[Row, ...]:
+        """Return the three parameters."""
+        default = TYPES.STRING if self.backend is None else self.backend
+        return (
+            Row("backend", default, "what is read", choices=backend_names()),
+            Row("topic", self.topic, "where the blocks are published"),
+            Row("in_loop", self.in_loop, "whether the loop answers this topic's handshake"),
+        )
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,8 @@ class NodeSettings:
     """What the node itself needs; `device` goes to the backend as it is."""
 
     backend: str
+    topic: str
+    in_loop: bool
     device: dict[str, object]
     calibrations: tuple[Calibration, ...]
     autostart: bool
@@ -64,26 +71,62 @@ class NodeSettings:
     expect_recorder: bool
 
 
-def settings_of(node: Node, rows: tuple[Row, ...]) -> NodeSettings:
+def settings_of(node: Node, use: Use) -> NodeSettings:
     """Declare everything on `node` and return it checked. Raises ParameterError or DriverError."""
-    values = declare(node, (*COMMON, *rows, *SIMULATED))
+    values = declare(node, (*use.rows(), *COMMON))
+    backends = dict.fromkeys(name for name in (values["backend"], use.backend, "simulated") if name is not None)
+    rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
+    values |= declare(node, tuple(rows.values()))
     names, terminals = list(values["channels"]), list(values["terminals"])
     kinds = list(values["kinds"]) * (len(names) if len(values["kinds"]) == 1 else 1)
     if not len(names) == len(terminals) == len(kinds):
         raise SetupRefusedError(
             f"{len(names)} channels, {len(terminals)} terminals, {len(kinds)} kinds: give one of each for a channel"
         )
-    folder = Path(values["calibration_folder"]) if values["calibration_folder"] else shipped_calibrations()
-    calibrations = tuple(load(folder / name) for name in values["calibrations"])
+    calibrations = calibrations_of(values)
     check_channels(calibrations, tuple(names))
-    device = {key: values[key] for key in DEVICE_KEYS if key in values}
-    device["channels"] = [
+    wiring = [
         {"name": name, "terminal": terminal, "kind": kind}
         for name, terminal, kind in zip(names, terminals, kinds, strict=True)
     ]
-    device["scans_per_block"] = max(1, round(values["rate"] / values["blocks_per_second"]))
-    flags = (values["autostart"], values["handshake"], values["expect_recorder"])
-    return NodeSettings(values["backend"], device, calibrations, *flags)
+    scans = max(1, round(values["rate"] / values["blocks_per_second"]))
+    own = {key: values[key] for key in ("backend", "topic", "in_loop", "autostart", "handshake", "expect_recorder")}
+    return NodeSettings(
+        **own, device=values | {"channels": wiring, "scans_per_block": scans}, calibrations=calibrations
+    )
+
+
+def rows_of(model: type[Settings]) -> tuple[Row, ...]:
+    """Return a parameter for each setting that only this backend has. Raises SetupRefusedError for another type."""
+    shared = Settings.model_fields.keys() | {row.name for row in COMMON}
+    return tuple(_row(model, name, field) for name, field in model.model_fields.items() if name not in shared)
+
+
+def _row(model: type[Settings], name: str, field: FieldInfo) -> Row:
+    choices = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+    kind = str if choices else field.annotation
+    if kind not in _TYPE_OF:
+        raise SetupRefusedError(
+            f"setting {name} of {model.__name__} is no parameter: its type must be bool, int, float, str or Literal"
+        )
+    default = _TYPE_OF[kind] if field.is_required() else field.default
+    extra: Mapping[str, Any] = field.json_schema_extra if isinstance(field.json_schema_extra, Mapping) else {}
+    bounds = {key: getattr(limit, key) for limit in field.metadata for key in ("ge", "le") if hasattr(limit, key)}
+    return Row(
+        name,
+        default,
+        field.description or f"of {model.__name__}",
+        str(extra.get("unit", "")),
+        bounds.get("ge"),
+        bounds.get("le"),
+        tuple(map(str, choices)),
+    )
+
+
+def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:
+    """Read the files of the parameters `calibrations` and `calibration_folder`. Raises DriverError."""
+    folder = Path(values["calibration_folder"]) if values["calibration_folder"] else shipped_calibrations()
+    return tuple(load(folder / name) for name in values["calibrations"])
 
 
 def shipped_calibrations() -> Path:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The emulated stand's wires: what a simulated plant's sensors see becomes the voltages of a stand-in device.
+"""The wiring of the emulated stand: displacements of a simulated plant become the voltages of a stand-in device.
 
 It subscribes to the plant's sensor topic, remapped to `emulated/...`, and writes a `Feed`. Until the plant starts
-and after it has finished it writes a body at rest, paced by the clock, as a sensor would see one. The plant's
-`ceiling/state` is remapped too: this node passes the motor's states on and answers the plant's handshake, but not
-before the real device streams, so that the stand sees the run from its first instant.
+and after it has finished it writes a body at rest, paced by the clock. The plant's
+`ceiling/state` is remapped too: this node republishes the motor's states and answers the plant's handshake, but not
+before the real device streams, so that the stand records the run from its first instant.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from atpid_common.nodes.handshake import ANNOUNCE_AFTER, ANNOUNCE_AGAIN, empty
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_driver.calibration import load, volts_of
+from atpid_driver.calibration import volts_of
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
+from atpid_driver.nodes.acquisition_parameters import calibrations_of
 from atpid_driver.standins import Feed
 from atpid_driver.standins.feed import MAGIC
 
@@ -56,8 +56,7 @@ class FeedNode(Node):
             raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
         self._path = Path(values["feed"])
         _check_replaceable(self._path)
-        folder = Path(values["calibration_folder"]) if values["calibration_folder"] else shipped_calibrations()
-        self._calibrations = tuple(load(folder / name) for name in values["calibrations"])
+        self._calibrations = calibrations_of(values)
         self._rate = float(values["rate"])
         self.feed = Feed(self._path, len(self._calibrations), self._rate)
         self._next: int | None = None

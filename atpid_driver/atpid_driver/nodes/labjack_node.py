@@ -1,22 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The LabJack node: two lasers on a T7, published on sensors/laser."""
+"""The LabJack node: two lasers on a T7, published on sensors/laser; the source of the loop on the stand."""
 
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from atpid_common.nodes.node_main import run_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
-from atpid_driver.nodes.acquisition_parameters import LABJACK
+from atpid_driver.nodes.acquisition_parameters import Use
 
 
 class LabJackNode(AcquisitionNode):
-    """The source of the loop on the stand; see AcquisitionNode."""
+    """The acquisition node, used for the lasers."""
 
-    def __init__(self, **kwargs: Any) -> None:
-        """Declare parameters and topics; nothing is opened."""
-        super().__init__("labjack_node", "sensors/laser", LABJACK, in_loop=True, **kwargs)
+    NAME = "labjack_node"
+    USE = Use("labjack", "sensors/laser", in_loop=True)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_driver load`: both devices at full rate through real nodes; what is lost, what it costs.
+"""`python -m atpid_driver load`: both devices at full rate through real nodes; lost scans and processor time.
 
 A T7 at 2 x 50 kS/s and an NI-9230 at 3 x 12.8 kS/s, their vendors' packages running on the stand-in libraries, each
 node its own process, reliable blocks to a listener that checks every index, and to a recorder with `--bag`.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A listener that proves by the indices that no scan was lost, and answers the sources' handshake meanwhile."""
+"""A subscriber that checks by the indices that no scan was lost, and answers the handshake of the sources."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ class Tally:
 
 
 class Listener(Node):
-    """Tallies topics, and plays loop and recorder towards the sources until data come from all of them.
+    """Tallies topics, and answers the sources as loop and recorder would until data come from all of them.
 
-    With `behind_recorder` a real recorder listens too, its status remapped to INNER_STATUS: a topic is passed on as
-    received once both have heard it.
+    With `behind_recorder` there is a real recorder too, its status remapped to INNER_STATUS: a topic is reported as
+    received once both have received it.
     """
 
     def __init__(self, topics: tuple[str, ...], *, behind_recorder: bool, **kwargs: Any) -> None:
         super().__init__("load_listener", **kwargs)
         self.tallies = {topic: Tally() for topic in topics}
-        self._heard = dict.fromkeys(topics, 0)
+        self._received = dict.fromkeys(topics, 0)
         self._inner: RecorderStatus | None = None
         self._behind_recorder = behind_recorder
         self._state = self.create_publisher(CeilingState, "ceiling/state", 100)
@@ -87,7 +87,7 @@ class Listener(Node):
 
     @property
     def recorded(self) -> dict[str, int]:
-        """Blocks the recorder says it has written on each topic."""
+        """Blocks the recorder has written, for each topic."""
         if self._inner is None:
             return dict.fromkeys(self.tallies, 0)
         written = dict(zip(self._inner.topics, self._inner.written, strict=True))
@@ -97,7 +97,7 @@ class Listener(Node):
         self._inner = status
 
     def _on_block(self, topic: str, block: SampleBlock) -> None:
-        self._heard[topic] += 1
+        self._received[topic] += 1
         if not block.handshake:
             self.tallies[topic].add(block)
 
@@ -107,13 +107,13 @@ class Listener(Node):
         state = CeilingState()
         state.handshake = True
         self._state.publish(state)
-        received = [min(count, self._recorder_heard(topic)) for topic, count in self._heard.items()]
-        self._status.publish(RecorderStatus(recording=True, topics=list(self._heard), received=received))
+        received = [min(count, self._recorder_received(topic)) for topic, count in self._received.items()]
+        self._status.publish(RecorderStatus(recording=True, topics=list(self._received), received=received))
 
-    def _recorder_heard(self, topic: str) -> int:
+    def _recorder_received(self, topic: str) -> int:
         if not self._behind_recorder:
             return 1
         if self._inner is None:
             return 0
-        heard = dict(zip(self._inner.topics, self._inner.received, strict=True))
-        return int(heard.get(self.resolve_topic_name(topic), 0))
+        received = dict(zip(self._inner.topics, self._inner.received, strict=True))
+        return int(received.get(self.resolve_topic_name(topic), 0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The processes of the load test: both hardware nodes on the stand-in libraries, and a recorder if one is wanted."""
+"""The processes of the load test: both hardware nodes on the stand-in libraries, and optionally a recorder."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from atpid_common.errors import InputError
 from atpid_common.latency import Latencies
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import nanoseconds_of
@@ -37,33 +38,38 @@ from atpid_driver.motor import (
     in_words,
 )
 from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT
-from atpid_driver.nodes.motor_diagnostics import status_of
-from atpid_driver.nodes.motor_life import MotorLife
-from atpid_driver.nodes.motor_messages import state_of
-from atpid_driver.nodes.motor_namesakes import Namesakes
-from atpid_driver.nodes.motor_parameters import declare
+from atpid_driver.nodes.device_node import DeviceNode
+from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
+from atpid_driver.nodes.motor_messages import state_of, status_of
+from atpid_driver.nodes.motor_parameters import settings_of
 from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
 RETRY = 1.0
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
 COMMANDS, STATE = "ceiling/command", "ceiling/state"
+#: What leads from a lifecycle state to an active node.
+REMEDIES = {
+    "unconfigured": "configure and activate it",
+    "inactive": "activate it",
+    "finalized": "it was shut down for good; start it again",
+}
 
 
-class MotorNode(MotorLife):
-    """Moves the ceiling where `ceiling/command` says; see the module's text for its two ways to run."""
+class MotorNode(DeviceNode):
+    """Moves the ceiling to the heights of `ceiling/command`, in lockstep or in real time: see the module's text."""
 
     def __init__(self, **kwargs: Any) -> None:
-        """Declare parameters and topics; nothing is opened. Raises `MotorError` for a parameter that cannot be."""
+        """Declare parameters and topics; nothing is opened. Raises `InputError` for a parameter that cannot be."""
         super().__init__("motor_node", **kwargs)
         try:
-            self.settings = declare(self)
+            self.settings = settings_of(self)
             self._actuator = actuator_of(self.settings)
-        except MotorError:
+        except InputError:
             self.leave_graph()
             raise
         self._connected = self._active = False
-        self._namesakes = Namesakes(self)
+        self._duplicates = DuplicateNodes(self)
         self._stamp = 0
         self._initial: float | None = None
         self._recover_after = 0.0
@@ -97,13 +103,13 @@ class MotorNode(MotorLife):
         self.create_service(Trigger, "~/rearm", self._on_rearm)
 
     def _start_timers(self) -> None:
-        self.create_timer(1.0, self._watch_namesakes)
+        self.create_timer(1.0, self._check_duplicates)
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period)
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start)
 
-    # -- life ------------------------------------------------------------------------------------------------------
+    # -- lifecycle ---------------------------------------------------------------------------------------------------
 
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
@@ -111,7 +117,7 @@ class MotorNode(MotorLife):
         self.get_logger().info(f"connected to {self.identity.name} {self.identity.version}; motor off")
 
     def _activate(self) -> None:
-        if self._namesakes.stands_still:
+        if self._duplicates.inhibits_motion:
             raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
         self._actuator.activate(self._now())
         self._active = True
@@ -122,16 +128,17 @@ class MotorNode(MotorLife):
         self._active, self._initial = False, None
         self._actuator.deactivate(self._now())
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         self._active = self._connected = False
         self._actuator.close()
 
     def _start(self) -> None:
-        """Configure until something answers, then activate once: a refused motor waits for a person."""
+        """Configure until the board answers, then activate once: a motor that refuses needs a person."""
+        assert self._starter is not None
         if not self._connected:
             self.trigger_configure()
-        if self._connected and not self._namesakes.stands_still:
-            self.destroy_timer(self._starter)
+        if self._connected and not self._duplicates.inhibits_motion:
+            self._end_starting()
             self.trigger_activate()
         elif self._starter.timer_period_ns < RETRY * 1e9:
             self._starter.timer_period_ns = int(RETRY * 1e9)
@@ -162,12 +169,12 @@ class MotorNode(MotorLife):
             self._last_refused = None
 
     def _check_active(self, height: float) -> None:
-        """Refuse a height that cannot be reached in this state of the node, and state what leads out of it."""
+        """Refuse a height in a state of the node in which it does not move; the text names the transition needed."""
         if not self._active:
-            raise NotReadyError(f"ceiling height {height:g} m refused: the motor node is {self._way_to_active()}")
+            raise NotReadyError(f"ceiling height {height:g} m refused: the motor node is {self._state_and_remedy()}")
 
     def _check_fresh(self, info: dict[str, int]) -> None:
-        """Refuse a command that lay in the queue too long because this process was held up."""
+        """Refuse a command that waited in the queue longer than `command_timeout`."""
         received = info.get("received_timestamp", 0)
         waited = (time.time_ns() - received) * 1e-9
         if not self.settings.lockstep and received and waited > self.settings.command_timeout:
@@ -177,22 +184,22 @@ class MotorNode(MotorLife):
             )
 
     def _refuse(self, command: CeilingCommand, error: MotorError) -> None:
-        """Say once per kind and height that a command was refused; the controller repeats it with every block."""
+        """Publish a refusal once for each kind and height; the controller repeats the command with every block."""
         what = (type(error), None if isnan(command.height) else command.height)
         if what == self._last_refused or (isnan(command.height) and not isinstance(error, HeightRefusedError)):
             return
         self._last_refused = what
-        self._tell(Event.WARNING, Event.REFUSED, command.height, str(error))
+        self._publish_event(Event.WARNING, Event.REFUSED, command.height, str(error))
 
     def _each_period(self) -> None:
         reading = self._read()
-        if self._initial is not None and self._active and (reading.ready or self._shall_recover(reading)):
+        if self._initial is not None and self._active and (reading.ready or self._may_recover(reading)):
             self._go_to_initial(self._initial, reading)
         stamp = self.get_clock().now().to_msg()
         self._publish(reading, Header(stamp=stamp, frame_id=self.get_name()))
 
-    def _shall_recover(self, reading: Reading) -> bool:
-        """Whether a lost link is to be taken up again: once a second, so that requests cannot pile up."""
+    def _may_recover(self, reading: Reading) -> bool:
+        """Whether to recover from a lost link: once a second, so that requests cannot pile up."""
         lost = reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS
         if not lost or time.monotonic() < self._recover_after:
             return False
@@ -203,7 +210,7 @@ class MotorNode(MotorLife):
         """Go to the first height after homing, until it is reached; a command takes precedence.
 
         It is part of the activation: a heartbeat lost on the way, on a busy host, arms and homes again. Without that
-        the graph would wait for ever, since nobody commands a height before the motor has said it is ready.
+        the graph would wait for ever, since no height is commanded before the motor has reported that it is ready.
         """
         if reading.mode is Mode.HOLDING and abs(reading.target - height) < SAME:
             self._initial = None
@@ -211,29 +218,29 @@ class MotorNode(MotorLife):
         try:
             self._actuator.move(height, 0, self._now())
         except MotorError as error:
-            self._complain(str(error))
+            self._report_once(str(error))
 
     def _read(self) -> Reading:
         reading = self._actuator.read(self._now())
-        for text in self._actuator.news():
-            self._tell(Event.WARNING, Event.LINK, nan, text)
+        for text in self._actuator.reports():
+            self._publish_event(Event.WARNING, Event.LINK, nan, text)
         if reading.mode is Mode.MOVING and self._last_mode is not Mode.MOVING:
             text = f"the ceiling moves from {reading.height:.4f} to {reading.target:.4f} m"
-            self._tell(Event.INFO, Event.MOVED, reading.target, text)
+            self._publish_event(Event.INFO, Event.MOVED, reading.target, text)
         self._last_mode = reading.mode
         if reading.faults != self._last_faults:
             self._last_faults = reading.faults
             if reading.faults:
-                self._tell(Event.ALARM, Event.FAULT, reading.height, f"motor off: {in_words(reading.faults)}")
+                self._publish_event(Event.ALARM, Event.FAULT, reading.height, f"motor off: {in_words(reading.faults)}")
         return reading
 
     def _publish(self, reading: Reading, header: Header, *, handshake: bool = False) -> None:
         self._states.publish(state_of(reading, header, handshake=handshake))
 
-    # -- watching --------------------------------------------------------------------------------------------------
+    # -- monitoring --------------------------------------------------------------------------------------------------
 
     def _on_silence(self) -> None:
-        """Stop a ceiling on its way: what it was sent for may not hold any more. It goes on with the next command."""
+        """Stop a moving ceiling: its target may be out of date. The next command moves it again."""
         if self._supervision.stale.stale and self._active:
             with suppress(MotorError):  # not ready: it does not move
                 self._actuator.move(nan, self._actuator.read(self._now()).sequence, self._now())
@@ -242,10 +249,10 @@ class MotorNode(MotorLife):
         reading = self._actuator.read(self._now())
         return [status_of(self, self._actuator, reading, self._last_error, self._latencies)]
 
-    def _watch_namesakes(self) -> None:
-        found = self._namesakes.look()
+    def _check_duplicates(self) -> None:
+        found = self._duplicates.check()
         if found is not None:
-            self._tell(found.severity, Event.DUPLICATE, nan, found.text)
+            self._publish_event(found.severity, Event.DUPLICATE, nan, found.text)
             if found.severity == Event.ALARM:
                 self._withdraw()
 
@@ -255,11 +262,11 @@ class MotorNode(MotorLife):
             if self.settings.autostart:
                 self._starter = self.create_timer(RETRY, self._start)
 
-    def _on_rearm(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear latched faults whose cause is gone, arm and home: a person's explicit word."""
+    def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Clear latched faults whose cause is gone, arm and home; only on request of a person."""
         try:
             if not self._active:
-                raise MotorError(f"the motor node is {self._way_to_active()}")
+                raise MotorError(f"the motor node is {self._state_and_remedy()}")
             self._actuator.activate(self._now())
         except MotorError as error:
             response.success, response.message = False, str(error)
@@ -267,7 +274,11 @@ class MotorNode(MotorLife):
             response.success, response.message = True, "armed; homing if its height is lost"
         return response
 
-    def _tell(self, severity: int, kind: str, value: float, text: str) -> None:
+    def _state_and_remedy(self) -> str:
+        label = str(self._state_machine.current_state[1])
+        return f"{label}: {REMEDIES.get(label, 'activate it')}"
+
+    def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
         stamp = Time(nanoseconds=self._stamp).to_msg() if self.settings.lockstep else None
         self._events.publish(severity, kind, text, value, stamp)
 

@@ -1,22 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The NI node: accelerometers on an NI-9230, published on sensors/accelerometer."""
+"""The NI node: accelerometers on an NI-9230, published on sensors/accelerometer; recorded beside the loop."""
 
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from atpid_common.nodes.node_main import run_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
-from atpid_driver.nodes.acquisition_parameters import NI
+from atpid_driver.nodes.acquisition_parameters import Use
 
 
 class NiNode(AcquisitionNode):
-    """Beside the loop: its handshake is for the recorder only; see AcquisitionNode."""
+    """The acquisition node, used for the accelerometers."""
 
-    def __init__(self, **kwargs: Any) -> None:
-        """Declare parameters and topics; nothing is opened."""
-        super().__init__("ni_node", "sensors/accelerometer", NI, in_loop=False, **kwargs)
+    NAME = "ni_node"
+    USE = Use("nidaqmx", "sensors/accelerometer")
 
 
 def main(args: list[str] | None = None) -> int:

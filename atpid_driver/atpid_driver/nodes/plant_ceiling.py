@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a simulated ceiling stands: where the simulated plant has it, as a position sensor would measure.
+"""The height of the simulated plant's ceiling, at which a simulated motor starts, as a position sensor would measure.
 
 A motor node that is started in mid-run must not move the plant's ceiling by assuming a height.
 """

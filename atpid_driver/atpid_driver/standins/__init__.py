@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stand-ins for the vendors' libraries, so that their real Python packages run without a device.
 
-`build()` compiles them; `environment()` says what a process needs to use them; a `Feed` gives them voltages and a
-`Control` injects faults.
+`build()` compiles them; `environment()` returns the variables of a process that uses them; a `Feed` supplies voltages
+and a `Control` injects faults.
 """
 
 from atpid_driver.standins.build import StandinError, build, environment

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
-from atpid_common.cache import cache_root
+from atpid_common.cache import cache_root, content_key
 from atpid_driver.errors import DriverError
 
 SOURCES = Path(__file__).parent / "data"
@@ -23,7 +22,8 @@ class StandinError(DriverError):
 
 def build(folder: Path | None = None) -> Path:
     """Return the folder with both libraries, made in `folder` or in the user's cache; StandinError without tools."""
-    target = folder or cache_root() / "standins" / _version()
+    sources = (path for path in SOURCES.iterdir() if path.is_file())
+    target = folder or cache_root() / "standins" / content_key(SOURCES, sources)
     if all((target / name).is_file() for name in LIBRARIES):
         return target
     for tool in ("make", "cc"):
@@ -58,11 +58,3 @@ def environment(
         "ATPID_DAQMX_CONTROL": str(daqmx_control or ""),
     }
     return {key: value for key, value in values.items() if value}
-
-
-def _version() -> str:
-    digest = hashlib.sha256()
-    for path in sorted(SOURCES.iterdir()):
-        if path.is_file():
-            digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:16]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults for a stand-in device, through a small memory-mapped file that the library looks at while it runs.
+"""Faults for a stand-in device, through a small memory-mapped file that the library reads while it runs.
 
 Layout, little-endian, 4096 bytes: `char[8] "ATPIDCT1"`, `uint32 plugged`, `uint32 unplugs`, `uint32 serial`,
-`uint32 stalled`, `uint64 drop`, `int32 fail_code`, `uint32 fail_count`, `float64 ppm`.
+`uint32 stalled`, `uint64 drop`, `int32 fail_code`, `uint32 fail_count`.
 """
 
 from __future__ import annotations
@@ -25,12 +25,11 @@ FIELDS = {
     "drop": (24, "<Q"),
     "fail_code": (32, "<i"),
     "fail_count": (36, "<I"),
-    "ppm": (40, "<d"),
 }
 
 
 class Control:
-    """The faults of one device, acting at once in the process that uses the library."""
+    """Injects faults into one device, at once in the process that uses the library."""
 
     def __init__(self, path: Path, serial: int = SERIAL) -> None:
         """Open the control file, or make one of a healthy, plugged-in device with this serial number."""
@@ -70,17 +69,13 @@ class Control:
         self._set("stalled", int(stalled))
 
     def fail(self, code: int) -> None:
-        """Let the next read return this vendor's error."""
+        """Make the next read return this vendor's error."""
         self._set("fail_code", code)
         self._set("fail_count", self._get("fail_count") + 1)
 
     def serial(self, number: int) -> None:
         """Swap the device for one with another serial number."""
         self._set("serial", number)
-
-    def clock_error(self, ppm: float) -> None:
-        """Let the device's clock run faster by so much from the next start on."""
-        self._set("ppm", ppm)
 
     def close(self) -> None:
         """Unmap the file; its state stays."""

@@ -13,7 +13,7 @@ from concurrent import futures
 from pathlib import Path
 from typing import Any
 
-import grpc  # type: ignore[import-untyped]
+import grpc
 import numpy as np
 from nidaqmx._stubs import nidaqmx_pb2 as types
 from nidaqmx._stubs import nidaqmx_pb2_grpc as stubs
@@ -23,7 +23,7 @@ INVALID_TASK = -200088
 TEXT = 2048
 
 
-class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]
+class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]  # nidaqmx has no types
     """The calls of a continuous analogue input task. A task is known by the name it was made with."""
 
     def __init__(self, library: Path) -> None:
@@ -156,7 +156,7 @@ class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]
         self._check(context, self._library.DAQmxGetReadAttribute(task, request.attribute_raw, ctypes.byref(value), 0))
         return types.GetReadAttributeUInt32Response(value=value.value)
 
-    def GetErrorString(self, request: Any, context: Any) -> Any:
+    def GetErrorString(self, request: Any, _context: Any) -> Any:
         return types.GetErrorStringResponse(error_string=self._text(request.error_code))
 
     def _task(self, request: Any, context: Any) -> ctypes.c_void_p:

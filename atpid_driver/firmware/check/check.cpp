@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The firmware's pure part on the host, under address and undefined-behaviour checks: random requests, a random stand that
-// breaks and mends, and after each millisecond an observer of its own who knows when the motor may run.
+// injects and clears, and after each millisecond an independent observer of when the motor may run.
 //
 //   check [MILLISECONDS] [SEED]      0: all held; 1: the first rule broken, in words
 #include <cstdio>
@@ -30,13 +30,13 @@ struct Stand {
         height_um = std::min(std::max(height_um, 12000.0), 1015000.0);
     }
 
-    Inputs look(uint32_t now_ms) const {
+    Inputs inputs(uint32_t now_ms) const {
         const double raw = HOME_RAW + slip - (HOME_UM - height_um) / UM_PER_RAW + below(16);
         const uint16_t seen = sensor == 1 ? 0 : sensor == 2 ? 16368 : static_cast<uint16_t>(raw);
         return Inputs{now_ms, seen, static_cast<uint8_t>(silent ? 0 : now_ms), lower_stuck || height_um < 14500, upper_stuck || height_um > HOME_UM, stop};
     }
 
-    void break_or_mend() {
+    void change_faults() {
         jam = one_in(8);
         swapped = one_in(16);
         lower_stuck = one_in(12);
@@ -46,17 +46,17 @@ struct Stand {
         slip = one_in(3) ? below(200) - 100.0 : 0;
         sensor = one_in(6) ? 1 + static_cast<int>(below(2)) : 0;
     }
-    void mend() { *this = Stand{height_um}; }
+    void clear_faults() { *this = Stand{height_um}; }
 };
 
-// What an outsider can tell: how long each contact has been open, when the host last proved itself alive, what it asked for.
+// What is observed from outside: how long each contact has been open, when the host last sent a heartbeat, what it requested.
 struct Observer {
     uint32_t lower_ms = 0, upper_ms = 0, stop_ms = 0, sensor_ms = 0, alive_at = 0;
-    bool asked = false;  // HOME or MOVE accepted since the motor was last armed
-    const char *told = nullptr;  // rule broken in an answer
+    bool requested = false;  // HOME or MOVE accepted since the motor was last armed
+    const char *violation = nullptr;  // rule broken in an answer
     uint64_t ran_ms = 0, homings = 0, faults = 0;
 
-    void look(const Inputs &inputs) {
+    void update(const Inputs &inputs) {
         lower_ms = inputs.lower_open ? lower_ms + 1 : 0;
         upper_ms = inputs.upper_open ? upper_ms + 1 : 0;
         stop_ms = inputs.stop_open ? stop_ms + 1 : 0;
@@ -64,7 +64,7 @@ struct Observer {
     }
 
     const char *broken_rule(const Motion &motion, uint32_t now_ms) const {
-        if (told) return told;
+        if (violation) return violation;
         if (motion.has_target() && (motion.target_um() < LOWEST_UM - SOFT_MARGIN_UM || motion.target_um() > HIGHEST_UM + SOFT_MARGIN_UM))
             return "a target outside the soft limits";
         if (motion.mode() == Mode::FAULT && !motion.faults()) return "a fault without a name";
@@ -72,7 +72,7 @@ struct Observer {
         if (motion.faults()) return "runs with a fault";
         if (motion.mode() != Mode::HOMING && motion.mode() != Mode::MOVING) return "runs while at rest or disarmed";
         if (motion.mode() == Mode::MOVING && !motion.homed()) return "travels without having homed";
-        if (!asked) return "runs although nobody asked for it since it was armed";
+        if (!requested) return "runs although it was not requested since it was armed";
         if (now_ms - alive_at > 500) return "runs 500 ms after the last heartbeat";
         if (motion.direction() == Direction::DOWN && lower_ms > DEBOUNCE_MS) return "runs down into the lower switch";
         if (motion.direction() == Direction::UP && upper_ms > DEBOUNCE_MS) return "runs up into the upper switch";
@@ -126,22 +126,22 @@ private:
 
 bool contains(const std::string &text, const char *part) { return text.find(part) != std::string::npos; }
 
-void talk(Host &host, Observer &observer, const Motion &motion, uint32_t now_ms) {
+void exchange(Host &host, Observer &observer, const Motion &motion, uint32_t now_ms) {
     static const char *const words[] = {"BEAT", "BEAT", "BEAT", "ARM", "HOME", "MOVE", "MOVE", "STATE", "STOP", "DISARM", "ID", "LOOKUP", "NONE"};
     const uint32_t chosen = below(one_in(20) ? 13 : 7);
     const bool was_armed = motion.mode() != Mode::DISARMED && motion.mode() != Mode::FAULT;
     const bool numbered = chosen == 5 || chosen == 6 || chosen == 11;
     const std::string answer = host.send(words[chosen], numbered ? static_cast<long>(below(1100000)) : -1L);
     if (!contains(answer, ",ST,") && !contains(answer, ",NO,")) {
-        if (contains(answer, ",ID,")) observer.asked = false;
+        if (contains(answer, ",ID,")) observer.requested = false;
         return;
     }
     observer.alive_at = now_ms;  // generous: here every answered request counts; true silence is what must stop the motor
     const bool armed = motion.mode() != Mode::DISARMED && motion.mode() != Mode::FAULT;
-    if (!was_armed && armed) observer.asked = false;
-    if (!was_armed && armed && chosen != 3) observer.told = "armed by something else than ARM";
-    if (host.old && contains(answer, ",ST,")) observer.told = "carried out an old request";
-    if (armed && contains(answer, ",ST,") && (chosen == 4 || chosen == 5 || chosen == 6)) observer.asked = true;
+    if (!was_armed && armed) observer.requested = false;
+    if (!was_armed && armed && chosen != 3) observer.violation = "armed by something else than ARM";
+    if (host.old && contains(answer, ",ST,")) observer.violation = "carried out an old request";
+    if (armed && contains(answer, ",ST,") && (chosen == 4 || chosen == 5 || chosen == 6)) observer.requested = true;
 }
 
 void noise(Host &host) {
@@ -165,12 +165,12 @@ int main(int count, char **words) {
     bool quiet = false, was_homed = false;
     uint32_t now_ms = 4294000000u;  // the clock wraps round early on
     for (uint64_t step = 0; step < length; ++step, ++now_ms) {
-        if (one_in(4000)) one_in(2) ? stand.break_or_mend() : stand.mend();
+        if (one_in(4000)) one_in(2) ? stand.change_faults() : stand.clear_faults();
         if (one_in(5000)) quiet = !quiet;
-        if (!quiet && one_in(60)) talk(host, observer, motion, now_ms);
+        if (!quiet && one_in(60)) exchange(host, observer, motion, now_ms);
         if (one_in(200)) noise(host);
-        const Inputs inputs = stand.look(now_ms);
-        observer.look(inputs);
+        const Inputs inputs = stand.inputs(now_ms);
+        observer.update(inputs);
         motion.step(inputs);
         stand.move(motion.direction());
         observer.ran_ms += motion.direction() != Direction::OFF;

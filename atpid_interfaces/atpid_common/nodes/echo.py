@@ -9,16 +9,14 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-import rclpy
 import yaml
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.cli import guarded
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
+from atpid_common.nodes.command_node import command_node
 from atpid_common.waiting import announced
 
 TURN = 0.1  # how soon a signal is noticed [s]
@@ -76,22 +74,14 @@ def plain(value: Any) -> Any:
 
 def echo(topic: str, field: str, once: bool) -> int:
     """Print until Ctrl-C, or once; return the exit status."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    with Interrupt() as interrupt:
+    with Interrupt() as interrupt, command_node(lambda: Echo(topic, field, once)) as (node, executor):
         interrupt.defer()
-        node, executor = Echo(topic, field, once), SingleThreadedExecutor()
-        executor.add_node(node)
-        try:
-            with announced(f"waiting for a publisher of {topic}"):
-                while not (node.subscribed or interrupt.received):
-                    executor.spin_once(timeout_sec=TURN)
-                    node.subscribe()
-            while not (node.done or interrupt.received):
+        with announced(f"waiting for a publisher of {topic}"):
+            while not (node.subscribed or interrupt.received):
                 executor.spin_once(timeout_sec=TURN)
-        finally:
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.try_shutdown()
+                node.subscribe()
+        while not (node.done or interrupt.received):
+            executor.spin_once(timeout_sec=TURN)
     return DONE
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The end of a source: what was published is delivered, the recorder closes its bag, then the node is done."""
+"""The end of a source: everything published is delivered, the recorder closes its bag, then the node is done."""
 
 from __future__ import annotations
 

@@ -8,17 +8,17 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
-import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.cli import guarded
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
+from atpid_common.nodes.command_node import command_node
 from atpid_common.waiting import announced
 
 TRANSITIONS = {
@@ -76,20 +76,13 @@ class _Lifecycle:
 
 def change(name: str, transition: str) -> int:
     """Make the transition, print the node's state; return the exit status. Raises TransitionRefusedError."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    with Interrupt() as interrupt:
+    caller = partial(Node, "lifecycle_caller", start_parameter_services=False)
+    with Interrupt() as interrupt, command_node(caller) as (node, executor):
         interrupt.defer()
-        node, executor = Node("lifecycle_caller", start_parameter_services=False), SingleThreadedExecutor()
-        executor.add_node(node)
-        try:
-            lifecycle = _Lifecycle(node, executor, interrupt, name)
-            with announced(f"waiting for the lifecycle services of {name}"):
-                lifecycle.wait()
-            done, state = lifecycle.change(transition), lifecycle.state()
-        finally:
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.try_shutdown()
+        lifecycle = _Lifecycle(node, executor, interrupt, name)
+        with announced(f"waiting for the lifecycle services of {name}"):
+            lifecycle.wait()
+        done, state = lifecycle.change(transition), lifecycle.state()
     if not done:
         raise TransitionRefusedError(f"{name} did not {transition} and is {state}; its log has the reason")
     print(f"{name}: {state}")

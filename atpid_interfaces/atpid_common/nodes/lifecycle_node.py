@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A lifecycle node that outlives an impossible request."""
+"""A lifecycle node that refuses an impossible transition."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 
 
-class EnduringLifecycleNode(LifecycleNode):
-    """Refuses a transition that is impossible in its state, `configure` while it is active say.
+class CheckedLifecycleNode(LifecycleNode):
+    """Refuses a transition that is impossible in its state, such as `configure` while it is active.
 
-    rclpy's own lets the exception through, which ends the node: anybody in the ROS domain could stop a motor or an
-    acquisition in mid-run by a wrong request.
+    rclpy's own does not catch the exception, which ends the node: a wrong request from anywhere in the ROS domain
+    would stop a motor or an acquisition in mid-run.
     """
 
     def _LifecycleNodeMixin__on_change_state(  # noqa: N802  # the name of rclpy's callback

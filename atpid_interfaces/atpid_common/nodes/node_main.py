@@ -63,7 +63,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
             return _refuse(error, error.status)
         except ParameterException as error:
             return _refuse(f"parameter: {error}", BAD_INPUT)
-        except RuntimeError as error:  # arguments rcl cannot use: a parameter file that does not exist, say
+        except RuntimeError as error:  # arguments rcl cannot use: such as a parameter file that does not exist
             if node is not None or interrupt.received:
                 raise
             return _refuse(_in_words(error), BAD_INPUT)

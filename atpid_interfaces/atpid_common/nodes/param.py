@@ -6,22 +6,22 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.cli import guarded
 from atpid_common.errors import DONE, InputError
+from atpid_common.nodes.command_node import command_node
 
 #: How long to wait for the node to be discovered, and for its answer [s].
-PATIENCE = 10.0
+TIMEOUT = 10.0
 
 
 class ParamError(InputError):
@@ -29,35 +29,27 @@ class ParamError(InputError):
 
 
 class Client:
-    """Asks one node for its parameters."""
+    """The parameter services of one node."""
 
-    def __init__(self, name: str) -> None:
-        """Wait for the node's services; raise ParamError where they are not there."""
-        self._node = Node("param", start_parameter_services=False)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._name, self._asked = name, AsyncParameterClient(self._node, name)
-        if not self._asked.wait_for_services(PATIENCE):
-            self.close()
-            raise ParamError(f"node {name}: not found within {PATIENCE:g} s; is it running, in this ROS_DOMAIN_ID?")
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, name: str) -> None:
+        """Wait for the services of the node `name`; raise ParamError where they are not there."""
+        self._executor, self._name = executor, name
+        self._client = AsyncParameterClient(node, name)
+        if not self._client.wait_for_services(TIMEOUT):
+            raise ParamError(f"node {name}: not found within {TIMEOUT:g} s; is it running, in this ROS_DOMAIN_ID?")
 
-    def ask(self, call: Callable[[AsyncParameterClient], Any]) -> Any:
-        """Return the response to `call`; raise ParamError where none comes."""
-        answer = call(self._asked)
-        self._executor.spin_until_future_complete(answer, PATIENCE)
+    def call(self, request: Callable[[AsyncParameterClient], Any]) -> Any:
+        """Return the response to `request`; raise ParamError where none comes."""
+        answer = request(self._client)
+        self._executor.spin_until_future_complete(answer, TIMEOUT)
         if not answer.done():
-            raise ParamError(f"node {self._name}: no answer within {PATIENCE:g} s")
+            raise ParamError(f"node {self._name}: no answer within {TIMEOUT:g} s")
         return answer.result()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
 
 
 def get(client: Client, name: str) -> None:
     """Print the value of a parameter."""
-    (value,) = client.ask(lambda asked: asked.get_parameters([name])).values or (None,)
+    (value,) = client.call(lambda services: services.get_parameters([name])).values or (None,)
     if value is None or value.type == RosParameter.Type.NOT_SET.value:
         raise ParamError(f"parameter {name}: the node has none of this name")
     print(parameter_value_to_python(value))
@@ -66,7 +58,7 @@ def get(client: Client, name: str) -> None:
 def change(client: Client, name: str, text: str) -> None:
     """Set a parameter to the value that `text` is in YAML; raise ParamError with the node's reason where it refuses."""
     parameter = RosParameter(name, value=parameter_value_to_python(get_parameter_value(text)))
-    (result,) = client.ask(lambda asked: asked.set_parameters([parameter])).results
+    (result,) = client.call(lambda services: services.set_parameters([parameter])).results
     if not result.successful:
         raise ParamError(f"refused: {result.reason}")
     print(f"{name}: {parameter.value}")
@@ -74,7 +66,9 @@ def change(client: Client, name: str, text: str) -> None:
 
 def describe(client: Client, name: str) -> None:
     """Print description and range of a parameter."""
-    found: Sequence[ParameterDescriptor] = client.ask(lambda asked: asked.describe_parameters([name])).descriptors
+    found: Sequence[ParameterDescriptor] = client.call(
+        lambda services: services.describe_parameters([name])
+    ).descriptors
     if not found or not found[0].type:
         raise ParamError(f"parameter {name}: the node has none of this name")
     for allowed in (*found[0].floating_point_range, *found[0].integer_range):
@@ -86,7 +80,7 @@ def describe(client: Client, name: str) -> None:
 
 def list_all(client: Client) -> None:
     """Print the names of all parameters."""
-    print("\n".join(sorted(client.ask(lambda asked: asked.list_parameters([], 10)).result.names)))
+    print("\n".join(sorted(client.call(lambda services: services.list_parameters([], 10)).result.names)))
 
 
 VERBS: dict[str, tuple[Callable[..., None], tuple[str, ...], str]] = {
@@ -103,22 +97,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for verb, (act, arguments, text) in VERBS.items():
         command = verbs.add_parser(verb, help=text)
-        command.add_argument("node", help="name of the node, /selector_node say")
+        command.add_argument("node", help="name of the node, for example /selector_node")
         for argument in arguments:
             command.add_argument(argument)
         command.set_defaults(act=act, arguments=arguments)
 
     def run() -> int:
         given = parser.parse_args(argv)
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            client = Client(given.node)
-            try:
-                given.act(client, *(getattr(given, argument) for argument in given.arguments))
-            finally:
-                client.close()
-        finally:
-            rclpy.try_shutdown()
+        with command_node(partial(Node, "param", start_parameter_services=False)) as (node, executor):
+            client = Client(node, executor, given.node)
+            given.act(client, *(getattr(given, argument) for argument in given.arguments))
         return DONE
 
     return guarded(run)

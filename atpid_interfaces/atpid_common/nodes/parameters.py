@@ -117,7 +117,7 @@ def follow(
     node: Node,
     table: Sequence[Row],
     changed: Callable[[dict[str, Any]], None],
-    check: Callable[[dict[str, Any]], None] = lambda values: None,
+    check: Callable[[dict[str, Any]], None] = lambda _: None,
 ) -> None:
     """Validate changes of the live parameters and pass accepted ones to `changed` (name: value).
 

@@ -20,7 +20,7 @@ Report = Callable[[int, str, str, float], None]
 
 
 class RecorderWatch:
-    """The recorder as a source sees it: not there, recording, closed, or gone."""
+    """State of the recorder: not there, recording, closed, or gone."""
 
     def __init__(self, node: Node, on_status: Callable[[RecorderStatus], None], report: Report, *, expected: bool):
         """Subscribe. `report` is called when the recorder has gone and when it is back, where it is `expected`."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prevents two nodes of one name: two plants would feed one loop, two motor nodes would move one ceiling."""
+"""Prevents two nodes of one name: two plants would drive one loop, two motor nodes would move one ceiling."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def claim(name: str) -> socket.socket:
     return holder
 
 
-def namesakes(node: Node) -> int:
+def duplicates(node: Node) -> int:
     """Return how many other nodes of this fully qualified name discovery shows, on other machines too."""
     own = (node.get_name(), node.get_namespace())
     seen: list[tuple[str, str]] = node.get_node_names_and_namespaces()
@@ -45,7 +45,7 @@ def namesakes(node: Node) -> int:
 
 def is_alone(node: Node) -> bool:
     """Return whether discovery shows no other node of this name now."""
-    return namesakes(node) == 0
+    return duplicates(node) == 0
 
 
 def check_alone(node: Node) -> None:

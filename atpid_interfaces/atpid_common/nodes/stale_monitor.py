@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reports messages that stay away: an event and a diagnostic status within the time-out, and an event when they resume.
+"""Reports topics without messages: an event and a diagnostic status within the time-out, and an event when they resume.
 
 Monitoring begins with the first message that is no handshake and pauses at the end of a run. Time is that of the steady
 clock; a loop in lockstep has no use for it.
@@ -68,7 +68,7 @@ class StaleMonitor:
             topic.timer.cancel()
 
     def received(self, name: str, stamp_ns: int | None = None, period: float = 0.0) -> None:
-        """Take note of a message that is no handshake.
+        """Record a message that is not of the handshake.
 
         stamp_ns: of the last sample it stands for [ns]; None: it stands for none. period: expected from one message to
         the next, where it is known [s]; three missing messages are silence where that is longer than the time-out.
@@ -107,7 +107,7 @@ class StaleMonitor:
 
     @property
     def stale(self) -> list[str]:
-        """Names of the topics whose messages stay away."""
+        """Names of the topics without messages."""
         return [topic.name for topic in self._topics.values() if topic.stale]
 
     def status(self) -> DiagnosticStatus:

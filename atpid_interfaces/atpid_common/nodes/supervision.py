@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node of the loop reports of itself and its partners: silent inputs, quality of service, diagnostics."""
+"""The monitors of a node of the loop: silent inputs, quality of service, diagnostics."""
 
 from __future__ import annotations
 

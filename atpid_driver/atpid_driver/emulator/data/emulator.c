@@ -34,11 +34,10 @@ struct host {
     int master;        /* -1: unplugged */
     const char *link;
     int reset_on_open;
-    int open;          /* somebody has the port open */
+    int open;          /* a host has the port open */
     double pace;
     double paced_from; /* wall time [s] at which `paced_clock` was right */
     uint64_t paced_clock;
-    double lag;        /* simulated seconds not made up for because this machine was too slow */
 };
 
 static struct mega mega;
@@ -104,7 +103,6 @@ static void exchange_with_host(void) {
 static void follow_clock(void) {
     double due = (double)host.paced_clock + (wall() - host.paced_from) * host.pace * (double)MEGA_HZ;
     if (due - (double)mega.clock > (double)LARGEST_LAG) {
-        host.lag += (due - (double)mega.clock) / (double)MEGA_HZ;
         set_pace(host.pace);
         due = (double)mega.clock + (double)LONGEST_SLICE;
     }
@@ -116,10 +114,10 @@ static void follow_clock(void) {
 static void print_state(void) {
     const struct stand *stand = &mega.stand;
     printf("{\"board\": \"%s\", \"ms\": %.3f, \"motor\": %d, \"height_um\": %.1f, \"travel_um\": %.1f, \"switched\": %llu, "
-           "\"resets\": %u, \"motor_off_ms\": %.3f, \"last_byte_ms\": %.3f, \"lag_s\": %.3f, \"open\": %d}\n",
+           "\"resets\": %u, \"motor_off_ms\": %.3f, \"last_byte_ms\": %.3f, \"open\": %d}\n",
            mega_state(&mega), (double)mega.clock / CYCLES_A_MS, stand->motor, stand->height_um, stand->travel_um,
            (unsigned long long)stand->switched, mega.resets, (double)mega.motor_off_at / CYCLES_A_MS,
-           (double)mega.last_byte_at / CYCLES_A_MS, host.lag, host.open);
+           (double)mega.last_byte_at / CYCLES_A_MS, host.open);
 }
 
 static int send_hex(const char *text) {

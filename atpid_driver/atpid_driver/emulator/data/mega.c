@@ -50,13 +50,13 @@ static void on_byte(avr_irq_t *irq, uint32_t value, void *param) {
 static void on_pause(avr_irq_t *irq, uint32_t value, void *param) {
     (void)irq;
     (void)value;
-    ((struct mega *)param)->deaf = 1;
+    ((struct mega *)param)->paused = 1;
 }
 
 static void on_resume(avr_irq_t *irq, uint32_t value, void *param) {
     (void)irq;
     (void)value;
-    ((struct mega *)param)->deaf = 0;
+    ((struct mega *)param)->paused = 0;
 }
 
 static void on_conversion(avr_irq_t *irq, uint32_t value, void *param) {
@@ -91,7 +91,7 @@ static void eeprom_save(struct mega *mega) {
 static void restarted(struct mega *mega) {
     ++mega->resets;
     mega->to_board.count = 0;
-    mega->deaf = 0;
+    mega->paused = 0;
     mega->stuck_until = mega->clock + mega->bootloader;
 }
 
@@ -166,7 +166,7 @@ static void show_contacts(struct mega *mega) {
 }
 
 static void send_byte(struct mega *mega) {
-    int byte = mega->deaf ? -1 : queue_take(&mega->to_board);
+    int byte = mega->paused ? -1 : queue_take(&mega->to_board);
     if (byte < 0) return;
     avr_raise_irq(avr_io_getirq(mega->avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT), (uint32_t)byte);
     mega->last_byte_at = mega->clock;
@@ -202,7 +202,7 @@ void mega_run(struct mega *mega, uint64_t cycles) {
             send_byte(mega);
             run_board(mega);
         } else {
-            mega->to_board.count = 0; /* nobody listens */
+            mega->to_board.count = 0; /* no host */
             mega->clock += MEGA_STEP;
         }
         look_at_motor(mega);

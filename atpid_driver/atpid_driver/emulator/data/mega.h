@@ -9,7 +9,7 @@
 #include "stand.h"
 
 #define MEGA_HZ 16000000ull
-#define MEGA_STEP 640ull /* cycles between two looks at the stand: 40 us, a byte at 250 kbaud */
+#define MEGA_STEP 640ull /* cycles between two updates of the stand: 40 us, a byte at 250 kbaud */
 #define QUEUE 65536u
 
 struct queue {
@@ -27,7 +27,7 @@ struct mega {
     uint64_t bootloader;   /* cycles */
     uint64_t motor_off_at; /* clock when the motor was last switched off */
     uint64_t last_byte_at; /* clock when the board was last sent a byte */
-    int deaf;              /* simavr's receiver asks for a pause */
+    int paused;            /* simavr's receiver requests a pause */
     unsigned resets;       /* restarts of any kind since the emulator was started */
     struct queue to_board, from_board;
 };

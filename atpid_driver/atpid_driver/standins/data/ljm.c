@@ -20,7 +20,7 @@ enum {
 #define T7 7
 #define USB 1
 #define DUMMY (-9999.0)
-#define BUFFER_SECONDS 20.0 /* LJM keeps so much when nobody reads */
+#define BUFFER_SECONDS 20.0 /* kept by LJM while it is not read */
 #define HANDLES 8
 #define REGISTERS 64
 
@@ -81,7 +81,7 @@ int LJM_OpenS(const char *type, const char *connection, const char *identifier, 
     pthread_mutex_lock(&lock);
     for (int i = 0; i < HANDLES; i++) {
         Device *device = &devices[i];
-        if (device->open && device->stream.control == control) { /* LJM gives out one handle a connection, and heals it */
+        if (device->open && device->stream.control == control) { /* LJM returns one handle for each connection, and restores it */
             if (!present(device)) device->streaming = 0;
             device->identity = *control;
             *handle = i + 1;
@@ -235,8 +235,8 @@ int LJM_eStreamRead(int handle, double *data, int *device_backlog, int *host_bac
     if (device == NULL) return NOT_OPEN;
     if (!device->streaming) return NOT_RUNNING;
     Stream *stream = &device->stream;
-    double patience = 1.0 + 2.0 * device->scans_per_read / stream->rate;
-    int error = read_error(device, stream_wait(stream, (uint64_t)device->scans_per_read, patience));
+    double timeout_s = 1.0 + 2.0 * device->scans_per_read / stream->rate;
+    int error = read_error(device, stream_wait(stream, (uint64_t)device->scans_per_read, timeout_s));
     if (error != 0) {
         device->streaming = 0; /* a read error stops the stream */
         return error;

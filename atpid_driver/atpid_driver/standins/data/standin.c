@@ -43,7 +43,7 @@ static const void *map_file(const char *path, const char *magic, size_t *size) {
     return memory;
 }
 
-/* Mapped once a path and kept: clients hold handles to it for as long as the process lives. */
+/* Mapped once a path and kept: clients hold handles to it until the process ends. */
 const Control *control_open(const char *variable) {
     static struct { char path[512]; const Control *control; } known[KNOWN];
     const char *path = getenv(variable);
@@ -111,7 +111,7 @@ static uint64_t feed_scans(const Stream *stream) {
 
 static uint64_t clock_scans(const Stream *stream) {
     double seconds = (double)(now_ns() - stream->start_ns) * 1e-9;
-    return (uint64_t)(seconds * stream->rate * (1.0 + stream->control->ppm * 1e-6));
+    return (uint64_t)(seconds * stream->rate);
 }
 
 static void lose(Stream *stream, uint64_t from, uint64_t to) {

@@ -22,7 +22,6 @@ typedef struct {
     uint64_t drop;    /* scans to lose, total since the start */
     int32_t fail_code; /* error the next read returns, once per count */
     uint32_t fail_count;
-    double ppm; /* error of the device's clock */
 } Control;
 
 typedef struct {

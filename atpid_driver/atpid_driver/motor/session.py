@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A conversation with the firmware over a port: ask, wait for the answer of the same sequence, ask again if lost."""
+"""A session with the firmware: a request, the answer of the same sequence, the request again where none comes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SPEED_TOLERANCE: Final = 0.05
 
 
 class Port(Protocol):
-    """The few things a conversation needs of a serial port."""
+    """The part of a serial port that a session uses."""
 
     def write(self, data: bytes) -> None:
         """Send all bytes. Raises `LinkError`."""
@@ -39,14 +39,14 @@ class Port(Protocol):
         """Return bytes up to and with a line end; what came within `timeout` [s] otherwise. Raises `LinkError`."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close it."""
 
 
 class SessionLostError(LinkError):
-    """The board was restarted under the conversation: it must be identified again."""
+    """The board was restarted during the session: it must be identified again."""
 
 
-class Conversation:
+class Session:
     """One session with the firmware; not safe for threads, one owner only."""
 
     def __init__(self, port: Port) -> None:
@@ -56,15 +56,15 @@ class Conversation:
         self.garbled = 0
         self.repeated = 0
 
-    def ask(self, word: str, *arguments: int) -> Reply:
-        """Return the answer to a command, asked again if need be: the firmware does a repeated frame only once.
+    def request(self, word: str, *arguments: int) -> Reply:
+        """Return the answer to a command, sent again where none comes: the firmware carries out a repeated frame once.
 
         Raises `LinkError` if there is none, `SessionLostError` if the board was restarted.
         """
-        request = self._next(word, *arguments)
+        frame = self._next(word, *arguments)
         for attempt in range(ATTEMPTS):
             self.repeated += attempt > 0
-            self._port.write(request)
+            self._port.write(frame)
             reply = self._answer(ANSWER_TIME)
             if isinstance(reply, Refusal) and reply.reason == "SESSION":
                 raise SessionLostError("the board was restarted: its height is lost until it has homed again")
@@ -72,13 +72,13 @@ class Conversation:
                 return reply
         raise LinkError(f"no answer to {word} within {ATTEMPTS * ANSWER_TIME:g} s")
 
-    def identify(self, timeout: float, given_up: Callable[[], bool] = lambda: False) -> IdentityReply:
-        """Ask who is there until it answers: opening the port restarts a board, whose bootloader then swallows bytes.
+    def identify(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> IdentityReply:
+        """Request the identity until the board answers: opening the port restarts it; its bootloader discards bytes.
 
-        Raises `LinkError` after `timeout` [s] or when it is `given_up`.
+        Raises `LinkError` after `timeout` [s] or when `cancelled` returns true.
         """
         end = time.monotonic() + timeout
-        while time.monotonic() < end and not given_up():
+        while time.monotonic() < end and not cancelled():
             self._port.write(self._next("ID"))
             reply = self._answer(IDENTIFY_TIME)
             if isinstance(reply, IdentityReply):
@@ -105,7 +105,7 @@ class Conversation:
 
 
 def check_identity(reply: IdentityReply, limits: Limits) -> None:
-    """Raise `IdentityError` for a firmware not spoken to here, `LimitsError` if `limits` are not inside its own."""
+    """Raise `IdentityError` for a firmware that is not supported, `LimitsError` if `limits` are not inside its own."""
     if reply.name != NAME:
         raise IdentityError(f"{reply.name!r} answers, not {NAME}: wrong port, or flash atpid_driver/firmware")
     if reply.protocol != PROTOCOL or not reply.version.startswith(VERSION):

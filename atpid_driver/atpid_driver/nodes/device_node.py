@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A lifecycle node of one device: each failed transition is reported once, and its end releases the device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.timer import Timer
+
+from atpid_common.nodes.lifecycle_node import CheckedLifecycleNode
+from atpid_driver.errors import DriverError
+
+
+class DeviceNode(CheckedLifecycleNode):
+    """Its transitions are `_configure`, `_activate`, `_deactivate` and `_release` of the subclass.
+
+    A DriverError fails the transition, another exception is an error of it; both are passed to `_report`.
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        """Begin unconfigured."""
+        super().__init__(name, **kwargs)
+        self._last_error = ""
+        self._may_retry = True  # whether the last transition may succeed later with the same parameters
+        self._starter: Timer | None = None  # of autostart, until the node is active
+
+    def _configure(self) -> None:
+        """Open and identify the device."""
+        raise NotImplementedError
+
+    def _activate(self) -> None:
+        """Start it."""
+        raise NotImplementedError
+
+    def _deactivate(self) -> None:
+        """Stop it; it stays open."""
+        raise NotImplementedError
+
+    def _release(self) -> None:
+        """Stop and close it, in any state."""
+        raise NotImplementedError
+
+    def _report(self, text: str) -> None:
+        self.get_logger().error(text)
+
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Open and identify the device."""
+        return self._transition("configure", self._configure)
+
+    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Start it."""
+        return self._transition("activate", self._activate)
+
+    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop it; it stays open."""
+        return self._transition("deactivate", self._deactivate)
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Close it."""
+        return self._transition("clean up", self._release)
+
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and close it from any state."""
+        self._end_starting()
+        return self._transition("shut down", self._release)
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Return to unconfigured, so that the node can be configured again."""
+        self._transition("release the device", self._release)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _transition(self, verb: str, act: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            act()
+        except DriverError as error:
+            self._report_once(f"cannot {verb}: {error}")
+            self._may_retry = error.retry
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy drops exceptions of transitions without a message
+            self._report_once(f"cannot {verb}: {type(error).__name__}: {error}")
+            self._may_retry = False
+            return TransitionCallbackReturn.ERROR
+        self._last_error = ""
+        return TransitionCallbackReturn.SUCCESS
+
+    def _report_once(self, text: str) -> None:
+        """Report an error once, not at every attempt."""
+        if text != self._last_error:
+            self._report(text)
+        self._last_error = text
+
+    def _end_starting(self) -> None:
+        if self._starter is not None:
+            self.destroy_timer(self._starter)
+            self._starter = None
+
+    def destroy_node(self) -> None:
+        """Release the device, then end the node."""
+        self._transition("release the device", self._release)
+        self.leave_graph()
+
+    def leave_graph(self) -> None:
+        """End the node itself; rclpy keeps the state machine, and with it the node's name in the graph."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
