@@ -2,7 +2,7 @@
 """One call for every law: the kernels that steppers use, chosen by the law's number.
 
 The error model is named, here and in every law: a function that names none takes it from whoever compiles it first, and
-with Python's, which a call from outside brings, steps take 2.4 times as long (docs/decisions/0108).
+with Python's, which a call from outside brings, steps take 2.4 times as long (docs/decisions/0008-kernels.md).
 """
 
 from __future__ import annotations
