@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import functools
-import importlib
 import importlib.util
 import io
 import re
@@ -16,7 +15,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from documented import PAGES, ROOT, Said, anchors, commands, files, links, pieces
+from documented import PAGES, ROOT, Said, anchors, commands, exists, files, links, pieces
 
 #: The tests that run a documented command, or a shorter one like it: file, pattern for the command's beginning, test.
 RUN = {
@@ -224,17 +223,7 @@ def test_every_file_mentioned_exists() -> None:
 def test_every_module_mentioned_exists() -> None:
     names = {(said.page, name) for said in pieces() for name in re.findall(r"\batpid_\w+(?:\.\w+)+", said.text)}
     dotted = [(page, name) for page, name in names if not _FILE.search(name) and not name.endswith("npz")]
-    assert sorted((page, name) for page, name in dotted if not importable(name)) == []
-
-
-def importable(name: str) -> bool:
-    """Whether the dotted name is a module, or something in one."""
-    if importlib.util.find_spec(name.split(".")[0]) is None:
-        return False
-    with contextlib.suppress(ModuleNotFoundError):
-        return importlib.import_module(name) is not None
-    module, _, last = name.rpartition(".")
-    return "." in name and importable(module) and hasattr(importlib.import_module(module), last)
+    assert sorted((page, name) for page, name in dotted if not exists(name)) == []
 
 
 @pytest.mark.parametrize(
