@@ -56,8 +56,8 @@ def pieces() -> list[Said]:
 
 def commands() -> list[Said]:
     """Return what a reader may type, without the remark after it."""
-    found = [Said(page, _COMMAND.search(text)) for page, text in pieces()]  # type: ignore[arg-type]
-    whole = [Said(page, match[0]) for page, match in found if match and match.start() <= len('eval "$(')]  # type: ignore[index, union-attr]
+    found = [(page, _COMMAND.search(text)) for page, text in pieces()]
+    whole = [Said(page, match[0]) for page, match in found if match and match.start() <= len('eval "$(')]
     return [Said(page, re.split(r"\s+# ", text)[0].strip()) for page, text in whole]
 
 

@@ -124,7 +124,7 @@ MADE_OR_GIVEN = {
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "tradeoff.md", "tradeoff.png",
-    "scene.yaml", "stdint.h",
+    "scene.yaml", "stdint.h", "my_beam.yaml", "my_map.npz",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"
