@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from documented import PAGES, ROOT
@@ -17,26 +18,26 @@ EXAMPLES = [
 ]
 
 
-def run(text, folder, python=sys.executable, environment=None):
-    """Run an example in a folder that shows what a clone has, so that what it writes does not land there."""
+def run(text: str, folder: Path, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    """Run an example in a folder with links to what a clone has, so that it writes nothing there."""
     for name in ("scenes", "bags"):
         (folder / name).symlink_to(ROOT / name)
-    command = [python, "-W", "error", "-c", text]
+    command = [sys.executable, "-W", "error", "-c", text]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
 
 
 @pytest.mark.parametrize("text", [text for _, text in EXAMPLES], ids=[name for name, _ in EXAMPLES])
-def test_an_example_runs_as_printed(text, tmp_path):
+def test_an_example_runs_as_printed(text: str, tmp_path: Path) -> None:
     done = run(text, tmp_path)
     assert done.returncode == 0, done.stderr
 
 
-def test_reading_a_bag_needs_the_packages_folders_alone(tmp_path):
+def test_reading_a_bag_needs_the_packages_folders_alone(tmp_path: Path) -> None:
     """No ROS, no workspace: as docs/recording.md says for the interpreter of the environment without activation."""
     page = (ROOT / "docs/recording.md").read_text()
-    folders = re.search(r"`PYTHONPATH=(\S+) \.venv/bin/python`", page)[1].split(":")
+    (folders,) = re.findall(r"`PYTHONPATH=(\S+) \.venv/bin/python`", page)
     text = next(text for name, text in EXAMPLES if name.startswith("recording.md"))
-    places = os.pathsep.join(str(ROOT / folder) for folder in folders)
+    places = os.pathsep.join(str(ROOT / folder) for folder in folders.split(":"))
     environment = {"HOME": os.environ["HOME"], "PATH": "/usr/bin:/bin", "PYTHONPATH": places}
     done = run(text, tmp_path, environment=environment)
     assert done.returncode == 0, done.stderr
