@@ -120,11 +120,12 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
+    "my_beam.yaml", "my_map.npz",
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "tradeoff.md", "tradeoff.png",
-    "scene.yaml", "stdint.h", "my_beam.yaml", "my_map.npz",
+    "scene.yaml", "stdint.h",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"

@@ -42,4 +42,5 @@ def test_reading_a_bag_needs_the_packages_folders_alone(tmp_path: Path) -> None:
     done = run(text, tmp_path, environment=environment)
     assert done.returncode == 0, done.stderr
     header, *rows = (tmp_path / "out/samples.csv").read_text().splitlines()
-    assert header == "time,support,beam" and len(rows) == 8000
+    assert header == "time,support,beam"
+    assert len(rows) == 8000

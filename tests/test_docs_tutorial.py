@@ -58,7 +58,8 @@ def test_each_command_does_its_step(folder: Path) -> None:
     printed = json.loads((folder / "printed.json").read_text(encoding="utf-8"))
     assert len(printed) == len(_PRINTED)
     for (command, text), (pattern, word) in zip(printed.items(), _PRINTED.items(), strict=True):
-        assert re.match(pattern, command) and word in text, f"{command}\n{text}"
+        assert re.match(pattern, command)
+        assert word in text, f"{command}\n{text}"
 
 
 @pytest.mark.slow
@@ -66,10 +67,12 @@ def test_the_own_beam_is_damped_in_both_stages_and_the_replay_agrees(folder: Pat
     summary = json.loads((folder / "out/my_beam/summary.json").read_text(encoding="utf-8"))
     assert [stage["excitation_amplitude"] for stage in summary["stages"]] == pytest.approx([0.001, 0.002])
     assert all(stage["efficiency"] > 0.5 for stage in summary["stages"])
-    assert summary["warnings"] == [] and summary["lost_scans"] == 0
+    assert summary["warnings"] == []
+    assert summary["lost_scans"] == 0
     assert "<html" in (folder / "out/my_beam/report.html").read_text(encoding="utf-8")
     topics = json.loads((folder / "out/again/replay.json").read_text(encoding="utf-8"))["topics"]
-    assert len(topics) == 2 and all(topic["agreeing"] == 240 for topic in topics)
+    assert len(topics) == 2
+    assert all(topic["agreeing"] == 240 for topic in topics)
 
 
 @pytest.mark.slow
@@ -79,4 +82,5 @@ def test_the_python_example_reads_the_own_bag(folder: Path) -> None:
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False, timeout=300.0)
     assert done.returncode == 0, done.stderr
     times, amplitudes = zip(*(map(float, line.split()) for line in done.stdout.splitlines()), strict=True)
-    assert len(times) == 240 and amplitudes[-1] == pytest.approx(0.002, rel=0.01)
+    assert len(times) == 240
+    assert amplitudes[-1] == pytest.approx(0.002, rel=0.01)
