@@ -17,7 +17,7 @@ from atpid_common.cache import cache_root
 from atpid_common.errors import InputError
 from atpid_common.share import share_folder
 from atpid_sim.display import counting, working
-from atpid_sim.maps import HeightMap, MapError, Rig, best_height, build_map
+from atpid_sim.maps import HeightMap, MapError, Rig, best_height, build_map, map_tolerance
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
@@ -107,7 +107,7 @@ def _make(scene: Scene, folder: Path) -> Path:
 
 def _largest_computable(scene: Scene, needed: float, wanted: float) -> float:
     """Return about the largest support amplitude [m] up to `wanted` with a best height, at least `needed`."""
-    rig = Rig(scene, max(scene.tolerance, 1e-5))
+    rig = Rig(scene, map_tolerance(scene))
     if wanted <= needed or _computable(rig, wanted):
         return wanted
     low, high = needed, wanted

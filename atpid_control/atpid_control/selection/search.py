@@ -86,7 +86,7 @@ class SearchSelector:
     def __init__(self, scene: Scene, plan: Plan | None = None) -> None:
         """Take the plant of a scene, and the ceiling's range and speed where it is controlled."""
         self._scene, self._plan = scene, plan
-        self._rig = Rig(scene, scene.tolerance)
+        self._rig = Rig(scene)
         self._limits = getattr(scene.ceiling, "range", (self._rig.diameter, math.inf))
         self._speed = getattr(scene.ceiling, "speed", None)
 

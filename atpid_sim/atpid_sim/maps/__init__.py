@@ -3,18 +3,26 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
+from atpid_sim.maps.approaches import ALL_APPROACHES, FROM_CLOSED, Approach, travelled
 from atpid_sim.maps.best import Best, best_height
-from atpid_sim.maps.build import build_map
+from atpid_sim.maps.build import build_map, map_tolerance
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.header import header_text, write_header
 from atpid_sim.maps.height_map import Failure, HeightMap, MapEntry
-from atpid_sim.maps.rig import Response, Rig, Timing
-from atpid_sim.maps.ways import ALL_WAYS, FROM_CLOSED, Way, travelled
+from atpid_sim.maps.response import DamperResponse, Response, Timing
+
+#: Earlier names, until every caller has the new ones.
+Rig: TypeAlias = DamperResponse
+Way: TypeAlias = Approach
 
 __all__ = [
-    "ALL_WAYS",
+    "ALL_APPROACHES",
     "FROM_CLOSED",
+    "Approach",
     "Best",
+    "DamperResponse",
     "Failure",
     "HeightMap",
     "MapEntry",
@@ -26,6 +34,7 @@ __all__ = [
     "best_height",
     "build_map",
     "header_text",
+    "map_tolerance",
     "travelled",
     "write_header",
 ]

@@ -16,8 +16,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from atpid_sim.maps.rig import Rig, Timing
-from atpid_sim.maps.ways import ALL_WAYS, Way
+from atpid_sim.maps.approaches import ALL_APPROACHES, Approach
+from atpid_sim.maps.response import DamperResponse, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
@@ -76,11 +76,11 @@ class Best:
 
 
 def best_height(
-    rig: Rig,
+    rig: DamperResponse,
     amplitude: float,
     loyalty: float = 0.0,
     limits: tuple[float, float] = (0.0, math.inf),
-    ways: Sequence[Way] = ALL_WAYS,
+    ways: Sequence[Approach] = ALL_APPROACHES,
     mapper: Mapper = map,
 ) -> Best:
     """Return the best height for a support amplitude [m]. Raises NumericalFailure where a run fails.
@@ -123,7 +123,12 @@ class Search:
     """Rates heights at one amplitude and remembers what it found."""
 
     def __init__(
-        self, rig: Rig, amplitude: float, limits: tuple[float, float], ways: Sequence[Way], mapper: Mapper
+        self,
+        rig: DamperResponse,
+        amplitude: float,
+        limits: tuple[float, float],
+        ways: Sequence[Approach],
+        mapper: Mapper,
     ) -> None:
         """See `best_height`."""
         self._rig, self._amplitude, self._paths, self._map = rig, amplitude, ways, mapper

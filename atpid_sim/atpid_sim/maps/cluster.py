@@ -13,7 +13,7 @@ from typing import Any
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.journal import Point
 from atpid_sim.maps.point import values_at
-from atpid_sim.maps.rig import Rig
+from atpid_sim.maps.response import DamperResponse
 from atpid_sim.scene import Scene, scene_from_mapping
 
 #: How long a scheduler may take to answer [s].
@@ -52,7 +52,7 @@ def point_of_map(mapping: dict[str, Any], point: Point, tolerance: float, loyalt
     """Return one point (mass fraction, amplitude [m]) of the map of the scene in `mapping`; runs on a worker."""
     fraction, amplitude = point
     scene = scene_from_mapping(mapping, source="scene of the map").with_(mass_fraction=fraction)
-    return values_at(Rig(scene, tolerance), amplitude, loyalty)
+    return values_at(DamperResponse(scene, tolerance), amplitude, loyalty)
 
 
 def _distributed() -> Any:
