@@ -25,14 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--systems", type=int, default=1000, metavar="N", help="how many systems; default 1000")
     parser.add_argument("--first", type=int, default=0, metavar="I", help="index of the first; default 0")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="which sequence of systems; default 1")
-    parser.add_argument("--rungs", default="soft,impact", metavar="F,F", help="fidelities to run; default soft,impact")
+    parser.add_argument("--fidelities", default="soft,impact", metavar="F,F", help="levels to run; default soft,impact")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for extremes.json and extremes.md")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a guarantee."""
     folder = output.folder(Path(args.out))
-    asked = args.rungs.split(",")
+    asked = args.fidelities.split(",")
     jobs = [
         (index, fidelity)
         for index in range(args.first, args.first + args.systems)

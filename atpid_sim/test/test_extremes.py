@@ -61,7 +61,7 @@ def test_an_elastic_grain_without_play_is_carried(contact):
 
 
 def test_the_command_writes_its_table(tmp_path, capsys):
-    assert main(["extremes", "--systems", "4", "--seed", "7", "--rungs", "impact", "--out", str(tmp_path)]) == 0
+    assert main(["extremes", "--systems", "4", "--seed", "7", "--fidelities", "impact", "--out", str(tmp_path)]) == 0
     told = json.loads((tmp_path / "extremes.json").read_text())
     assert told["runs"] == 4 and told["broken"] == []
     assert (tmp_path / "extremes.md").read_text() in capsys.readouterr().out

@@ -15,7 +15,7 @@ from atpid_control.selection.predictive import Impact, response_lag
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.integration import impact_log, sample_series
-from atpid_sim.maps import Rig
+from atpid_sim.maps import DamperResponse
 
 Array = NDArray[np.float64]
 
@@ -41,12 +41,12 @@ class Observed:
 class ComplexModel:
     """One simulation that goes on while the ceiling is moved; times count from the first impact on the floor."""
 
-    def __init__(self, rig: Rig, amplitude: float, t: float, start: Impact, height: float) -> None:
+    def __init__(self, damper: DamperResponse, amplitude: float, t: float, start: Impact, height: float) -> None:
         """Begin with an impact on the floor at time t [s] of the Simplified Model."""
-        self._rig, self._amplitude, self.height = rig, amplitude, height
-        omega = 2.0 * math.pi * rig.frequency
-        self._phase = omega * t + response_lag(rig.system, rig.frequency)
-        beam = start.beam - rig.system.beam_mass * rig.system.gravity / rig.system.stiffness
+        self._damper, self._amplitude, self.height = damper, amplitude, height
+        omega = 2.0 * math.pi * damper.frequency
+        self._phase = omega * t + response_lag(damper.system, damper.frequency)
+        beam = start.beam - damper.system.beam_mass * damper.system.gravity / damper.system.stiffness
         self._state = State.resting(beam, start.beam_rate)
         self._state.y[columns.GRAIN] += _JUST_ABOVE
         self._state.y[columns.GRAIN_VELOCITY] = start.grain_rate
@@ -65,9 +65,9 @@ class ComplexModel:
         is the one that throws it up. None, and no time passed, where within `periods` it does not come back.
         """
         state, log = self._state.copy(), impact_log(_LOG)
-        end = self.time + periods * self._rig.period
+        end = self.time + periods * self._damper.period
         self._advance(state, end, impacts=log)
-        throw = _throw(log[: state.n[columns.IMPACTS]], self.time + 0.1 * self._rig.period)
+        throw = _throw(log[: state.n[columns.IMPACTS]], self.time + 0.1 * self._damper.period)
         if throw is None:
             return None
         self._advance(self._state, throw)
@@ -76,31 +76,31 @@ class ComplexModel:
 
     def observe(self, height: float, settle: float, window: float) -> Observed:
         """Move the ceiling to a height [m] within one period, let `settle` periods pass and watch `window` periods."""
-        rig, begun = self._rig, self.time
-        begin = begun + (1.0 + settle) * rig.period
-        end = begin + window * rig.period
-        path = ((begun, self.height), (begun + rig.period, height))
+        damper, begun = self._damper, self.time
+        begin = begun + (1.0 + settle) * damper.period
+        end = begin + window * damper.period
+        path = ((begun, self.height), (begun + damper.period, height))
         samples, log = sample_series(int(window * _SAMPLES)), impact_log(_LOG)
-        self._rig.advance(
+        self._damper.advance(
             self._amplitude, self._state, path, begin, end,
-            phase=self._phase, samples=samples, rate=_SAMPLES * rig.frequency, impacts=log,
+            phase=self._phase, samples=samples, rate=_SAMPLES * damper.frequency, impacts=log,
         )  # fmt: skip
         self.height = height
         self.evaluations += 1
-        times = begin + np.arange(samples.shape[1]) * rig.period / _SAMPLES
+        times = begin + np.arange(samples.shape[1]) * damper.period / _SAMPLES
         impacts = log[: self._state.n[columns.IMPACTS]]
         longest = float(self._state.y[columns.LONGEST])
-        verdict = judge(impacts, times, samples[columns.S_VELOCITY], longest, rig.period)
+        verdict = judge(impacts, times, samples[columns.S_VELOCITY], longest, damper.period)
         return Observed(self._state.amplitude, verdict)
 
     def _advance(self, state: State, end: float, **extra: Any) -> None:
         path = ((state.time, self.height),)
         begin = state.time if "samples" in extra else end
-        self._rig.advance(self._amplitude, state, path, begin, end, phase=self._phase, **extra)
+        self._damper.advance(self._amplitude, state, path, begin, end, phase=self._phase, **extra)
 
     def _leave_floor(self) -> None:
         """Go on until floor and grain no longer overlap, at most for the longest time an impact may last."""
-        length = _LONGEST_IMPACT * self._rig.period
+        length = _LONGEST_IMPACT * self._damper.period
         samples = sample_series(_LOOKS)
         self._advance(self._state.copy(), self.time + length, samples=samples, rate=_LOOKS / length)
         apart = np.flatnonzero(samples[columns.S_GRAIN] > samples[columns.S_BEAM])
@@ -109,7 +109,7 @@ class ComplexModel:
         self._advance(self._state, self.time + looks * length / _LOOKS)
 
     def _impact(self) -> Impact:
-        state, s = self._state, self._rig.system
+        state, s = self._state, self._damper.system
         equilibrium = s.beam_mass * s.gravity / s.stiffness
         return Impact(state.beam + equilibrium, state.beam_velocity, state.grain_velocity)
 

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 from atpid_sim.maps.approaches import ALL_APPROACHES, FROM_CLOSED, Approach, travelled
 from atpid_sim.maps.best import Best, best_height
 from atpid_sim.maps.build import build_map, map_tolerance
@@ -12,10 +10,6 @@ from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.header import header_text, write_header
 from atpid_sim.maps.height_map import Failure, HeightMap, MapEntry
 from atpid_sim.maps.response import DamperResponse, Response, Timing
-
-#: Earlier names, until every caller has the new ones.
-Rig: TypeAlias = DamperResponse
-Way: TypeAlias = Approach
 
 __all__ = [
     "ALL_APPROACHES",
@@ -28,9 +22,7 @@ __all__ = [
     "MapEntry",
     "MapError",
     "Response",
-    "Rig",
     "Timing",
-    "Way",
     "best_height",
     "build_map",
     "header_text",

@@ -29,7 +29,7 @@ Progress = Callable[[int, int], None]
 _FINEST = 1e-5
 
 #: A map is read between its points, so it stays in one well unless another is better by this share.
-_LOYALTY = 0.15
+_HYSTERESIS = 0.15
 
 
 def build_map(
@@ -61,7 +61,7 @@ def build_map(
         if scheduler is None:
             computed = _compute(scene, missing, tolerance, workers)
         else:
-            computed = on_cluster(scheduler, scene, missing, tolerance, _LOYALTY)
+            computed = on_cluster(scheduler, scene, missing, tolerance, _HYSTERESIS)
         for point, values in computed:
             known[point] = values
             if journal:
@@ -84,16 +84,16 @@ def _silent(done: int, total: int) -> None:
 
 
 def _compute(scene: Scene, points: list[Point], tolerance: float, workers: int | None) -> Iterable[tuple[Point, Any]]:
-    rigs = {fraction: _rig(scene, fraction, tolerance) for fraction in {fraction for fraction, _ in points}}
+    dampers = {fraction: _damper(scene, fraction, tolerance) for fraction in {fraction for fraction, _ in points}}
 
     def best(point: Point) -> dict[str, Any]:
         fraction, amplitude = point
-        return values_at(rigs[fraction], amplitude, _LOYALTY)
+        return values_at(dampers[fraction], amplitude, _HYSTERESIS)
 
     return on_all_cores(best, points, workers)
 
 
-def _rig(scene: Scene, fraction: float, tolerance: float) -> DamperResponse:
+def _damper(scene: Scene, fraction: float, tolerance: float) -> DamperResponse:
     try:
         return DamperResponse(scene.with_(mass_fraction=fraction), tolerance)
     except SceneError as error:
