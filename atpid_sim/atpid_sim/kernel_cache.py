@@ -64,10 +64,12 @@ def digest(files: Iterable[Path]) -> str:
     return total.hexdigest()[:16]
 
 
-#: Packages with kernels, and the modules from which these take their decorators, outcomes and parameters.
+#: Packages with kernels, and the modules from which these take decorators, outcomes and parameters.
 _PACKAGES = ("engine", "contact", "baselines")
 _SHARED = ("kernel.py", "outcome.py", "system.py")
 
 _HERE = Path(__file__).parent
-_MODULES = [path for name in _PACKAGES for path in (_HERE / name).glob("*.py")]
-share_cache("kernels", [*_MODULES, *(_HERE / name for name in _SHARED)])
+KERNEL_SOURCES = frozenset(
+    [*(path for name in _PACKAGES for path in (_HERE / name).glob("*.py")), *(_HERE / name for name in _SHARED)]
+)
+share_cache("kernels", KERNEL_SOURCES)
