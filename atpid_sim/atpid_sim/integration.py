@@ -96,12 +96,20 @@ class Run:
 class Integration:
     """A scene's system at one fidelity and tolerance: advances states through drive tables."""
 
-    def __init__(self, scene: Scene, fidelity: str, rtol: float | None = None, mass: float | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        fidelity: str,
+        rtol: float | None = None,
+        mass: float | None = None,
+        table: Array | None = None,
+    ) -> None:
         """Prepare the integration of a scene.
 
         rtol: relative tolerance of the integrator, by default that of the scene (`rtol_of`). mass: what moves at the
-        fidelity simplified [kg], by default beam and grain where the ceiling stays closed, else the beam. Raises
-        ValueError for an unknown fidelity, a tolerance out of range, or fidelity soft and a law without a force.
+        fidelity simplified [kg], by default beam and grain where the ceiling stays closed, else the beam. table: that
+        of the whole scene, where the caller has it already. Raises ValueError for an unknown fidelity, a tolerance out
+        of range, or fidelity soft and a law without a force.
         """
         if fidelity not in FIDELITIES:
             raise ValueError(f"fidelity {fidelity!r}: allowed are {', '.join(FIDELITIES)}")
@@ -115,6 +123,7 @@ class Integration:
             raise ValueError(
                 "fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law"
             )
+        self._table = table
         self._fidelity = int(Fidelity[fidelity.upper()])
         self._mass = _moving_mass(scene) if mass is None else mass
         self._fastest = _fastest(scene)
@@ -122,7 +131,7 @@ class Integration:
     @cached_property
     def table(self) -> Array:
         """The drive table of the whole scene, with row ends at the steady window."""
-        return drive_table(self.scene, self.scene.steady_window)
+        return drive_table(self.scene, self.scene.steady_window) if self._table is None else self._table
 
     @property
     def step_limit(self) -> int:

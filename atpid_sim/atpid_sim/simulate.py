@@ -101,9 +101,10 @@ def simulate(
     controller moves the ceiling and no height is given.
     """
     scene = _with_height(scene, height)
-    undamped = undamped_amplitude(scene)
+    table = drive_table(scene, scene.steady_window)
+    undamped = undamped_amplitude(scene, table)
     choice = choose(scene, fidelity, undamped=undamped)
-    integration = Integration(scene, choice.fidelity, rtol)
+    integration = Integration(scene, choice.fidelity, rtol, table=table)
     integration.warm_up()
     run, wall = _steady(integration)
     amplitude, last = run.amplitude, run.last

@@ -129,6 +129,8 @@ def _split(edges: list[float], longest: float) -> list[float]:
 
 def cut(rows: Array, kinks: Sequence[float]) -> Array:
     """Return the same support motion with row ends at the kinks as well."""
+    if not kinks:  # as in most blocks of a plant, whose rows have been cut already
+        return rows.copy()
     edges = np.unique(np.concatenate([rows[:, START], rows[-1:, END], np.asarray(kinks, dtype=float)]))
     source = np.searchsorted(rows[:, START], edges[:-1], side="right") - 1
     pieces = rows[source].copy()
