@@ -3,8 +3,8 @@
 
 Measured against `soft` on random scenes of every law with E from 2e5 to 2e11 Pa, where both are reproducible: 0.5 times
 the depth of an impact over the amplitude exceeds the error of `impact` in 95 of 100, twice the overlap of a grain that
-is shaken without clearance that of one mass in 9 of 10 (docs/decisions/0104). Where the two models end in different
-motions the error has no bound.
+is shaken without clearance that of one mass in 9 of 10 (docs/decisions/0009-fidelity.md). Where the two models end in
+different motions the error has no bound.
 """
 
 from __future__ import annotations
