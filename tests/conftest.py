@@ -8,6 +8,15 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put what takes longest before the last package, so that the others run beside it and not before it."""
+    longest = [item for item in items if item.path.name == "test_installation.py"]
+    others = [item for item in items if item.path.name != "test_installation.py"]
+    places = (place for place, item in enumerate(others) if "atpid_control" in item.path.parts)
+    place = next(places, len(others))
+    items[:] = [*others[:place], *longest, *others[place:]]
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The repository's root."""

@@ -4,6 +4,7 @@
 import os
 import signal
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -22,8 +23,12 @@ CHANGES = {"duration": 4.0, "steady_window": [2.0, 4.0]}
 
 def children(pid: int) -> dict[str, int]:
     """Return the nodes the process has started: pid by name."""
-    pids = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    commands = {int(child): Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0") for child in pids}
+    # not from /proc/PID/task/PID/children, which leaves some out while another child ends
+    commands = {}
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(FileNotFoundError, ProcessLookupError):  # it ended just now
+            if int((process / "stat").read_text().rpartition(")")[2].split()[1]) == pid:
+                commands[int(process.name)] = (process / "cmdline").read_bytes().decode().split("\0")
     return {Path(word).name: child for child, words in commands.items() for word in words if word.endswith("_node")}
 
 

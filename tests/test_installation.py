@@ -104,8 +104,9 @@ def test_no_empty_folder_is_installed(workspace: Path) -> None:
 
 
 def test_colcon_test_runs_the_tests_and_counts_them(workspace: Path) -> None:
-    fast = environment() | {"PYTEST_ADDOPTS": "-m 'not slow' -n 2 --dist loadfile"}
-    run([*COLCON, "test", "--return-code-on-test-failure"], workspace, fast)
+    fast = [" -m", "not slow", " -n", "2", " --dist", "loadfile"]  # colcon takes off the blank before a dash
+    command = [*COLCON, "test", "--return-code-on-test-failure", "--pytest-args", *fast]
+    run(command, workspace, environment())
     *files, _, summary = run([*COLCON, "test-result", "--all"], workspace, environment()).splitlines()
     counts = {file.split("/")[1]: int(file.split()[1]) for file in files}
     assert counts.keys() == set(PACKAGES)

@@ -14,11 +14,9 @@ from atpid_control.bagread import open_bag
 from atpid_control.recording import BagError, BagWriter, new_run
 from atpid_control.recording import __main__ as command
 from atpid_control.recording.support import support_series
-from atpid_sim.run import drive_table, undamped_amplitude
+from atpid_sim.integration import drive_table, undamped_amplitude
 from atpid_sim.scene import load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
-
-#: To be removed together with the reason: `run.step_budget` takes the largest of one number where there is no tone.
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 SHORT = Path(__file__).parents[2] / "bags" / "thesis_4_3_short"

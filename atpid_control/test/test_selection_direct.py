@@ -11,7 +11,7 @@ import pytest
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import Uncertainty
 from atpid_control.selection.study import margin_curve, pca_errors
-from atpid_sim.maps import Rig, Timing
+from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -33,19 +33,19 @@ def systems() -> list[tuple[float, float]]:
 @pytest.mark.parametrize(("amplitude", "fraction"), systems())
 def test_no_height_is_notably_better(scene: Scene, amplitude: float, fraction: float) -> None:
     heavy = scene.with_(mass_fraction=fraction)
-    rig = Rig(heavy, 1e-5)
+    damper = DamperResponse(heavy, 1e-5)
     chosen = DirectSelector(heavy).select(amplitude)
-    unit = rig.ballistic_clearance(amplitude)
-    timing = Timing(1.5 * rig.settling(), 16.0)
+    unit = damper.ballistic_clearance(amplitude)
+    timing = Timing(1.5 * damper.settling(), 16.0)
 
     def swing(height: float) -> tuple[float, bool]:
         # what counts is what both a slow and a sudden opening end in: a height where one of them is lucky is no optimum
-        both = [rig.opened(amplitude, height, timing, travel) for travel in (1.0, 0.0)]
+        both = [damper.opened(amplitude, height, timing, travel) for travel in (1.0, 0.0)]
         amplitudes = [response.amplitude for response in both]
         regular = all(response.regular for response in both) and max(amplitudes) < 1.01 * min(amplitudes)
         return max(amplitudes), regular
 
-    brute, regular = min(swing(rig.diameter + q * unit) for q in np.arange(0.3, 1.2, 0.012))
+    brute, regular = min(swing(damper.diameter + q * unit) for q in np.arange(0.3, 1.2, 0.012))
     there, steady = swing(chosen.height)
     assert there <= (1.01 if regular and steady else 1.05) * brute
 

@@ -15,7 +15,7 @@ from atpid_control.selection.criteria import judge
 from atpid_control.selection.pca import PcaSelector
 from atpid_control.selection.predictive import Impact, response_lag, simplified
 from atpid_control.selection.tuning import tune
-from atpid_sim.maps import Rig, best_height
+from atpid_sim.maps import DamperResponse, best_height
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.system import system_of
 
@@ -77,16 +77,16 @@ def test_every_iteration_is_visible(scene: Scene) -> None:
 def test_tuned_it_is_close_to_the_best(scene: Scene, fraction: float, amplitude: float) -> None:
     heavy = scene.with_(mass_fraction=fraction)
     chosen = PcaSelector(heavy).select(amplitude)
-    best = best_height(Rig(heavy, 1e-5), amplitude)
+    best = best_height(DamperResponse(heavy, 1e-5), amplitude)
     assert chosen.efficiency > best.efficiency - 0.02
 
 
 def test_without_gravity_it_is_right_at_every_amplitude(scene: Scene) -> None:
     # Fig. 4.43: without gravity the error does not depend on the amplitude
     selector = PcaSelector(scene, gravity=False)
-    rig = Rig(scene.with_(gravity=0.0), 1e-5)
+    damper = DamperResponse(scene.with_(gravity=0.0), 1e-5)
     for amplitude in (0.002, 0.01, 0.05):
-        assert selector.select(amplitude).efficiency > best_height(rig, amplitude).efficiency - 0.01
+        assert selector.select(amplitude).efficiency > best_height(damper, amplitude).efficiency - 0.01
 
 
 def test_with_tuning_it_takes_at_most_twenty_evaluations(scene: Scene) -> None:

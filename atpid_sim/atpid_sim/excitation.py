@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from atpid_sim.engine import drive
+from atpid_sim.engine import columns, drive
 from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation, series
 
 Array = NDArray[np.float64]
@@ -80,8 +80,8 @@ def _sweep_rows(scene: Scene) -> Array:
     if length >= scene.duration:
         return rows
     tail = drive.harmonic_rows([(0.0, sweep.amplitude)], sweep.last, scene.duration - length)
-    tail[:, drive.PHASE] += 2.0 * math.pi * turns[-1]
-    tail[:, [drive.START, drive.END]] += length
+    tail[:, columns.PHASE] += 2.0 * math.pi * turns[-1]
+    tail[:, [columns.START, columns.END]] += length
     return np.vstack([rows, tail])
 
 
@@ -108,7 +108,7 @@ def _series_rows(scene: Scene) -> Array:
     times, values = read_series(scene)
     spline = CubicSpline(times, values)
     rows = drive.spline_rows(times, spline.c, scene.duration)
-    rows[-1, drive.END] = min(rows[-1, drive.END], scene.duration)
+    rows[-1, columns.END] = min(rows[-1, columns.END], scene.duration)
     return rows
 
 

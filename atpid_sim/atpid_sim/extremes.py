@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Systems far outside the thesis's range, and what every rung makes of them (docs/extremes.md).
+"""Systems far outside the thesis's range, at every fidelity (docs/extremes.md).
 
 Elasticity over eight decades, damping from none to five times critical, grains from a thousandth to nine times the
 beam's mass, support amplitudes from a micrometre to a metre at 0.01 to 1000 Hz, weight from none to ten times the
-Earth's, ceilings that close on the grain at up to 10 m/s, no play at all, contacts elastic and plastic.
+Earth's, ceilings that close on the grain at up to 10 m/s, no clearance at all, contacts elastic and plastic.
 """
 
 from __future__ import annotations
@@ -18,25 +18,27 @@ from scipy.optimize import brentq
 
 from atpid_sim.contact import contact_of, restitution_of
 from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
-from atpid_sim.engine import state
-from atpid_sim.engine.release import resting_overlap
-from atpid_sim.engine.rest import contact_pace
-from atpid_sim.engine.step import Touch
+from atpid_sim.engine import columns, drive
+from atpid_sim.engine.detachment import static_overlap
+from atpid_sim.engine.dormand_prince import ContactModel
+from atpid_sim.engine.rosenbrock import contact_pace
+from atpid_sim.engine.state import State
+from atpid_sim.integration import Array, Integration, Observation
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import drive_table, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.system import reduced_mass, system_of
 
 TOLERANCE = 1e-4
 #: Residual of the energy ledger from which it does not close, at that tolerance.
 OPEN = 0.1
-#: A run lasts ten periods of the drive, but no longer than it takes to cross the play or ring on a wall this often.
+#: A run lasts ten periods of the drive, but no longer than this many crossings of the clearance or
+#: vibrations on a wall.
 _EVENTS = 50_000.0
 #: Share of a run before the ceiling moves.
 _STILL = 0.3
-#: Play below which a grain does not cross it: it is in contact all the time [m].
-_LEAST_PLAY = 1e-6
-#: Damping rate times duration from which a ringing is over long before the end.
+#: Clearance below which a grain does not cross it: it is in contact all the time [m].
+_LEAST_CLEARANCE = 1e-6
+#: Damping rate times duration from which a vibration is over long before the end.
 _FADED = 100.0
 #: Restitution above which a grain keeps its speed.
 _ELASTIC = 0.8
@@ -45,17 +47,17 @@ _LAWS = ("tsuji", "linear", "hertz", "lee_herrmann", "kuwabara_kono", "walton_br
 
 
 class Case(NamedTuple):
-    """What became of one extreme system on one rung."""
+    """Outcome of one extreme system at one fidelity."""
 
     number: int
-    rung: str
+    fidelity: str
     law: str
     outcome: Outcome
     steps: int
     budget: int
     wall_s: float
     residual: float  # of the energy ledger, relative
-    contact_loss: float  # relative to the energy turned over; negative where a contact gave energy
+    contact_loss: float  # relative to the energy turned over; negative where a contact supplied energy
     finite: bool
     inside: bool  # whether the grain ended between the walls, within its own radius
     shortened: bool
@@ -86,7 +88,7 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     draft = scene_from_mapping(parts)
     whole = 10.0 / draft.frequency_hz
     plays = first - 2.0 * _RADIUS, second - 2.0 * _RADIUS
-    duration = min(whole, _patience(draft, *plays, speed if second != first else 0.0))
+    duration = min(whole, _longest_duration(draft, *plays, speed if second != first else 0.0))
     parts["duration"] = duration
     parts["ceiling"] = {"height": first}
     if second != first:
@@ -95,46 +97,43 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     return scene_from_mapping(parts), duration < whole
 
 
-def rungs_for(seed: int, index: int, rungs: Sequence[str]) -> list[str]:
-    """Return those of the rungs that carry this system's law: an instantaneous contact has no force to integrate."""
+def fidelities_for(seed: int, index: int, fidelities: Sequence[str]) -> list[str]:
+    """Return those that can integrate this system's law: an instantaneous contact has no force."""
     scene, _ = extreme_scene(seed, index)
-    return [rung for rung in rungs if rung == "impact" or contact_of(scene).law != IMPACT]
+    return [fidelity for fidelity in fidelities if fidelity == "impact" or contact_of(scene).law != IMPACT]
 
 
-def run_case(seed: int, index: int, rung: str) -> Case:
-    """Carry one extreme system by a rung; whatever happens is an outcome, never an exception."""
+def run_case(seed: int, index: int, fidelity: str) -> Case:
+    """Integrate one extreme system; every end is an outcome, never an exception."""
     scene, shortened = extreme_scene(seed, index)
-    table = drive_table(scene, scene.steady_window)
-    y, n = initial_state(scene)
-    first = y.copy()
-    stepper = stepper_of(scene, rung, TOLERANCE)
-    none, log = np.zeros((state.ROWS, 0)), np.zeros((0, state.COLUMNS))
-    budget = step_budget(scene)
+    integration = Integration(scene, fidelity, TOLERANCE)
+    table, state, limit = integration.table, integration.initial_state(), integration.step_limit
+    first = state.copy()
     begin = time.perf_counter()
-    outcome = stepper(table, y, n, scene.steady_window, (0.0, 1.0), none, log, budget)
+    outcome = integration.advance(state, table, Observation(scene.steady_window), limit)
     wall = time.perf_counter() - begin
-    ledger = ledger_of(scene, table, first, y, int(n[state.MODE]))
+    ledger = integration.ledger(first, state, table)
     turnover = abs(ledger.input) + ledger.beam_loss + abs(ledger.ceiling_work) + abs(ledger.stored)
-    finite = bool(np.isfinite(y[: state.CEILING_WORK + 1]).all())
+    finite = bool(np.isfinite(state.y[: columns.CEILING_WORK + 1]).all())
     return Case(
-        index, rung, scene.contact.law, outcome, int(state.spent(n)), budget, wall, abs(ledger.residual),
-        ledger.contact_loss / turnover if turnover > 0.0 else 0.0, finite, _inside(y, table), shortened,
+        index, fidelity, scene.contact.law, outcome, state.steps, limit, wall, abs(ledger.residual),
+        ledger.contact_loss / turnover if turnover > 0.0 else 0.0, finite, _inside(state, table), shortened,
     )  # fmt: skip
 
 
 def check(case: Case) -> None:
-    """Raise NumericalFailure where a case breaks what holds for every system."""
+    """Raise NumericalFailure where a case breaks a guarantee."""
     if case.outcome in (Outcome.STEP_BUDGET, Outcome.STALLED, Outcome.NOT_FINITE, Outcome.ESCAPED):
-        raise NumericalFailure(f"system {case.number}, {case.rung}: {case.outcome.sentence}")
+        raise NumericalFailure(f"system {case.number}, {case.fidelity}: {case.outcome.sentence}")
     if case.steps > case.budget:
-        raise NumericalFailure(f"system {case.number}, {case.rung}: {case.steps} steps, {case.budget} allowed")
+        raise NumericalFailure(f"system {case.number}, {case.fidelity}: {case.steps} steps, {case.budget} allowed")
     if case.outcome == Outcome.DONE and not (case.finite and case.inside and case.contact_loss >= -1e-9):
         raise NumericalFailure(
-            f"system {case.number}, {case.rung}: not finite, outside the walls, or energy from a contact"
+            f"system {case.number}, {case.fidelity}: not finite, outside the walls, or energy from a contact"
         )
     if case.outcome == Outcome.DONE and case.residual > OPEN:
         raise NumericalFailure(
-            f"system {case.number}, {case.rung}: the ledger is open by {100.0 * case.residual:.0f} %"
+            f"system {case.number}, {case.fidelity}: the ledger is open by {100.0 * case.residual:.0f} %"
         )
 
 
@@ -155,17 +154,18 @@ def _contact(rng: np.random.Generator, law: str) -> dict[str, Any]:
     return {"law": law, "stiffness": _spread(rng, 1e3, 1e8), "restitution": float(rng.uniform(0.01, 1.0))}
 
 
-def _patience(scene: Scene, first: float, second: float, closing: float) -> float:
-    """Return the time [s] in which a grain crosses its play, `first` then `second` [m], or rings on a wall this often.
+def _longest_duration(scene: Scene, first: float, second: float, closing: float) -> float:
+    """Return the time [s] of _EVENTS crossings of the clearance, `first` then `second` [m], or vibrations on a wall.
 
-    A lossy grain crosses the least play at the speed the drive's acceleration gives it there. One that keeps its speed
-    takes it up in the largest play and from the ceiling, and a closing ceiling drives it: speed times play stays.
+    A lossy grain crosses the least clearance at the speed of the drive's acceleration there. One that keeps its speed
+    gains it in the largest clearance and from the ceiling, and a closing ceiling drives it: speed times clearance is
+    constant.
     """
     omega = 2.0 * math.pi * scene.frequency_hz
     natural = 2.0 * math.pi * scene.natural_frequency_hz
     amplitude = float(scene.excitation.amplitude)  # type: ignore[union-attr, arg-type]
     pace = scene.gravity + amplitude * max(min(omega, natural) ** 2, 0.1 * omega * natural)
-    first, second = max(first, _LEAST_PLAY), max(second, _LEAST_PLAY)
+    first, second = max(first, _LEAST_CLEARANCE), max(second, _LEAST_CLEARANCE)
     least = min(first, second)
     kept = 2.0 * closing + math.sqrt(2.0 * pace * max(first, second))
     elastic = restitution_of(contact_of(scene), kept, reduced_mass(system_of(scene))) > _ELASTIC
@@ -175,11 +175,11 @@ def _patience(scene: Scene, first: float, second: float, closing: float) -> floa
         crossing = _EVENTS * least / kept
     else:
         crossing = _squeezed(kept * first, first, second, closing)
-    return min(crossing, _ringing(scene, pace))
+    return min(crossing, _vibration(scene, pace))
 
 
 def _squeezed(invariant: float, first: float, second: float, closing: float) -> float:
-    """Return the duration [s] with _EVENTS crossings, speed times play being `invariant` [m^2/s] throughout."""
+    """Return the duration [s] with _EVENTS crossings, speed times clearance being `invariant` [m^2/s] throughout."""
 
     def excess(log_duration: float) -> float:
         duration = math.exp(log_duration)
@@ -191,22 +191,23 @@ def _squeezed(invariant: float, first: float, second: float, closing: float) -> 
     return math.exp(brentq(excess, -50.0, 50.0))
 
 
-def _ringing(scene: Scene, pace: float) -> float:
-    """Return the time [s] of _EVENTS swings of a grain pressed on a wall; infinite where its contact damps them."""
+def _vibration(scene: Scene, pace: float) -> float:
+    """Return the time [s] of _EVENTS vibrations of a grain pressed on a wall; infinite where its contact damps them."""
     contact, system = contact_of(scene), system_of(scene)
     if contact.law == IMPACT:
         return math.inf
     law, p = contact
-    overlap = resting_overlap(law, p, system.grain_mass * pace, 0.1)
+    overlap = static_overlap(law, p, system.grain_mass * pace, 0.1)
     reduced = 1.0 / reduced_mass(system)
-    touching = Touch(law, law == WALTON_BRAUN, overlap, 1.0, system.stiffness, system.damping, system.gravity, 1.0 / system.beam_mass, reduced)  # fmt: skip # noqa: E501
-    together, swing = contact_pace(touching, p, overlap, 0.0)
-    duration = _EVENTS * 2.0 * math.pi / swing
-    return duration if (together - swing) * duration < _FADED else math.inf
+    model = ContactModel(
+        law, law == WALTON_BRAUN, overlap, 1.0, system.stiffness, system.damping, system.gravity,
+        1.0 / system.beam_mass, reduced,
+    )  # fmt: skip
+    fastest, natural = contact_pace(model, p, overlap, 0.0)
+    duration = _EVENTS * 2.0 * math.pi / natural
+    return duration if (fastest - natural) * duration < _FADED else math.inf
 
 
-def _inside(y: Any, table: Any) -> bool:
-    row = table[min(int(np.searchsorted(table[:, 0], y[state.TIME], side="right")) - 1, len(table) - 1)]
-    room = row[10] + row[11] * (y[state.TIME] - row[0]) - 2.0 * _RADIUS
-    lift = y[state.GRAIN] - y[state.BEAM]
-    return bool(-_RADIUS <= lift <= room + _RADIUS)
+def _inside(state: State, table: Array) -> bool:
+    clearance = drive.ceiling_height(table, state.time) - 2.0 * _RADIUS
+    return -_RADIUS <= state.grain - state.beam <= clearance + _RADIUS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_sim extremes`: random systems far outside the thesis's range, and a table of what became of them."""
+"""`python -m atpid_sim extremes`: random systems far outside the thesis's range, and a table of their outcomes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from atpid_common import output
 from atpid_sim.batch import on_all_cores
 from atpid_sim.display import counting
-from atpid_sim.extremes import TOLERANCE, Case, check, run_case, rungs_for
+from atpid_sim.extremes import TOLERANCE, Case, check, fidelities_for, run_case
 from atpid_sim.outcome import NumericalFailure, Outcome
 
 _QUANTILES = (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))
@@ -25,18 +25,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--systems", type=int, default=1000, metavar="N", help="how many systems; default 1000")
     parser.add_argument("--first", type=int, default=0, metavar="I", help="index of the first; default 0")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="which sequence of systems; default 1")
-    parser.add_argument("--rungs", default="soft,impact", metavar="R,R", help="rungs to run; default soft,impact")
+    parser.add_argument("--fidelities", default="soft,impact", metavar="F,F", help="levels to run; default soft,impact")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for extremes.json and extremes.md")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a promise."""
+    """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a guarantee."""
     folder = output.folder(Path(args.out))
-    asked = args.rungs.split(",")
+    asked = args.fidelities.split(",")
     jobs = [
-        (index, rung)
+        (index, fidelity)
         for index in range(args.first, args.first + args.systems)
-        for rung in rungs_for(args.seed, index, asked)
+        for fidelity in fidelities_for(args.seed, index, asked)
     ]
     cases: list[Case] = []
     with counting("extreme systems", len(jobs)) as count:
@@ -89,17 +89,17 @@ def _summary(cases: list[Case], seed: int, broken: list[str]) -> dict[str, Any]:
 
 def _markdown(cases: list[Case], summary: dict[str, Any]) -> str:
     lines = [
-        "| level | law | runs | done | overlap too deep | other | most steps | median residual |",
+        "| fidelity | law | runs | done | overlap too deep | other | most steps | median residual |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for rung, law in sorted({(case.rung, case.law) for case in cases}):
-        chosen = [case for case in cases if (case.rung, case.law) == (rung, law)]
+    for fidelity, law in sorted({(case.fidelity, case.law) for case in cases}):
+        chosen = [case for case in cases if (case.fidelity, case.law) == (fidelity, law)]
         done = [case.residual for case in chosen if case.outcome == Outcome.DONE]
         deep = sum(case.outcome == Outcome.OVERLAP_TOO_DEEP for case in chosen)
         middle = f"{np.median(done):.0e}" if done else "-"
         most = max(case.steps for case in chosen)
         lines.append(
-            f"| {rung} | {law} | {len(chosen)} | {len(done)} | {deep} | "
+            f"| {fidelity} | {law} | {len(chosen)} | {len(done)} | {deep} | "
             f"{len(chosen) - len(done) - deep} | {most} | {middle} |"
         )
     said = [f"- {key}: {value}" for key, value in summary.items() if key != "broken"]

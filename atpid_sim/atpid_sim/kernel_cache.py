@@ -64,5 +64,12 @@ def digest(files: Iterable[Path]) -> str:
     return total.hexdigest()[:16]
 
 
+#: Packages with kernels, and the modules from which these take decorators, outcomes and parameters.
+_PACKAGES = ("engine", "contact", "baselines")
+_SHARED = ("kernel.py", "outcome.py", "system.py")
+
 _HERE = Path(__file__).parent
-share_cache("kernels", (path for name in ("engine", "contact", "peers") for path in (_HERE / name).glob("*.py")))
+KERNEL_SOURCES = frozenset(
+    [*(path for name in _PACKAGES for path in (_HERE / name).glob("*.py")), *(_HERE / name for name in _SHARED)]
+)
+share_cache("kernels", KERNEL_SOURCES)

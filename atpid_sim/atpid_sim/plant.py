@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant as a stream: advanced block by block while somebody else moves the ceiling."""
+"""The plant as a stream: advanced block by block while a controller moves the ceiling."""
 
 from __future__ import annotations
 
@@ -11,27 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
-from atpid_sim.contact import contact_of
-from atpid_sim.contact.ids import IMPACT
-from atpid_sim.engine import drive, state
+from atpid_sim.energy import contact_energy, stored_energy
+from atpid_sim.engine import columns, drive
 from atpid_sim.excitation import amplitude_at, frequency_at, support_rows
+from atpid_sim.fidelity import choose
+from atpid_sim.integration import FIDELITIES, Integration, Observation, is_closed, sample_series
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import FIDELITIES, Stepper, held_by_contact, initial_state, is_closed, stepper_of, stored_energy
 from atpid_sim.scene import Scene
 from atpid_sim.stream import samples_before
-from atpid_sim.system import system_of
 
 Array = NDArray[np.float64]
 
-#: Steps one block may take before the run is given up: ten times what the extremes of the thesis's range need.
-_BLOCK_BUDGET = 2_000_000
-
-#: Closer to its target than this [m] the ceiling has arrived: a travel of a few digits of the clock is none.
+#: Closer to its target than this [m] the ceiling has arrived.
 _ARRIVED = 1e-12
 
 
 class PlantError(InputError):
-    """Something a plant cannot do: the message says what was given and what is allowed. The plant stays as it was."""
+    """An argument a plant does not accept: what was given and what is allowed. The plant is unchanged."""
 
 
 @dataclass(frozen=True)
@@ -63,34 +59,41 @@ class Plant:
     """
 
     def __init__(self, scene: Scene, fidelity: str = "auto") -> None:
-        """Start at rest at time zero; `auto` is soft, or impact where the contact law has no force.
+        """Start at rest at time zero; `auto` is the cheapest fidelity with an open ceiling that meets the tolerance.
 
-        Raises PlantError for an unknown rung, and for simplified, which knows no impacts, where the scene's ceiling is
-        not closed throughout; ValueError for soft and a law without force.
+        Raises PlantError for an unknown fidelity, and for simplified, which has no impacts, where the scene's ceiling
+        is not closed throughout; ValueError for soft and a law without force.
         """
         self._scene = scene
-        self._system = system_of(scene)
-        self._contact = contact_of(scene)
         if fidelity not in ("auto", *FIDELITIES):
             raise PlantError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
-        if fidelity == "auto":
-            fidelity = "impact" if self._contact.law == IMPACT else "soft"
-        self._run: Stepper = stepper_of(scene, fidelity)
+        self._integration = Integration(scene, choose(scene, fidelity, stays_closed=False).fidelity)
+        self._system = self._integration.system
         self._closed_only = fidelity == "simplified"
         if self._closed_only and not is_closed(scene):
             raise PlantError(self._opened(max(height for _, height in scene.ceiling.heights)))
         self._rows = support_rows(scene)
-        self._y, self._n = initial_state(scene)
-        self._energy_at_start = stored_energy(self._system, self._y, self._support_at(0.0))
+        self._state = self._integration.initial_state()
+        self._energy_at_start = stored_energy(self._system, self._state, self._support_at(0.0))
         self._ticks = 0
         self._rate: float | None = None  # [Hz], that of the first advance
-        self._failure = ""  # why the motion could not be followed any further
+        self._failure = ""  # why the integration stopped
         self.height = float(scene.ceiling.heights[0][1])
 
     @property
+    def fidelity(self) -> str:
+        """Fidelity level of the simulation."""
+        return self._integration.fidelity
+
+    @property
+    def rtol(self) -> float:
+        """Relative tolerance of the integrator."""
+        return self._integration.rtol
+
+    @property
     def time(self) -> float:
-        """Where the plant stands [s]."""
-        return float(self._y[state.TIME])
+        """Time reached [s]."""
+        return self._state.time
 
     def advance(self, duration_ticks: int, rate: float, target: float, speed: float) -> PlantBlock:
         """Advance by `duration_ticks` samples at `rate` [Hz], the ceiling going toward `target` [m] at `speed` [m/s].
@@ -100,7 +103,7 @@ class Plant:
 
         Raises PlantError, and changes nothing, for arguments that are negative or not finite, another rate than before,
         samples beyond the scene's end, and a simplified plant that is to open. Raises NumericalFailure with time and
-        state where the motion cannot be followed: the block up to there is lost, `time` and `height` say where it
+        state where the motion cannot be followed: the block up to there is lost, `time` and `height` are where it
         stopped, and every further advance raises NumericalFailure with the same reason.
         """
         duration_ticks, rate, target, speed = self._checked(duration_ticks, rate, target, speed)
@@ -108,17 +111,15 @@ class Plant:
             raise NumericalFailure(f"the plant cannot go on, make a new one: {self._failure}")
         begin, end = self._ticks / rate, (self._ticks + duration_ticks) / rate
         table = self._table(begin, end, target, speed)
-        out = np.zeros((state.ROWS, duration_ticks))
-        self._n[state.SAMPLE] = 0
-        self._n[[state.CONTACT_STEPS, state.FLIGHT_STEPS, state.REJECTED]] = 0
-        outcome = self._run(table, self._y, self._n, (end, end), (begin, 1.0 / rate), out, _NO_LOG, _BLOCK_BUDGET)
+        out = sample_series(duration_ticks)
+        self._state.n[columns.SAMPLE] = 0
+        self._state.restart_steps()
+        outcome = self._integration.advance(self._state, table, Observation((end, end), begin, 1.0 / rate, out))
         self._rate = rate
         if outcome != Outcome.DONE:
             self._fail(outcome, table)
         self._ticks += duration_ticks
-        self.height = float(
-            table[-1, drive.HEIGHT] + table[-1, drive.HEIGHT_RATE] * (table[-1, drive.END] - table[-1, drive.START])
-        )
+        self.height = drive.height_in(table[-1], table[-1, columns.END])
         if speed > 0.0 and abs(self.height - target) < _ARRIVED:
             self.height = target
         return self._block(begin, end, rate, table, out, outcome)
@@ -135,7 +136,7 @@ class Plant:
         for name, unit, value in (("target", "m", target), ("speed", "m/s", speed)):
             if not (math.isfinite(value) and value >= 0.0):
                 raise PlantError(f"{name}: given {value:g} {unit}; allowed: finite and not negative")
-        length = float(self._rows[-1, drive.END])
+        length = float(self._rows[-1, columns.END])
         left = samples_before(length, rate) - self._ticks
         if ticks > left:
             raise PlantError(
@@ -154,41 +155,41 @@ class Plant:
 
     def _fail(self, outcome: Outcome, table: Array) -> None:
         """Raise NumericalFailure with time and state, and remember it."""
-        y = self._y
-        self.height = _height_at(table, self.time)
+        state = self._state
+        self.height = drive.ceiling_height(table, state.time)
         self._failure = (
-            f"{outcome.sentence} (at {self.time:.6f} s, beam {y[state.BEAM]:.6g} m, "
-            f"grain {y[state.GRAIN]:.6g} m, ceiling {self.height:.6g} m)"
+            f"{outcome.sentence} (at {state.time:.6f} s, beam {state.beam:.6g} m, "
+            f"grain {state.grain:.6g} m, ceiling {self.height:.6g} m)"
         )
         raise NumericalFailure(self._failure)
 
     def _table(self, begin: float, end: float, target: float, speed: float) -> Array:
-        way = abs(target - self.height)
+        distance = abs(target - self.height)
         points = [(begin, self.height)]
-        if speed > 0.0 and way >= _ARRIVED:
-            # a travel too quick for the clock takes the shortest time there is
-            arrival = begin + max(way / speed, math.ulp(end))
+        if speed > 0.0 and distance >= _ARRIVED:
+            # a travel below the clock's resolution takes the shortest time there is
+            arrival = begin + max(distance / speed, math.ulp(end))
             share = min(1.0, (end - begin) / (arrival - begin))
             points.append((min(arrival, end), self.height + share * (target - self.height)))
         return drive.with_ceiling(drive.between(self._rows, begin, end), points)
 
     def _block(self, begin: float, end: float, rate: float, table: Array, out: Array, outcome: Outcome) -> PlantBlock:
-        y, n = self._y, self._n
-        held = held_by_contact(self._contact, self._system, y, int(n[state.MODE]), table)
-        stored = stored_energy(self._system, y, self._support_at(end)) + held
+        state, y = self._state, self._state.y
+        stored = stored_energy(self._system, state, self._support_at(end))
+        stored += contact_energy(self._integration.contact, self._system, state, table)
         return PlantBlock(
             time=begin + np.arange(out.shape[1]) / rate,
-            support=out[state.S_SUPPORT],
-            beam=out[state.S_BEAM],
-            beam_velocity=out[state.S_RATE],
-            beam_acceleration=out[state.S_ACCELERATION],
-            grain=out[state.S_GRAIN],
-            ceiling=out[state.S_CEILING],
-            impacts=int(n[state.FLOOR_HITS] + n[state.CEILING_HITS]),
-            input_energy=float(y[state.INPUT]),
-            beam_loss=float(y[state.BEAM_LOSS]),
-            contact_loss=float(y[state.CONTACT_LOSS]),
-            ceiling_work=float(y[state.CEILING_WORK]),
+            support=out[columns.S_SUPPORT],
+            beam=out[columns.S_BEAM],
+            beam_velocity=out[columns.S_VELOCITY],
+            beam_acceleration=out[columns.S_ACCELERATION],
+            grain=out[columns.S_GRAIN],
+            ceiling=out[columns.S_CEILING],
+            impacts=state.floor_impacts + state.ceiling_impacts,
+            input_energy=float(y[columns.INPUT]),
+            beam_loss=float(y[columns.BEAM_LOSS]),
+            contact_loss=float(y[columns.CONTACT_LOSS]),
+            ceiling_work=float(y[columns.CEILING_WORK]),
             stored_energy=stored - self._energy_at_start,
             excitation_amplitude=amplitude_at(self._scene, end),
             excitation_frequency=frequency_at(self._scene, end),
@@ -197,11 +198,3 @@ class Plant:
 
     def _support_at(self, t: float) -> float:
         return drive.support_displacement(self._rows, t)
-
-
-def _height_at(table: Array, t: float) -> float:
-    row = table[max(0, int(np.searchsorted(table[:, drive.START], t, side="right")) - 1)]
-    return float(row[drive.HEIGHT] + row[drive.HEIGHT_RATE] * (t - row[drive.START]))
-
-
-_NO_LOG = np.zeros((0, state.COLUMNS))

@@ -13,27 +13,22 @@ from numpy.typing import NDArray
 
 from atpid_sim import trust
 from atpid_sim.decay import largest_decrement
-from atpid_sim.engine import state
+from atpid_sim.energy import Ledger
 from atpid_sim.fidelity import Choice, choose
-from atpid_sim.motion import classify
-from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import (
-    LOOSEST,
-    Array,
-    Counts,
-    Ledger,
-    Stepper,
+from atpid_sim.integration import (
+    Integration,
+    Observation,
+    Run,
     drive_table,
-    half_peak_to_peak,
-    initial_state,
-    ledger_of,
-    step_budget,
-    stepper_of,
+    impact_log,
+    sample_series,
     undamped_amplitude,
 )
+from atpid_sim.motion import classify
+from atpid_sim.outcome import Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 
-#: Impacts remembered of one run.
+#: Impacts logged of one run.
 _LOG = 20_000
 
 #: Samples a period from which the kind of motion is read.
@@ -41,9 +36,6 @@ _STROBES = 64
 
 #: Samples a period from which the peaks of a free decay are read: each is within 1e-5 of the true one.
 _DECAY_SAMPLES = 800.0
-
-#: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
-_TOLERANCE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -59,7 +51,7 @@ class Result:
     ceiling_impacts: int
     fidelity: str
     rtol: float
-    left_out: str  # what the chosen rung leaves out, in words
+    left_out: str  # what the chosen fidelity leaves out, in words
     error_estimate: float  # relative, of the amplitude: numerical and model error together
     reproducible: bool
     spread: tuple[float, float, float] | None  # least, median, largest amplitude [m] where it is not reproducible
@@ -109,44 +101,36 @@ def simulate(
     controller moves the ceiling and no height is given.
     """
     scene = _with_height(scene, height)
-    choice = choose(scene, fidelity)
-    tolerance = _tolerance(scene, rtol)
-    stepper = stepper_of(scene, choice.fidelity, tolerance)
     table = drive_table(scene, scene.steady_window)
-    warm_up(stepper)
-    begun = time.perf_counter()
-    first, y, n, out, _events = _integrate(scene, stepper, table)
-    wall = time.perf_counter() - begun
-    amplitude = half_peak_to_peak(y)
     undamped = undamped_amplitude(scene, table)
-    verdict = (
-        trust.judge(scene, choice.fidelity, tolerance, table, amplitude, int(state.spent(n)))
-        if check
-        else trust.unchecked()
-    )
-    ledger = ledger_of(scene, table, first, y, int(n[state.MODE]))
+    choice = choose(scene, fidelity, undamped=undamped)
+    integration = Integration(scene, choice.fidelity, rtol, table=table)
+    integration.warm_up()
+    run, wall = _steady(integration)
+    amplitude, last = run.amplitude, run.last
+    verdict = trust.judge(integration, amplitude, last.steps) if check else trust.unchecked()
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,
         efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
-        motion=classify(scene, y, n, out, amplitude),
-        impacts=int(n[state.FLOOR_HITS] + n[state.CEILING_HITS]),
-        floor_impacts=int(n[state.FLOOR_HITS]),
-        ceiling_impacts=int(n[state.CEILING_HITS]),
+        motion=classify(scene, last, run.samples, amplitude),
+        impacts=last.floor_impacts + last.ceiling_impacts,
+        floor_impacts=last.floor_impacts,
+        ceiling_impacts=last.ceiling_impacts,
         fidelity=choice.fidelity,
-        rtol=tolerance,
+        rtol=integration.rtol,
         left_out=choice.left_out,
         error_estimate=verdict.error + choice.model_error,
         reproducible=verdict.reproducible,
         spread=verdict.spread,
-        energy_residual=ledger.residual,
-        ledger=ledger,
-        steps=int(state.spent(n)),
+        energy_residual=run.ledger.residual,
+        ledger=run.ledger,
+        steps=last.steps,
         wall_s=wall,
         result=Outcome.DONE.sentence,
         resonance=scene.natural_frequency_hz,
         warnings=tuple(scene.warnings()),
-        **_decay(scene, choice.fidelity, tolerance),
+        **_decay(scene, choice.fidelity, integration.rtol),
     )
 
 
@@ -158,14 +142,13 @@ def trajectory(
     `fidelity`, `rtol` and `height` [m] as in `simulate`. Raises NumericalFailure and SceneError as that does.
     """
     scene = _with_height(scene, height)
-    choice = choose(scene, fidelity)
-    stepper = stepper_of(scene, choice.fidelity, _tolerance(scene, rtol))
+    integration = Integration(scene, choose(scene, fidelity).fidelity, rtol)
     count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
-    out, events = np.zeros((state.ROWS, count)), np.zeros((_LOG, state.COLUMNS))
-    y, n = initial_state(scene)
-    advance(stepper, drive_table(scene), y, n, (math.inf, math.inf), (0.0, 1.0 / rate), out, events, step_budget(scene))
-    out = out[:, : n[state.SAMPLE]]
-    return Trajectory(np.arange(out.shape[1]) / rate, *_series(out), events[: n[state.EVENTS]])
+    observation = Observation(period=1.0 / rate, samples=sample_series(count), impacts=impact_log(_LOG))
+    run = integration.run(observation, drive_table(scene))
+    support, beam, velocity, acceleration, grain, ceiling = run.samples
+    times = np.arange(len(beam)) / rate
+    return Trajectory(times, support, beam, velocity, acceleration, grain, ceiling, run.impacts)
 
 
 def _with_height(scene: Scene, height: float | None) -> Scene:
@@ -200,53 +183,15 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _tolerance(scene: Scene, rtol: float | None) -> float:
-    return min(_TOLERANCE_SHARE * scene.tolerance, LOOSEST) if rtol is None else rtol
+def _steady(integration: Integration) -> tuple[Run, float]:
+    """Return a run that samples the steady window, and the time it took [s]."""
+    begin, end = integration.scene.steady_window
+    period = 1.0 / (_STROBES * integration.scene.frequency_hz)
+    samples = sample_series(min(100_000, int((end - begin) / period)))
+    observation = Observation((begin, end), begin, period, samples, impact_log(_LOG))
+    begun = time.perf_counter()
+    run = integration.run(observation)
+    return run, time.perf_counter() - begun
 
-
-def _series(out: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-    support, beam, rate, acceleration, grain, ceiling = out
-    return support, beam, rate, acceleration, grain, ceiling
-
-
-def advance(
-    stepper: Stepper,
-    table: Array,
-    y: Array,
-    n: Counts,
-    observe: tuple[float, float],
-    sampling: tuple[float, float],
-    out: Array,
-    events: Array,
-    budget: int,
-) -> None:
-    """Carry a state through a table, or raise NumericalFailure with the outcome, time and state."""
-    outcome = stepper(table, y, n, observe, sampling, out, events, budget)
-    if outcome != Outcome.DONE:
-        raise NumericalFailure(
-            f"{outcome.sentence} (at {y[state.TIME]:.6f} s: beam {y[state.BEAM]:.6g} m, "
-            f"grain {y[state.GRAIN]:.6g} m above its rest, {state.spent(n)} steps)"
-        )
-
-
-def warm_up(stepper: Stepper) -> None:
-    """Compile a stepper, or load it from the cache, so that timings tell the integration alone."""
-    y, n = state.at_rest(0.0, 0.0)
-    stepper(np.zeros((0, 12)), y, n, (0.0, 0.0), (0.0, 1.0), _NO_SAMPLES, _NO_LOG, 1)
-
-
-def _integrate(scene: Scene, stepper: Stepper, table: Array) -> tuple[Array, Array, Counts, Array, Array]:
-    begin, end = scene.steady_window
-    period = 1.0 / (_STROBES * scene.frequency_hz)
-    out = np.zeros((state.ROWS, min(100_000, int((end - begin) / period))))
-    events = np.zeros((_LOG, state.COLUMNS))
-    y, n = initial_state(scene)
-    first = y.copy()
-    advance(stepper, table, y, n, (begin, end), (begin, period), out, events, step_budget(scene))
-    return first, y, n, out, events
-
-
-_NO_SAMPLES = np.zeros((state.ROWS, 0))
-_NO_LOG = np.zeros((0, state.COLUMNS))
 
 __all__ = ["Choice", "Result", "Trajectory", "simulate", "trajectory"]

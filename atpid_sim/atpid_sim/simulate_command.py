@@ -14,8 +14,8 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_sim.display import working
+from atpid_sim.integration import FIDELITIES
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.run import FIDELITIES
 from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
 from atpid_sim.simulate import Result, Trajectory, simulate, trajectory
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
     parser.add_argument(
-        "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="level; default: cheapest that fits"
+        "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="fidelity level; default: cheapest that fits"
     )
     parser.add_argument(
         "--rtol", type=tolerance, default=None, metavar="R", help="relative tolerance of the integration"
@@ -91,7 +91,7 @@ def _simulate(scene: Scene, fidelity: str, rtol: float | None) -> Result:
     try:
         return simulate(scene, fidelity, rtol)
     except ValueError as error:
-        # a level that cannot take the scene is the user's choice of words, not a mistake in the program
+        # a fidelity that cannot take the scene is a user's error, not a defect of the program
         raise error if isinstance(error, SceneError) else SceneError(str(error)) from None
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed against accuracy on one scene: every rung, method and tolerance against one converged reference."""
+"""Speed against accuracy on one scene: every fidelity, method and tolerance against one converged reference."""
 
 from __future__ import annotations
 
@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim import peaks
-from atpid_sim.contact import contact_of
-from atpid_sim.contact.ids import IMPACT
-from atpid_sim.engine import state
+from atpid_sim.baselines import BASELINES, BaselineError, BaselineResult, run_baseline
+from atpid_sim.engine import columns
+from atpid_sim.fidelity import complete_fidelity
+from atpid_sim.integration import Integration, Observation, sample_series
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.peers import PEERS, PeerError, PeerResult, run_peer
-from atpid_sim.run import drive_table, half_peak_to_peak, initial_state, ledger_of, step_budget, stepper_of
 from atpid_sim.scene import Scene
-from atpid_sim.simulate import advance, warm_up
 
 Array = NDArray[np.float64]
 
@@ -32,12 +30,12 @@ _CONTROL = 1e-11
 _ENSEMBLE = tuple(float(d) for d in np.linspace(-1e-6, 1e-6, 64))
 #: Points a period at which trajectories are compared.
 _POINTS = 64
-#: A method that took longer than this at one tolerance is not asked for the next finer one [s].
+#: A method that took longer than this at one tolerance is not run at finer ones [s].
 PATIENCE = 5.0
 _REPEATS = 15
 
 SOFT = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 1e-8, 1e-9, 1e-10)
-PEER_TOLERANCES = {
+BASELINE_TOLERANCES = {
     "odeint": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10),
     "lsoda": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
     "rk45": (1e-4, 1e-6),
@@ -47,7 +45,7 @@ PEER_TOLERANCES = {
     "rkf45": (1e-4, 1e-6, 1e-8, 1e-10),
     "rk4": (1e-4, 3e-5, 1e-5, 3e-6),
 }
-#: Our rungs, and scipy's LSODA: its solver class, as `solve_ivp` runs it, and its older loop, compiled itself.
+#: Our fidelity levels, and scipy's LSODA: its solver class, as `solve_ivp` runs it, and its older, compiled loop.
 OURS = ("soft", "impact", "simplified")
 LSODA = ("lsoda", "odeint")
 
@@ -78,27 +76,25 @@ class Reference:
     beam: Array
 
 
-class _Run:
-    """One rung at one tolerance on a scene, ready to be timed."""
+class _Timed:
+    """A scene at one fidelity and tolerance, ready to be timed."""
 
-    def __init__(self, scene: Scene, rung: str, rtol: float) -> None:
-        self._scene = scene
-        self._table = drive_table(scene, scene.steady_window)
-        self._stepper = stepper_of(scene, rung, rtol)
-        warm_up(self._stepper)
+    def __init__(self, scene: Scene, fidelity: str, rtol: float) -> None:
+        self._integration = Integration(scene, fidelity, rtol)
+        self._integration.warm_up()
 
-    def go(self, times: Array | None = None, disturbance: float = 0.0) -> tuple[float, Array, float, float]:
+    def run(self, times: Array | None = None, disturbance: float = 0.0) -> tuple[float, Array, float, float]:
         """Return amplitude [m], the series at evenly spaced `times` (n,), the ledger's residual, the time taken [s]."""
-        out = np.zeros((state.ROWS, 0 if times is None else len(times)))
-        sampling = (0.0, 1.0) if times is None else (float(times[0]), float(times[1] - times[0]))
-        y, n = initial_state(self._scene, disturbance)
-        first = y.copy()
-        budget = 10 * step_budget(self._scene)
+        integration, window = self._integration, self._integration.scene.steady_window
+        table, limit = integration.table, 10 * integration.step_limit
+        if times is None:
+            observation = Observation(window)
+        else:
+            observation = Observation(window, float(times[0]), float(times[1] - times[0]), sample_series(len(times)))
         begin = time.thread_time()
-        advance(self._stepper, self._table, y, n, self._scene.steady_window, sampling, out, _NO_LOG, budget)
+        run = integration.run(observation, table, limit, disturbance)
         wall = time.thread_time() - begin
-        ledger = ledger_of(self._scene, self._table, first, y, int(n[state.MODE]))
-        return half_peak_to_peak(y), out[:, : n[state.SAMPLE]], ledger.residual, wall
+        return run.amplitude, run.samples, run.ledger.residual, wall
 
 
 def reference_of(scene: Scene) -> Reference:
@@ -110,36 +106,31 @@ def reference_of(scene: Scene) -> Reference:
     begin, end = scene.steady_window
     count = int((end - begin) * scene.frequency_hz * _POINTS)
     times = begin + np.arange(count) * (end - begin) / count
-    rung = _finest(scene)
-    amplitude, series, _, _ = _Run(scene, rung, REFERENCE).go(times)
-    other = _Run(scene, rung, _CONTROL).go()[0]
+    fidelity = complete_fidelity(scene)
+    amplitude, series, _, _ = _Timed(scene, fidelity, REFERENCE).run(times)
+    other = _Timed(scene, fidelity, _CONTROL).run()[0]
     agreement = abs(other / amplitude - 1.0)
     spread = None
     if agreement > 1e-3:
-        run = _Run(scene, rung, 1e-7)
-        values = sorted([amplitude, *(run.go(None, d)[0] for d in _ENSEMBLE)])
+        timed = _Timed(scene, fidelity, 1e-7)
+        values = sorted([amplitude, *(timed.run(None, d)[0] for d in _ENSEMBLE)])
         spread = values[0], statistics.median(values), values[-1]
-    return Reference(amplitude, agreement, spread, times, series[state.S_BEAM])
-
-
-def _finest(scene: Scene) -> str:
-    """Return the rung without a model error on this scene."""
-    return "impact" if contact_of(scene).law == IMPACT else "soft"
+    return Reference(amplitude, agreement, spread, times, series[columns.S_BEAM])
 
 
 def measure(scene: Scene, reference: Reference, patience: float = PATIENCE) -> Iterator[Point]:
-    """Yield one point after another: the rungs, then the peers from loose to fine until their patience ends."""
-    if _finest(scene) == "soft":
+    """Yield one point after another: the fidelity levels, then each baseline from loose to fine until too slow."""
+    if complete_fidelity(scene) == "soft":
         for rtol in SOFT:
-            yield _rung(scene, "soft", rtol, reference)
-    yield _rung(scene, "impact", scene.tolerance, reference)
-    yield _rung(scene, "simplified", scene.tolerance, reference)
-    converged = _Run(scene, _finest(scene), REFERENCE)
-    for method in PEERS:
-        for tolerance in PEER_TOLERANCES[method]:
+            yield _at_fidelity(scene, "soft", rtol, reference)
+    yield _at_fidelity(scene, "impact", scene.tolerance, reference)
+    yield _at_fidelity(scene, "simplified", scene.tolerance, reference)
+    converged = _Timed(scene, complete_fidelity(scene), REFERENCE)
+    for method in BASELINES:
+        for tolerance in BASELINE_TOLERANCES[method]:
             try:
-                point = _peer(scene, method, tolerance, reference, converged)
-            except PeerError:
+                point = _baseline(scene, method, tolerance, reference, converged)
+            except BaselineError:
                 return
             yield point
             if point.time_s > patience:
@@ -199,29 +190,29 @@ def _best(points: list[Point]) -> float | None:
 
 
 def _kept(point: Point, points: list[Point]) -> float:
-    """Return the largest error of a point and its method's finer ones; one that says it failed misleads nobody."""
+    """Return the largest error of a point and its method's finer ones; failed runs are ignored."""
     finer = (p.amplitude_error for p in points if p.method == point.method and p.tolerance < point.tolerance)
     return max([point.amplitude_error, *(error for error in finer if math.isfinite(error))])
 
 
-def _rung(scene: Scene, rung: str, rtol: float, reference: Reference) -> Point:
-    run = _Run(scene, rung, rtol)
+def _at_fidelity(scene: Scene, fidelity: str, rtol: float, reference: Reference) -> Point:
+    timed = _Timed(scene, fidelity, rtol)
     try:
-        amplitude, series, residual, wall = run.go(reference.times)
+        amplitude, series, residual, wall = timed.run(reference.times)
     except NumericalFailure as error:
-        return Point(rung, rtol, math.nan, math.nan, math.nan, math.nan, None, str(error))
+        return Point(fidelity, rtol, math.nan, math.nan, math.nan, math.nan, None, str(error))
     repeats = _REPEATS if wall < 0.1 else 3
-    wall = statistics.median(run.go()[3] for _ in range(repeats))
+    wall = statistics.median(timed.run()[3] for _ in range(repeats))
     off = abs(amplitude / reference.amplitude - 1.0)
-    apart = _apart(series[state.S_BEAM], reference)
-    return Point(rung, rtol, wall, amplitude, off, apart, abs(residual), "")
+    apart = _apart(series[columns.S_BEAM], reference)
+    return Point(fidelity, rtol, wall, amplitude, off, apart, abs(residual), "")
 
 
-def _peer(scene: Scene, method: str, tolerance: float, reference: Reference, converged: _Run) -> Point:
-    result = run_peer(scene, method, tolerance)
+def _baseline(scene: Scene, method: str, tolerance: float, reference: Reference, converged: _Timed) -> Point:
+    result = run_baseline(scene, method, tolerance)
     walls = [result.wall_s]
     while len(walls) < 5 and sum(walls) < 0.5:
-        walls.append(run_peer(scene, method, tolerance).wall_s)
+        walls.append(run_baseline(scene, method, tolerance).wall_s)
     note = result.message or ("grain left the container" if result.escaped else "")
     sound = len(result.times) > 1 and math.isfinite(result.amplitude)
     error = _error_as_read(result, reference, converged) if sound else math.nan
@@ -230,18 +221,18 @@ def _peer(scene: Scene, method: str, tolerance: float, reference: Reference, con
     return Point(method, tolerance, wall, result.amplitude, error, apart, abs(result.energy_residual), note)
 
 
-def _error_as_read(result: PeerResult, reference: Reference, converged: _Run) -> float:
-    """Return the amplitude's error, with the reference read as the peer is.
+def _error_as_read(result: BaselineResult, reference: Reference, converged: _Timed) -> float:
+    """Return the amplitude's error, with the reference sampled as the baseline is.
 
     Between evenly spaced points a contact at the turn is interpolated over, which alone can cost 2e-6 of the amplitude:
-    more than many a peer is off. So the converged run is read at the same points, and the reading cancels.
+    more than the error of many a baseline. So the converged run is sampled at the same points, and that error cancels.
     """
     own = np.array([result.times, result.beam, result.beam_velocity, result.beam_acceleration])
     times, *own_rows = own[:, :-1]  # the last may end a shorter step
     if len(times) < 3 or not np.allclose(np.diff(times), times[1] - times[0], rtol=1e-6, atol=0.0):
         return abs(result.amplitude / reference.amplitude - 1.0)
-    series = converged.go(times)[1]
-    rows = series[[state.S_BEAM, state.S_RATE, state.S_ACCELERATION]]
+    series = converged.run(times)[1]
+    rows = series[[columns.S_BEAM, columns.S_VELOCITY, columns.S_ACCELERATION]]
     return abs(peaks.half_peak_to_peak(times, *own_rows) - peaks.half_peak_to_peak(times, *rows)) / reference.amplitude
 
 
@@ -249,6 +240,3 @@ def _apart(beam: Array, reference: Reference) -> float:
     """Return the largest distance of a beam (n,) [m] from the reference's, over the amplitude."""
     length = min(len(beam), len(reference.beam))
     return float(np.max(np.abs(beam[:length] - reference.beam[:length]), initial=0.0)) / reference.amplitude
-
-
-_NO_LOG = np.zeros((0, state.COLUMNS))

@@ -21,9 +21,9 @@ Made by `python -m atpid_sim tradeoff scenes/NAME.yaml --out DIR` for three scen
 compiled, first call excluded; errors are relative to the amplitude of a converged run. *Trajectory error* is the
 largest distance between the two motions in the window, over the amplitude: quote it beside the
 amplitude error, which can cancel. For `rk4` the tolerance is the step in seconds. The baseline
-methods run on the same compiled right-hand side; those sampled 64 times a period are compared with
-the reference sampled as often, so that what lies between the samples does not count. A method meets
-an error level only if all tighter tolerances do; a run that reports failure is ignored.
+methods integrate the same compiled right-hand side; those sampled 64 times a period are compared
+with the reference sampled as often, so that what lies between the samples does not count. A method
+meets an error level only if all tighter tolerances do; failed runs are ignored.
 
 **What do I run?** For 1 %: `--fidelity impact` (or `tolerance: 1e-2`, and `auto` takes it). For 0.1 % or better:
 `soft`, whose amplitude error is about its `rtol`; `tolerance: 1e-6` in the scene asks 3e-7 of the integrator. Where

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from atpid_sim.engine import state
+from atpid_sim.engine import columns
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at
-from atpid_sim.run import drive_table, initial_state, stepper_of
+from atpid_sim.integration import Integration, Observation, drive_table
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulate import simulate, trajectory
 
@@ -190,9 +190,9 @@ def test_a_slow_drive_and_a_strong_damper_cost_nothing(damping: float) -> None:
 
 def test_a_beam_alone_leaves_the_grain_where_it_was() -> None:
     table = drive_table(STANDARD)
-    y, n = initial_state(STANDARD)
-    begun = float(y[state.GRAIN])
-    nothing = np.zeros((6, 0))
-    stepper_of(STANDARD, "simplified")(table, y, n, (0.0, 1.0), (0.0, 1.0), nothing, np.zeros((0, 3)), 10**6)
-    assert (y[state.GRAIN], y[state.GRAIN_RATE], n[state.MODE]) == (begun, 0.0, state.FREE)
+    integration = Integration(STANDARD, "simplified")
+    state = integration.initial_state()
+    begun = state.grain
+    integration.advance(state, table, Observation((0.0, 1.0)))
+    assert (state.grain, state.grain_velocity, state.mode) == (begun, 0.0, columns.FREE)
     assert set(trajectory(STANDARD, 10.0, "simplified").grain) == {begun}

@@ -145,8 +145,8 @@ def test_walton_braun_loads_and_unloads_along_its_lines() -> None:
     assert force(0.5 * (dent + deepest), deepest) == pytest.approx(0.5 * 1e5 * deepest)
     assert force(dent, deepest) == pytest.approx(0.0, abs=1e-9)
     assert force(0.5 * dent, deepest) < 0.0
-    assert laws.release_rate(law.law, 0.9 * dent, deepest, law.parameters) == math.inf
-    assert laws.release_rate(law.law, 1.1 * dent, deepest, law.parameters) == -math.inf
+    assert laws.detachment_velocity(law.law, 0.9 * dent, deepest, law.parameters) == math.inf
+    assert laws.detachment_velocity(law.law, 1.1 * dent, deepest, law.parameters) == -math.inf
     # what unloading gives back is e^2 of what loading took
     taken = 0.5 * 1e5 * deepest**2
     assert laws.energy(law.law, deepest, deepest, law.parameters) == pytest.approx(taken / 3.0)
@@ -176,10 +176,10 @@ def test_elastic_impacts_are_those_of_equations_3_3_and_3_4() -> None:
     st.floats(-5.0, 5.0),
     st.floats(0.0, 2e-3),
 )
-def test_the_force_vanishes_at_the_release_rate(name: str, overlap: float, rate: float, memory: float) -> None:
+def test_the_force_vanishes_at_the_detachment_velocity(name: str, overlap: float, rate: float, memory: float) -> None:
     law = contact(name)
     memory = max(memory, overlap)
-    release = float(laws.release_rate(law.law, overlap, memory, law.parameters))
+    release = float(laws.detachment_velocity(law.law, overlap, memory, law.parameters))
     force = float(laws.force(law.law, overlap, rate, memory, law.parameters))
     if math.isinf(release):
         assert force >= 0.0 if release < 0.0 else force <= 0.0

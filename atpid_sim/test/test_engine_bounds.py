@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from atpid_sim.engine.advance import safe_rate_step, safe_step
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at, support_at
+from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
 
 
 def number(low: float, high: float) -> st.SearchStrategy[float]:
@@ -66,12 +66,12 @@ def test_a_safe_step_never_passes_a_root(gap, rate, acceleration, jerk, longest)
     assert worst.min() >= -1e-9 * (gap + abs(rate) * step + abs(acceleration) * step**2 + jerk * step**3)
 
 
-@given(slack=st.floats(1e-9, 10.0), acceleration=st.floats(-500.0, 500.0), jerk=st.floats(0.0, 1e5))
+@given(margin=st.floats(1e-9, 10.0), acceleration=st.floats(-500.0, 500.0), jerk=st.floats(0.0, 1e5))
 @settings(max_examples=200, deadline=None)
-def test_a_safe_rate_step_stays_below_its_limit(slack, acceleration, jerk):
-    step = safe_rate_step(slack, acceleration, jerk, 1.0)
+def test_a_safe_velocity_step_stays_below_its_limit(margin, acceleration, jerk):
+    step = safe_velocity_step(margin, acceleration, jerk, 1.0)
     s = np.linspace(0.0, step, 200)
-    assert (acceleration * s + 0.5 * jerk * s**2).max() <= slack * (1 + 1e-9) + 1e-13 * (abs(acceleration) + jerk)
+    assert (acceleration * s + 0.5 * jerk * s**2).max() <= margin * (1 + 1e-9) + 1e-13 * (abs(acceleration) + jerk)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.56, 2.0 * math.sqrt(427.6 * 0.3258), 60.0])

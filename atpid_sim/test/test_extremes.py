@@ -4,17 +4,15 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_mass_reference import ClosedForm, steady_amplitude
 
 from atpid_sim.cli import main
-from atpid_sim.engine import state
-from atpid_sim.extremes import check, extreme_scene, run_case, rungs_for
+from atpid_sim.extremes import check, extreme_scene, fidelities_for, run_case
+from atpid_sim.integration import Integration
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.run import drive_table, initial_state, step_budget, stepper_of
 from atpid_sim.scene import load_scene
 from atpid_sim.simulate import simulate
 
@@ -24,8 +22,8 @@ STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 @given(index=st.integers(0, 100_000))
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_an_extreme_system_keeps_every_promise(index):
-    for rung in rungs_for(7, index, ("soft", "impact")):
-        case = run_case(7, index, rung)
+    for fidelity in fidelities_for(7, index, ("soft", "impact")):
+        case = run_case(7, index, fidelity)
         check(case)
         assert case.outcome in (Outcome.DONE, Outcome.OVERLAP_TOO_DEEP) and case.outcome.sentence
         assert case.steps <= case.budget
@@ -56,16 +54,14 @@ def test_a_system_is_the_same_each_time():
 )
 def test_an_elastic_grain_without_play_is_carried(contact):
     scene = STANDARD.with_(contact=contact, ceiling={"height": 0.017}, duration=2.0, steady_window=[1.0, 2.0])
-    y, n = initial_state(scene)
-    stepper = stepper_of(scene, "impact")
-    none, log = np.zeros((state.ROWS, 0)), np.zeros((0, state.COLUMNS))
-    outcome = stepper(drive_table(scene), y, n, scene.steady_window, (0.0, 1.0), none, log, 100_000)
-    assert outcome == Outcome.DONE
-    assert y[state.GRAIN] == pytest.approx(y[state.BEAM], abs=1e-9)
+    integration = Integration(scene, "impact")
+    state = integration.initial_state()
+    assert integration.advance(state, integration.table, limit=100_000) == Outcome.DONE
+    assert state.grain == pytest.approx(state.beam, abs=1e-9)
 
 
 def test_the_command_writes_its_table(tmp_path, capsys):
-    assert main(["extremes", "--systems", "4", "--seed", "7", "--rungs", "impact", "--out", str(tmp_path)]) == 0
+    assert main(["extremes", "--systems", "4", "--seed", "7", "--fidelities", "impact", "--out", str(tmp_path)]) == 0
     told = json.loads((tmp_path / "extremes.json").read_text())
     assert told["runs"] == 4 and told["broken"] == []
     assert (tmp_path / "extremes.md").read_text() in capsys.readouterr().out
@@ -82,13 +78,13 @@ def test_a_million_periods_keep_their_phase():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rung", "periods"), [("impact", 1e6), ("soft", 1e5)])
-def test_a_damper_works_for_hundreds_of_thousands_of_periods(rung, periods):
+@pytest.mark.parametrize(("fidelity", "periods"), [("impact", 1e6), ("soft", 1e5)])
+def test_a_damper_works_for_hundreds_of_thousands_of_periods(fidelity, periods):
     duration = periods / STANDARD.natural_frequency_hz
     scene = STANDARD.with_(
         ceiling={"height": 0.2}, duration=duration, steady_window=[duration - 10.0, duration], tolerance=1e-4
     )
-    result = simulate(scene, rung, check=False)
+    result = simulate(scene, fidelity, check=False)
     assert result.amplitude == pytest.approx(0.0456498937, rel=5e-3)
     assert abs(result.energy_residual) < 1e-4
-    assert result.steps <= step_budget(scene)
+    assert result.steps <= Integration(scene, fidelity).step_limit

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from atpid_sim.maps import Failure, HeightMap, MapError, Rig, Timing, best_height, build_map, header_text
+from atpid_sim.maps import DamperResponse, Failure, HeightMap, MapError, Timing, best_height, build_map, header_text
 from atpid_sim.maps.best import FLAT
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
@@ -45,7 +45,7 @@ def shipped() -> HeightMap:
 def test_best_heights_are_those_of_the_thesis(
     scene: Scene, fraction: float, amplitude: float, height: float, remaining: float
 ) -> None:
-    best = best_height(Rig(scene.with_(mass_fraction=fraction), 1e-5), amplitude)
+    best = best_height(DamperResponse(scene.with_(mass_fraction=fraction), 1e-5), amplitude)
     assert best.height == pytest.approx(height, rel=0.03)
     assert 1.0 - best.efficiency == pytest.approx(remaining, abs=0.006)
     assert best.reproducible
@@ -53,20 +53,22 @@ def test_best_heights_are_those_of_the_thesis(
 
 @pytest.mark.parametrize(("fraction", "amplitude"), [(0.1, 0.003), (0.1, 0.008), (0.3, 0.02), (0.05, 0.01)])
 def test_no_height_of_a_fine_scan_is_notably_better(scene: Scene, fraction: float, amplitude: float) -> None:
-    rig = Rig(scene.with_(mass_fraction=fraction), 1e-5)
-    best = best_height(rig, amplitude)
-    unit = rig.ballistic_clearance(amplitude)
-    scan = [rig.opened(amplitude, rig.diameter + share * unit, Timing(60, 16)) for share in np.arange(0.3, 1.0, 0.011)]
+    damper = DamperResponse(scene.with_(mass_fraction=fraction), 1e-5)
+    best = best_height(damper, amplitude)
+    unit = damper.ballistic_clearance(amplitude)
+    scan = [
+        damper.opened(amplitude, damper.diameter + share * unit, Timing(60, 16)) for share in np.arange(0.3, 1.0, 0.011)
+    ]
     regular = [response.amplitude for response in scan if response.regular]
-    assert rig.opened(amplitude, best.height, Timing(60, 16)).amplitude <= 1.015 * min(regular)
+    assert damper.opened(amplitude, best.height, Timing(60, 16)).amplitude <= 1.015 * min(regular)
 
 
 def test_of_heights_equally_good_the_lowest_is_taken(scene: Scene) -> None:
     # at 2 mm the grain never reaches a ceiling above 43 mm: everything from there on is equally good
-    rig = Rig(scene, 1e-5)
-    best = best_height(rig, 0.002)
+    damper = DamperResponse(scene, 1e-5)
+    best = best_height(damper, 0.002)
     assert best.height == pytest.approx(0.0434, rel=0.01)
-    above = rig.opened(0.002, 2.0 * best.height, Timing(60, 16)).amplitude
+    above = damper.opened(0.002, 2.0 * best.height, Timing(60, 16)).amplitude
     assert above == pytest.approx(best.amplitude, rel=2 * FLAT)
 
 
@@ -74,7 +76,9 @@ def test_the_shipped_map_is_what_the_command_computes_now(scene: Scene, shipped:
     points = [(0, 16), (0, 36), (1, 60), (2, 90)]
     for row, column in points:
         fraction, amplitude = float(shipped.mass_fractions[row]), float(shipped.amplitudes[column])
-        again = best_height(Rig(scene.with_(mass_fraction=fraction), shipped.tolerance), amplitude, loyalty=0.15)
+        again = best_height(
+            DamperResponse(scene.with_(mass_fraction=fraction), shipped.tolerance), amplitude, hysteresis=0.15
+        )
         assert again.height == pytest.approx(shipped.heights[row, column], rel=2e-3)
         assert again.amplitude == pytest.approx(shipped.beam_amplitudes[row, column], rel=2e-3)
 

@@ -49,9 +49,9 @@ def test_a_killed_map_is_resumed_without_recomputation(
     computed = []
     original = point_module.best_height
 
-    def counted(rig, amplitude, loyalty):
+    def counted(damper, amplitude, hysteresis):
         computed.append(amplitude)
-        return original(rig, amplitude, loyalty)
+        return original(damper, amplitude, hysteresis)
 
     monkeypatch.setattr(point_module, "best_height", counted)
     seen: list[tuple[int, int]] = []

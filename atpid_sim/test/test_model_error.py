@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the cheaper rungs say they cost, against what they do cost."""
+"""The error stated for the cheaper fidelity levels against the error found."""
 
 import math
 from pathlib import Path
@@ -40,10 +40,10 @@ def drawn(closed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rung", "stated"), [("impact", impact_error), ("simplified", closed_error)])
-def test_what_is_stated_is_seldom_exceeded(rung, stated):
+@pytest.mark.parametrize(("fidelity", "stated"), [("impact", impact_error), ("simplified", closed_error)])
+def test_what_is_stated_is_seldom_exceeded(fidelity, stated):
     def one(scene):
-        cheap = simulate(scene, rung)
+        cheap = simulate(scene, fidelity)
         try:
             soft = simulate(scene, "soft", rtol=1e-6)
         except NumericalFailure as failure:
@@ -51,7 +51,7 @@ def test_what_is_stated_is_seldom_exceeded(rung, stated):
             return False, math.nan
         return cheap.reproducible and soft.reproducible, abs(cheap.amplitude / soft.amplitude - 1.0) / stated(scene)
 
-    shares = np.array([share for _, (sound, share) in on_all_cores(one, drawn(rung == "simplified")) if sound])
+    shares = np.array([share for _, (sound, share) in on_all_cores(one, drawn(fidelity == "simplified")) if sound])
     assert len(shares) > SYSTEMS / 3
     assert np.mean(shares <= 1.0) >= 0.85
     assert np.median(shares) > 0.01  # a bound that says something

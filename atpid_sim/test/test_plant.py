@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant import Plant, PlantError
 from atpid_sim.scene import scene_from_mapping
+from atpid_sim.simulate import simulate
 from atpid_sim.stream import Stream
 
 CLOSED, RATE = 0.017, 1000.0
@@ -50,7 +51,7 @@ def test_blocks_of_any_length_make_the_same_motion():
     assert parts == pytest.approx(whole, abs=1e-6)
 
 
-# rungs
+# fidelity levels
 
 
 def test_a_simplified_plant_stays_closed_or_says_why_not():
@@ -201,3 +202,19 @@ def test_after_a_failure_the_plant_does_not_go_on():
             plant.advance(50, RATE, CLOSED, 0.0)
         assert str(again.value) == f"the plant cannot go on, make a new one: {first.value}"
     assert (plant.time, plant.height) == stopped
+
+
+@pytest.mark.parametrize(("tolerance", "fidelity"), [(1e-6, "soft"), (1e-2, "impact")])
+def test_tolerance_and_auto_mean_what_they_mean_in_simulate(tolerance, fidelity):
+    opened = scene(ceiling={"height": 0.2}, tolerance=tolerance)
+    plant, result = Plant(opened), simulate(opened, check=False)
+    assert plant.fidelity == result.fidelity == fidelity
+    assert plant.rtol == result.rtol == pytest.approx(0.3 * tolerance)
+
+
+def test_auto_allows_for_a_ceiling_that_opens():
+    closed = scene(ceiling={"height": CLOSED}, tolerance=1e-1)
+    assert simulate(closed, check=False).fidelity == "simplified"
+    plant = Plant(closed)
+    plant.advance(100, RATE, 0.2, 0.3)
+    assert plant.fidelity == "impact" and plant.height > CLOSED

@@ -125,7 +125,7 @@ def test_the_steepest_unloading_is_integrated() -> None:
     assert simulate(scene, "soft", check=False).energy_residual == pytest.approx(0.0, abs=1e-5)
 
 
-@pytest.mark.parametrize("rung", ["soft", "impact"])
+@pytest.mark.parametrize("fidelity", ["soft", "impact"])
 @pytest.mark.parametrize(
     "blocks",
     [
@@ -138,8 +138,8 @@ def test_the_steepest_unloading_is_integrated() -> None:
     ],
     ids=str,
 )  # fmt: skip
-def test_the_last_numbers_allowed_end_by_name(blocks: dict[str, Any], rung: str) -> None:
+def test_the_last_numbers_allowed_end_by_name(blocks: dict[str, Any], fidelity: str) -> None:
     try:
-        assert math.isfinite(simulate(with_(**blocks), rung, check=False).amplitude)
+        assert math.isfinite(simulate(with_(**blocks), fidelity, check=False).amplitude)
     except NumericalFailure as failure:
         assert "pressed deeper into a wall than its radius" in str(failure)

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from atpid_sim.engine import drive
+from atpid_sim.engine import columns, drive
 from atpid_sim.excitation import read_series, support_rows
-from atpid_sim.run import drive_table, undamped_amplitude
+from atpid_sim.integration import drive_table, undamped_amplitude
 from atpid_sim.scene import Scene, SceneError, load_scene
-
-#: To be removed together with the reason: `run.step_budget` takes the largest of one number where there is no tone.
 
 TIMES = np.arange(2001) * 1e-3
 VALUES = 0.01 * np.sin(2.0 * np.pi * 5.0 * TIMES)
@@ -126,7 +124,7 @@ def test_a_run_begins_at_rest_wherever_the_laser_reads(
     scene = scene_of(file, **series)
     rows = support_rows(scene)
     assert drive.support_displacement(rows, 0.0) == pytest.approx(0.0, abs=1e-15)
-    middle = 0.5 * (rows[:-1, drive.START] + rows[:-1, drive.END])
+    middle = 0.5 * (rows[:-1, columns.START] + rows[:-1, columns.END])
     found = [drive.support_displacement(rows, t) for t in middle[::97]]
     assert np.allclose(found, 0.01 * np.sin(2.0 * np.pi * 5.0 * middle[::97]), rtol=0.0, atol=1e-10)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from atpid_sim.cli import main
-from atpid_sim.engine import drive
+from atpid_sim.engine import columns
 from atpid_sim.engine.beam import support_at
 from atpid_sim.excitation import support_rows
 from atpid_sim.scene import Scene, SceneError, load_scene
@@ -37,12 +37,12 @@ def swept(first: float, last: float, length: float, duration: float) -> Scene:
 )  # fmt: skip
 def test_a_sweep_is_within_its_error_everywhere(first: float, last: float, length: float, duration: float) -> None:
     rows = support_rows(swept(first, last, length, duration))
-    assert rows[0, drive.START] == 0.0 and rows[-1, drive.END] == pytest.approx(duration, rel=1e-15)
-    assert np.array_equal(rows[1:, drive.START], rows[:-1, drive.END])
+    assert rows[0, columns.START] == 0.0 and rows[-1, columns.END] == pytest.approx(duration, rel=1e-15)
+    assert np.array_equal(rows[1:, columns.START], rows[:-1, columns.END])
     rise = (last - first) / length
     for t in np.random.default_rng(1).uniform(0.0, duration, 2000):
-        row = rows[np.searchsorted(rows[:, drive.START], t, side="right") - 1]
-        found = support_at(*row[drive.A0 : drive.C3 + 1], t - row[drive.START])[0]
+        row = rows[np.searchsorted(rows[:, columns.START], t, side="right") - 1]
+        found = support_at(*row[columns.A0 : columns.C3 + 1], t - row[columns.START])[0]
         turning = min(t, length)
         turns = first * turning + 0.5 * rise * turning**2 + last * max(0.0, t - length)
         assert found == pytest.approx(np.sin(2.0 * np.pi * (turns % 1.0)), abs=2.6e-9)
@@ -51,7 +51,7 @@ def test_a_sweep_is_within_its_error_everywhere(first: float, last: float, lengt
 def test_knots_follow_the_frequency() -> None:
     rows = support_rows(swept(1.0, 99.0, 10.0, 10.0))
     assert len(rows) == pytest.approx(200 * 50.0 * 10.0, rel=0.05)  # 200 a period of the mean, not of the highest
-    assert np.diff(rows[:, drive.START])[0] > 20.0 * np.diff(rows[:, drive.START])[-1]
+    assert np.diff(rows[:, columns.START])[0] > 20.0 * np.diff(rows[:, columns.START])[-1]
 
 
 def test_a_sweep_that_fills_the_memory_is_refused_at_once() -> None:

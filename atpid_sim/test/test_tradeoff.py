@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The trade-off: what is on the front, what is answered, and that a rung meets its tolerance on a short scene."""
+"""The trade-off: what is on the front, what is answered, and that a level meets its tolerance on a short scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from atpid_sim.baselines import run_baseline
 from atpid_sim.figures.numbers import numbers_in
-from atpid_sim.peers import run_peer
 from atpid_sim.scene import load_scene
 from atpid_sim.tradeoff import (
     REFERENCE,
     Point,
     Reference,
     _error_as_read,
-    _Run,
+    _Timed,
     answers,
     measure,
     reference_of,
@@ -93,11 +93,11 @@ def test_an_exact_hit_does_not_stretch_the_axis(reference: Reference, lowest: fl
     assert min(curve[3] for curve in curves if curve) == pytest.approx(lowest)
 
 
-def test_a_peer_is_not_charged_for_how_its_motion_is_read() -> None:
+def test_a_baseline_is_not_charged_for_how_its_motion_is_sampled() -> None:
     """Here a contact lies at the turn: read between 64 points a period, the amplitude is 2e-6 off for anybody."""
     scene = load_scene(SCENES / "sticking.yaml")
-    reference, converged = reference_of(scene), _Run(scene, "soft", REFERENCE)
-    result = run_peer(scene, "odeint", 1e-8)
+    reference, converged = reference_of(scene), _Timed(scene, "soft", REFERENCE)
+    result = run_baseline(scene, "odeint", 1e-8)
     assert abs(result.amplitude / reference.amplitude - 1.0) > 1e-6
     assert _error_as_read(result, reference, converged) < 2e-7
 

@@ -11,9 +11,9 @@ import pytest
 
 from atpid_sim.batch import on_all_cores
 from atpid_sim.cli import main
-from atpid_sim.engine import state
+from atpid_sim.engine import columns
+from atpid_sim.integration import initial_state
 from atpid_sim.outcome import Outcome
-from atpid_sim.run import initial_state
 from atpid_sim.scene import load_scene
 from atpid_sim.simulate import Result, simulate
 from atpid_sim.sweep import standard_task, thesis_range
@@ -104,9 +104,9 @@ def test_a_loose_tolerance_does_not_make_chaos_reproducible(rtol):
 
 @pytest.mark.parametrize("rtol", [0.0, -1e-6, math.nan, math.inf, 0.2])
 def test_a_tolerance_that_is_none_is_refused(rtol):
-    for rung in ("soft", "impact", "simplified"):
+    for fidelity in ("soft", "impact", "simplified"):
         with pytest.raises(ValueError, match=r"rtol: given .*; allowed: above 0 and at most 0.1"):
-            simulate(standard_task(0.01, 0.1, 0.2), rung, rtol)
+            simulate(standard_task(0.01, 0.1, 0.2), fidelity, rtol)
 
 
 @pytest.mark.slow
@@ -122,16 +122,16 @@ def test_an_amplitude_of_nan_is_refused(tmp_path, capsys):
     assert said.count("\n") == 1 and "amplitude" in said
 
 
-def spoiled(scene):
-    y, n = initial_state(scene)
-    y[state.BEAM] = math.nan
-    return y, n
+def spoiled(scene, disturbance=0.0):
+    state = initial_state(scene, disturbance)
+    state.y[columns.BEAM] = math.nan
+    return state
 
 
 RUBBER = {"law": "tsuji", "young_modulus": 1e4, "poisson_ratio": 0.2, "damping_ratio": 0.3}
 FAILURES = {
     Outcome.NOT_FINITE: ({}, {"initial_state": spoiled}),
-    Outcome.STEP_BUDGET: ({}, {"step_budget": lambda _: 100}),
+    Outcome.STEP_BUDGET: ({}, {"Integration.step_limit": property(lambda _: 100)}),
     Outcome.OVERLAP_TOO_DEEP: ({"contact": RUBBER}, {}),
 }
 
@@ -141,8 +141,8 @@ def test_nan_budget_and_crushing_are_named(outcome, tmp_path, capsys, monkeypatc
     changes, replaced = FAILURES[outcome]
     path = tmp_path / "scene.yaml"
     path.write_text(standard_task(0.05, 0.1, 0.3).with_(**changes).to_yaml())
-    for name, function in replaced.items():
-        monkeypatch.setattr(f"atpid_sim.simulate.{name}", function)
+    for name, other in replaced.items():
+        monkeypatch.setattr(f"atpid_sim.integration.{name}", other)
     assert main(["simulate", str(path), "--fidelity", "soft", "--json"]) == 3
     said = capsys.readouterr().err
     assert said.startswith(f"error: {outcome.sentence} (at ") and said.count("\n") == 1
@@ -153,7 +153,7 @@ def test_the_reference_value_to_eight_digits():
     assert simulate(standard, "soft", rtol=1e-11, check=False).amplitude == pytest.approx(0.0456498937, rel=1e-8)
 
 
-def test_auto_at_a_percent_takes_the_impact_rung():
+def test_auto_at_a_percent_takes_the_level_impact():
     result = simulate(load_scene(SCENES / "standard.yaml").with_(tolerance=1e-2))
     assert result.fidelity == "impact" and "contacts" in result.left_out
     assert np.isclose(result.amplitude, 0.0456498937, rtol=1e-2)

@@ -17,7 +17,7 @@ from atpid_common.cache import cache_root
 from atpid_common.errors import InputError
 from atpid_common.share import share_folder
 from atpid_sim.display import counting, working
-from atpid_sim.maps import HeightMap, MapError, Rig, best_height, build_map
+from atpid_sim.maps import DamperResponse, HeightMap, MapError, best_height, build_map, map_tolerance
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
@@ -107,19 +107,19 @@ def _make(scene: Scene, folder: Path) -> Path:
 
 def _largest_computable(scene: Scene, needed: float, wanted: float) -> float:
     """Return about the largest support amplitude [m] up to `wanted` with a best height, at least `needed`."""
-    rig = Rig(scene, max(scene.tolerance, 1e-5))
-    if wanted <= needed or _computable(rig, wanted):
+    damper = DamperResponse(scene, map_tolerance(scene))
+    if wanted <= needed or _computable(damper, wanted):
         return wanted
     low, high = needed, wanted
     while high > _CLOSE * low:
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if _computable(rig, middle) else (low, middle)
+        low, high = (middle, high) if _computable(damper, middle) else (low, middle)
     return low
 
 
-def _computable(rig: Rig, amplitude: float) -> bool:
+def _computable(damper: DamperResponse, amplitude: float) -> bool:
     try:
-        best_height(rig, amplitude)
+        best_height(damper, amplitude)
     except NumericalFailure:
         return False
     return True

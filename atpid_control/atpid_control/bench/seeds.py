@@ -27,7 +27,7 @@ from atpid_control.bench.rumbling import longest_rumble
 from atpid_sim.batch import cores
 from atpid_sim.display import counting
 from atpid_sim.excitation import amplitude_points
-from atpid_sim.maps import HeightMap, Rig
+from atpid_sim.maps import DamperResponse, HeightMap
 from atpid_sim.scene import Scene, load_scene
 
 #: The end of a stage in which it is measured, as the bench's summary does [s].
@@ -143,7 +143,7 @@ def noisy(scene: Scene, seed: int, decibels: float | None) -> Scene:
 def measured(ran: LoopRun, height_map: HeightMap) -> Iterator[Stage]:
     """Yield the stages of a run."""
     scene, rate = ran.scene, ran.scene.sensors.laser.rate
-    rig, fraction, beam = Rig(scene, 1e-5), scene.grain.mass_fraction, ran.beam
+    damper, fraction, beam = DamperResponse(scene, 1e-5), scene.grain.mass_fraction, ran.beam
     points = amplitude_points(scene)
     for (t0, a0), (end, a1) in pairwise([*points, (scene.duration, points[-1][1])]):
         t1 = min(end, scene.duration)
@@ -158,7 +158,7 @@ def measured(ran: LoopRun, height_map: HeightMap) -> Iterator[Stage]:
             identified_amplitude=float(np.mean([ran.estimates[k].amplitude for k in window])),
             height=ran.heights[window[-1]],
             amplitude=amplitude,
-            efficiency=1.0 - amplitude / rig.closed_amplitude(a0),
+            efficiency=1.0 - amplitude / damper.closed_amplitude(a0),
             rumble=longest_rumble(ran, (t0, t1), height_map.lookup(a0, fraction)),
         )
 

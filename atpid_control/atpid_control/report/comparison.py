@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from atpid_control.report.run import Array, Run
+from atpid_sim.integration import is_closed
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.run import is_closed
 from atpid_sim.scene import Scene
 from atpid_sim.simulate import trajectory
 

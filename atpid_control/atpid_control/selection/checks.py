@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from atpid_control.selection.protocol import SelectionError
-from atpid_sim.maps import Rig
+from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import HarmonicExcitation, Scene, SceneError
 
 #: A measured frequency this close to the scene's is the scene's: resonance is 2 % wide [relative].
@@ -25,13 +25,13 @@ def check_excitation(amplitude: float, amplitude_std: float, frequency: float, m
         raise SelectionError(f"margin: given {margin:g}; allowed is a number of standard deviations from 0")
 
 
-def rig_at(rig: Rig, scene: Scene, frequency: float, rtol: float) -> Rig:
-    """Return the rig, or one of the same system at another frequency [Hz]; NaN: the scene's own."""
-    if math.isnan(frequency) or abs(frequency / rig.frequency - 1.0) < _SAME:
-        return rig
+def response_at(damper: DamperResponse, scene: Scene, frequency: float, rtol: float) -> DamperResponse:
+    """Return the damper's response, or that of the same system at another frequency [Hz]; NaN: the scene's own."""
+    if math.isnan(frequency) or abs(frequency / damper.frequency - 1.0) < _SAME:
+        return damper
     if not isinstance(scene.excitation, HarmonicExcitation):
         raise SelectionError("frequency: heights are selected for a tone; the scene's excitation has no amplitude")
     try:
-        return Rig(scene.with_(frequency=frequency), rtol)
+        return DamperResponse(scene.with_(frequency=frequency), rtol)
     except SceneError as error:
         raise SelectionError(str(error)) from None

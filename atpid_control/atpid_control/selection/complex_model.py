@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from atpid_control.selection.criteria import Verdict, judge
 from atpid_control.selection.predictive import Impact, response_lag
-from atpid_sim.engine import state
-from atpid_sim.maps import Rig
+from atpid_sim.engine import columns
+from atpid_sim.engine.state import State
+from atpid_sim.integration import impact_log, sample_series
+from atpid_sim.maps import DamperResponse
 
 Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 #: Samples a period from which velocities at impacts are read.
 _SAMPLES = 128
@@ -40,23 +41,22 @@ class Observed:
 class ComplexModel:
     """One simulation that goes on while the ceiling is moved; times count from the first impact on the floor."""
 
-    def __init__(self, rig: Rig, amplitude: float, t: float, start: Impact, height: float) -> None:
+    def __init__(self, damper: DamperResponse, amplitude: float, t: float, start: Impact, height: float) -> None:
         """Begin with an impact on the floor at time t [s] of the Simplified Model."""
-        self._rig, self._amplitude, self.height = rig, amplitude, height
-        omega = 2.0 * math.pi * rig.frequency
-        self._phase = omega * t + response_lag(rig.system, rig.frequency)
-        beam = start.beam - rig.system.beam_mass * rig.system.gravity / rig.system.stiffness
-        self._y, self._n = state.at_rest(beam, start.beam_rate)
-        self._y[state.GRAIN] += _JUST_ABOVE
-        self._y[state.GRAIN_RATE] = start.grain_rate
-        self._y[state.FIRST_STEP] = 0.05
-        self._n[state.MODE] = state.FREE
+        self._damper, self._amplitude, self.height = damper, amplitude, height
+        omega = 2.0 * math.pi * damper.frequency
+        self._phase = omega * t + response_lag(damper.system, damper.frequency)
+        beam = start.beam - damper.system.beam_mass * damper.system.gravity / damper.system.stiffness
+        self._state = State.resting(beam, start.beam_rate)
+        self._state.y[columns.GRAIN] += _JUST_ABOVE
+        self._state.y[columns.GRAIN_VELOCITY] = start.grain_rate
+        self._state.n[columns.MODE] = columns.FREE
         self.evaluations = 0
 
     @property
     def time(self) -> float:
         """Where the simulation stands [s]."""
-        return float(self._y[state.TIME])
+        return self._state.time
 
     def next_floor_impact(self, periods: float) -> Impact | None:
         """Go on past the next upward and downward flight and return the end of the impact on the floor (Fig. 4.29).
@@ -64,55 +64,54 @@ class ComplexModel:
         Where the grain meets the floor several times before it reaches the ceiling again, the last meeting counts: it
         is the one that throws it up. None, and no time passed, where within `periods` it does not come back.
         """
-        y, n = self._y.copy(), self._n.copy()
-        log = np.zeros((_LOG, state.COLUMNS))
-        end = self.time + periods * self._rig.period
-        self._advance(y, n, end, log=log)
-        throw = _throw(log[: n[state.EVENTS]], self.time + 0.1 * self._rig.period)
+        state, log = self._state.copy(), impact_log(_LOG)
+        end = self.time + periods * self._damper.period
+        self._advance(state, end, impacts=log)
+        throw = _throw(log[: state.n[columns.IMPACTS]], self.time + 0.1 * self._damper.period)
         if throw is None:
             return None
-        self._advance(self._y, self._n, throw)
+        self._advance(self._state, throw)
         self._leave_floor()
         return self._impact()
 
     def observe(self, height: float, settle: float, window: float) -> Observed:
         """Move the ceiling to a height [m] within one period, let `settle` periods pass and watch `window` periods."""
-        rig, begun = self._rig, self.time
-        begin = begun + (1.0 + settle) * rig.period
-        end = begin + window * rig.period
-        path = ((begun, self.height), (begun + rig.period, height))
-        out, log = np.zeros((state.ROWS, int(window * _SAMPLES))), np.zeros((_LOG, state.COLUMNS))
-        self._rig.advance(
-            self._amplitude, self._y, self._n, path, begin, end,
-            phase=self._phase, out=out, rate=_SAMPLES * rig.frequency, log=log,
+        damper, begun = self._damper, self.time
+        begin = begun + (1.0 + settle) * damper.period
+        end = begin + window * damper.period
+        path = ((begun, self.height), (begun + damper.period, height))
+        samples, log = sample_series(int(window * _SAMPLES)), impact_log(_LOG)
+        self._damper.advance(
+            self._amplitude, self._state, path, begin, end,
+            phase=self._phase, samples=samples, rate=_SAMPLES * damper.frequency, impacts=log,
         )  # fmt: skip
         self.height = height
         self.evaluations += 1
-        times = begin + np.arange(out.shape[1]) * rig.period / _SAMPLES
-        impacts = log[: self._n[state.EVENTS]]
-        longest = float(self._y[state.LONGEST])
-        verdict = judge(impacts, times, out[state.S_RATE], longest, rig.period)
-        return Observed(float(0.5 * (self._y[state.HIGHEST] - self._y[state.LOWEST])), verdict)
+        times = begin + np.arange(samples.shape[1]) * damper.period / _SAMPLES
+        impacts = log[: self._state.n[columns.IMPACTS]]
+        longest = float(self._state.y[columns.LONGEST])
+        verdict = judge(impacts, times, samples[columns.S_VELOCITY], longest, damper.period)
+        return Observed(self._state.amplitude, verdict)
 
-    def _advance(self, y: Array, n: Counts, end: float, **extra: Any) -> None:
-        path = ((float(y[state.TIME]), self.height),)
-        begin = float(y[state.TIME]) if "out" in extra else end
-        self._rig.advance(self._amplitude, y, n, path, begin, end, phase=self._phase, **extra)
+    def _advance(self, state: State, end: float, **extra: Any) -> None:
+        path = ((state.time, self.height),)
+        begin = state.time if "samples" in extra else end
+        self._damper.advance(self._amplitude, state, path, begin, end, phase=self._phase, **extra)
 
     def _leave_floor(self) -> None:
         """Go on until floor and grain no longer overlap, at most for the longest time an impact may last."""
-        length = _LONGEST_IMPACT * self._rig.period
-        out = np.zeros((state.ROWS, _LOOKS))
-        self._advance(self._y.copy(), self._n.copy(), self.time + length, out=out, rate=_LOOKS / length)
-        apart = np.flatnonzero(out[state.S_GRAIN] > out[state.S_BEAM])
+        length = _LONGEST_IMPACT * self._damper.period
+        samples = sample_series(_LOOKS)
+        self._advance(self._state.copy(), self.time + length, samples=samples, rate=_LOOKS / length)
+        apart = np.flatnonzero(samples[columns.S_GRAIN] > samples[columns.S_BEAM])
         apart = apart[apart > 0]
         looks = int(apart[0]) if len(apart) else _LOOKS
-        self._advance(self._y, self._n, self.time + looks * length / _LOOKS)
+        self._advance(self._state, self.time + looks * length / _LOOKS)
 
     def _impact(self) -> Impact:
-        y, s = self._y, self._rig.system
+        state, s = self._state, self._damper.system
         equilibrium = s.beam_mass * s.gravity / s.stiffness
-        return Impact(float(y[state.BEAM]) + equilibrium, float(y[state.BEAM_RATE]), float(y[state.GRAIN_RATE]))
+        return Impact(state.beam + equilibrium, state.beam_velocity, state.grain_velocity)
 
 
 def _throw(impacts: Array, since: float) -> float | None:

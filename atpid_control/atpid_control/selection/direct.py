@@ -7,11 +7,11 @@ import math
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from atpid_control.selection.checks import check_excitation, rig_at
+from atpid_control.selection.checks import check_excitation, response_at
 from atpid_control.selection.margin import Uncertainty, robust_height
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_sim.batch import cores
-from atpid_sim.maps import FROM_CLOSED, Best, Rig, Timing, Way, best_height, travelled
+from atpid_sim.maps import FROM_CLOSED, Approach, Best, DamperResponse, Timing, best_height, travelled
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
@@ -36,9 +36,9 @@ class DirectSelector:
         self._limits = getattr(scene.ceiling, "range", (2.0 * scene.grain.radius, math.inf))
         self._speed = float(getattr(scene.ceiling, "speed", _SPEED))
         self._uncertainty = uncertainty or Uncertainty()
-        self._rig = Rig(scene, _RTOL)
+        self._damper = DamperResponse(scene, _RTOL)
         # compiled now, or loaded from the cache, so that the first selection is as fast as the next
-        self._rig.opened(1e-3, 4.0 * self._rig.diameter, Timing(1.0, 4.0))
+        self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
     def select(
         self,
@@ -52,27 +52,35 @@ class DirectSelector:
         """Return the best height reached from `height` [m], or from closed; see `HeightSelector.select`."""
         check_excitation(amplitude, amplitude_std, frequency, margin)
         begun = time.perf_counter()
-        rig = rig_at(self._rig, self._scene, frequency, _RTOL)
+        damper = response_at(self._damper, self._scene, frequency, _RTOL)
         try:
             with ThreadPoolExecutor(self._workers) as pool:
-                best = best_height(rig, amplitude, limits=self._limits, ways=self._ways(rig, height), mapper=pool.map)
+                best = best_height(
+                    damper, amplitude, limits=self._limits, approaches=self._approaches(damper, height), mapper=pool.map
+                )
                 if margin > 0.0:
-                    return self._safe(rig, amplitude, margin * amplitude_std, best, pool, begun)
+                    return self._safe(damper, amplitude, margin * amplitude_std, best, pool, begun)
         except NumericalFailure as error:
             raise SelectionError(f"direct: {error}") from error
         wall = time.perf_counter() - begun
         return Selection(best.height, best.amplitude, best.efficiency, self.method, best.evaluations, wall)
 
-    def _ways(self, rig: Rig, height: float) -> tuple[Way, ...]:
-        if not height > rig.diameter * (1.0 + 1e-6):
+    def _approaches(self, damper: DamperResponse, height: float) -> tuple[Approach, ...]:
+        if not height > damper.diameter * (1.0 + 1e-6):
             return FROM_CLOSED
-        return travelled(height, self._speed), travelled(height, self._speed, _LATER * rig.period)
+        return travelled(height, self._speed), travelled(height, self._speed, _LATER * damper.period)
 
     def _safe(
-        self, rig: Rig, amplitude: float, spread: float, best: Best, pool: ThreadPoolExecutor, begun: float
+        self,
+        damper: DamperResponse,
+        amplitude: float,
+        spread: float,
+        best: Best,
+        pool: ThreadPoolExecutor,
+        begun: float,
     ) -> Selection:
-        found = robust_height(self._scene, rig, amplitude, spread, best, self._uncertainty, self._limits, pool.map)
-        efficiency = 1.0 - found.amplitude / rig.closed_amplitude(amplitude)
+        found = robust_height(self._scene, damper, amplitude, spread, best, self._uncertainty, self._limits, pool.map)
+        efficiency = 1.0 - found.amplitude / damper.closed_amplitude(amplitude)
         return Selection(
             found.height, found.amplitude, efficiency, self.method, best.evaluations + found.evaluations,
             time.perf_counter() - begun, best.efficiency - efficiency,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
-from atpid_sim.maps import Best, Response, Rig, Timing
+from atpid_sim.maps import Best, DamperResponse, Response, Timing
 from atpid_sim.maps.best import FLAT, Mapper
 from atpid_sim.scene import Scene
 
@@ -41,7 +41,7 @@ class Robust:
 
 @dataclass(frozen=True)
 class _Case:
-    rig: Rig
+    damper: DamperResponse
     amplitude: float  # of the support [m]
     offset: float  # of the ceiling [m]
     travel: float  # time in which the ceiling opens [s]
@@ -49,7 +49,7 @@ class _Case:
 
 def robust_height(
     scene: Scene,
-    rig: Rig,
+    damper: DamperResponse,
     amplitude: float,
     spread: float,
     best: Best,
@@ -63,17 +63,17 @@ def robust_height(
     stiffness's and of the ceiling's position, and the expectation. The excitation's frequency stays what it is.
     Raises NumericalFailure.
     """
-    cases = _cases(scene, rig, amplitude, spread, uncertainty)
-    clearance, timing = best.height - rig.diameter, Timing(rig.settling(), 12.0)
+    cases = _cases(scene, damper, amplitude, spread, uncertainty)
+    clearance, timing = best.height - damper.diameter, Timing(damper.settling(), 12.0)
 
     def run(job: tuple[float, _Case]) -> Response:
         height, case = job
-        return case.rig.opened(case.amplitude, max(height + case.offset, rig.diameter), timing, case.travel)
+        return case.damper.opened(case.amplitude, max(height + case.offset, damper.diameter), timing, case.travel)
 
     rated: list[tuple[float, list[Response]]] = []
     share = 1.0
     while share > _LEAST and (not rated or worst_of(rated[-1]) <= min(map(worst_of, rated)) * (1.0 + FLAT)):
-        heights = [rig.diameter + clearance * (share - _STEP * k) for k in range(_BATCH)]
+        heights = [damper.diameter + clearance * (share - _STEP * k) for k in range(_BATCH)]
         heights = [height for height in heights if limits[0] <= height <= limits[1]]
         answers = list(mapper(run, product(heights, cases)))
         rated += [(h, answers[k * len(cases) : (k + 1) * len(cases)]) for k, h in enumerate(heights)]
@@ -94,16 +94,18 @@ def worst_of(rated: tuple[float, list[Response]]) -> float:
     return max(r.amplitude * (1.0 if r.regular else _RUMBLE) for r in rated[1])
 
 
-def with_stiffness(scene: Scene, rig: Rig, factor: float) -> Rig:
-    """Return the rig of a beam whose stiffness is `factor` times as large, driven at the same frequency."""
+def with_stiffness(scene: Scene, damper: DamperResponse, factor: float) -> DamperResponse:
+    """Return the response of a beam whose stiffness is `factor` times as large, driven at the same frequency."""
     beam = scene.beam.model_dump()
     beam["stiffness"] *= factor
-    return Rig(scene.with_(beam=beam, frequency=rig.frequency), _RTOL)
+    return DamperResponse(scene.with_(beam=beam, frequency=damper.frequency), _RTOL)
 
 
-def _cases(scene: Scene, rig: Rig, amplitude: float, spread: float, uncertainty: Uncertainty) -> list[_Case]:
+def _cases(
+    scene: Scene, damper: DamperResponse, amplitude: float, spread: float, uncertainty: Uncertainty
+) -> list[_Case]:
     """The expectation first, then the corners; each of them opened at once and slowly: near the cliff that differs."""
-    soft, stiff = (with_stiffness(scene, rig, 1.0 + side * uncertainty.stiffness) for side in (-1.0, 1.0))
+    soft, stiff = (with_stiffness(scene, damper, 1.0 + side * uncertainty.stiffness) for side in (-1.0, 1.0))
     amplitudes = dict.fromkeys((max(amplitude - spread, 0.05 * amplitude), amplitude + spread))
     corners = product((soft, stiff), amplitudes, (uncertainty.resolution,), (0.0, 1.0))
-    return [_Case(rig, amplitude, 0.0, 0.0), *(_Case(*corner) for corner in corners)]
+    return [_Case(damper, amplitude, 0.0, 0.0), *(_Case(*corner) for corner in corners)]

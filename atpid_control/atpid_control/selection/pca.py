@@ -6,12 +6,12 @@ from __future__ import annotations
 import math
 import time
 
-from atpid_control.selection.checks import check_excitation, rig_at
+from atpid_control.selection.checks import check_excitation, response_at
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import simplified
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
 from atpid_control.selection.tuning import tune
-from atpid_sim.maps import Rig, Timing
+from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
@@ -39,8 +39,8 @@ class PcaSelector:
     def __init__(self, scene: Scene, gravity: bool = True) -> None:
         """Take the system of a scene; without gravity all models are computed as if there were none (Fig. 4.43)."""
         self._scene = scene if gravity else scene.with_(gravity=0.0)
-        self._rig = Rig(self._scene, _RTOL)
-        self._rig.opened(1e-3, 4.0 * self._rig.diameter, Timing(1.0, 4.0))
+        self._damper = DamperResponse(self._scene, _RTOL)
+        self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
     def select(
         self,
@@ -59,12 +59,12 @@ class PcaSelector:
         used = amplitude - margin * amplitude_std
         if used <= 0.0:
             raise SelectionError(f"amplitude: its error bar ({margin:g} x {amplitude_std:g} m) reaches below 0")
-        run = _Run(rig_at(self._rig, self._scene, frequency, _RTOL), used)
+        run = _Run(response_at(self._damper, self._scene, frequency, _RTOL), used)
         try:
             best, observed = run.whole()
         except NumericalFailure as error:
             raise SelectionError(f"pca: {error}") from error
-        efficiency = 1.0 - observed / run.rig.closed_amplitude(amplitude)
+        efficiency = 1.0 - observed / run.damper.closed_amplitude(amplitude)
         return Selection(
             best, observed, efficiency, self.method, run.evaluations, time.perf_counter() - begun,
             0.0 if used == amplitude else math.nan, tuple(run.stages),
@@ -74,13 +74,13 @@ class PcaSelector:
 class _Run:
     """One run of the algorithm, keeping what each stage gave."""
 
-    def __init__(self, rig: Rig, amplitude: float) -> None:
-        self.rig, self.amplitude = rig, amplitude
+    def __init__(self, damper: DamperResponse, amplitude: float) -> None:
+        self.damper, self.amplitude = damper, amplitude
         self.stages: list[Stage] = []
         self.evaluations = self._tuned = 0
-        self._lowest = rig.diameter + _LEAST_SHARE * rig.ballistic_clearance(amplitude)
-        self._highest = rig.diameter + rig.ballistic_clearance(amplitude)
-        settle = rig.settling()
+        self._lowest = damper.diameter + _LEAST_SHARE * damper.ballistic_clearance(amplitude)
+        self._highest = damper.diameter + damper.ballistic_clearance(amplitude)
+        settle = damper.settling()
         self._settle, self._window = 0.6 * settle, 6.0
 
     def whole(self) -> tuple[float, float]:
@@ -89,7 +89,7 @@ class _Run:
         least = self._opened(height)
         self._tell("PCA", height, least, "before tuning, opened from closed")
         height, amplitude = tune(self._tuning, height, least, self._lowest, self._highest)
-        final = self.rig.opened(self.amplitude, height, Timing(self.rig.settling(), 16.0)).amplitude
+        final = self.damper.opened(self.amplitude, height, Timing(self.damper.settling(), 16.0)).amplitude
         self.evaluations += 1
         self._tell("result", height, final, f"{amplitude:.5g} m while tuning")
         return height, final
@@ -101,12 +101,12 @@ class _Run:
         the best height without end (docs/selection.md). Where the criteria never hold, the iteration with the least
         amplitude is what tuning starts from.
         """
-        sm = simplified(self.rig.system, self.rig.frequency, self.amplitude)
+        sm = simplified(self.damper.system, self.damper.frequency, self.amplitude)
         self._tell("SM", math.nan, sm.amplitude, f"V = {sm.top_speed:.2f} m/s")
         guess = sm.first_height()
         self._tell("SM + PM1", guess, math.nan, "first guess, equation 4.30")
         t, start = sm.first_return(max(guess, self._lowest))
-        model = ComplexModel(self.rig, self.amplitude, t, start, self._within(guess))
+        model = ComplexModel(self.damper, self.amplitude, t, start, self._within(guess))
         seen: list[Start] = []
         before = model.height
         for iteration in range(1, _ITERATIONS + 1):
@@ -133,7 +133,7 @@ class _Run:
 
     def _opened(self, height: float) -> float:
         self.evaluations += 1
-        return self.rig.opened(self.amplitude, height, Timing(self.rig.settling(), 8.0)).amplitude
+        return self.damper.opened(self.amplitude, height, Timing(self.damper.settling(), 8.0)).amplitude
 
     def _tuning(self, height: float) -> float:
         """Amplitude [m] at a height opened from closed: going on from the last height would depend on the order."""

@@ -12,7 +12,7 @@ import numpy as np
 from atpid_common.errors import InputError
 from atpid_control.selection.checks import check_excitation
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
-from atpid_sim.maps import Rig
+from atpid_sim.maps import DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.plant import Plant
 from atpid_sim.scene import Scene
@@ -86,8 +86,8 @@ class SearchSelector:
     def __init__(self, scene: Scene, plan: Plan | None = None) -> None:
         """Take the plant of a scene, and the ceiling's range and speed where it is controlled."""
         self._scene, self._plan = scene, plan
-        self._rig = Rig(scene, scene.tolerance)
-        self._limits = getattr(scene.ceiling, "range", (self._rig.diameter, math.inf))
+        self._damper = DamperResponse(scene)
+        self._limits = getattr(scene.ceiling, "range", (self._damper.diameter, math.inf))
         self._speed = getattr(scene.ceiling, "speed", None)
 
     def select(
@@ -118,7 +118,7 @@ class SearchSelector:
         except NumericalFailure as error:
             raise SelectionError(f"search: {error}") from error
         stages.append(Stage("result", search.target, seen, f"{plant.time:.0f} s on the plant"))
-        efficiency = 1.0 - seen / self._rig.closed_amplitude(amplitude)
+        efficiency = 1.0 - seen / self._damper.closed_amplitude(amplitude)
         wall = time.perf_counter() - begun
         return Selection(
             search.target,
@@ -132,9 +132,9 @@ class SearchSelector:
         )
 
     def _scaled(self, amplitude: float) -> Plan:
-        step = self._rig.ballistic_clearance(amplitude) / _STEPS
-        highest = min(self._limits[1], self._rig.diameter + 1.4 * _STEPS * step)
-        return Plan(step, max(_DWELL, 4.0 * self._rig.decay_periods * self._rig.period), self._limits[0], highest)
+        step = self._damper.ballistic_clearance(amplitude) / _STEPS
+        highest = min(self._limits[1], self._damper.diameter + 1.4 * _STEPS * step)
+        return Plan(step, max(_DWELL, 4.0 * self._damper.decay_periods * self._damper.period), self._limits[0], highest)
 
     def _plant(self, amplitude: float, frequency: float, plan: Plan) -> Plant:
         steps = math.ceil((plan.highest - plan.lowest) / plan.step) + 3

@@ -12,7 +12,7 @@ from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import with_stiffness
 from atpid_control.selection.pca import PcaSelector
 from atpid_sim.batch import on_all_cores
-from atpid_sim.maps import Rig, Timing, best_height
+from atpid_sim.maps import DamperResponse, Timing, best_height
 from atpid_sim.scene import Scene, scene_from_mapping
 
 Array = NDArray[np.float64]
@@ -50,13 +50,13 @@ class Landscape:
 def landscape(amplitude: float, mass_fraction: float = 0.1, count: int = 120) -> Landscape:
     """Compute the landscape around the best height of the standard bench."""
     scene = standard_bench(mass_fraction)
-    rig = Rig(scene, _RTOL)
-    best = best_height(rig, amplitude).height
+    damper = DamperResponse(scene, _RTOL)
+    best = best_height(damper, amplitude).height
     heights = np.linspace(0.3 * best, 1.6 * best, count)
-    timing, closed = Timing(1.5 * rig.settling(), 16.0), rig.closed_amplitude(amplitude)
+    timing, closed = Timing(1.5 * damper.settling(), 16.0), damper.closed_amplitude(amplitude)
 
     def swing(height: float) -> tuple[float, float]:
-        slow, sudden = (rig.opened(amplitude, height, timing, travel).amplitude / closed for travel in (1.0, 0.0))
+        slow, sudden = (damper.opened(amplitude, height, timing, travel).amplitude / closed for travel in (1.0, 0.0))
         return slow, sudden
 
     found = dict(on_all_cores(swing, [float(h) for h in heights]))
@@ -81,15 +81,15 @@ def margin_curve(amplitude: float, mass_fraction: float = 0.1, count: int = 21) 
     scene = standard_bench(mass_fraction)
     selector = DirectSelector(scene)
     bare, safe = selector.select(amplitude), selector.select(amplitude, margin=1.0)
-    rig = Rig(scene, _RTOL)
+    damper = DamperResponse(scene, _RTOL)
     errors = np.linspace(-0.05, 0.05, count)
 
     def worst(job: tuple[float, float]) -> float:
         error, height = job
-        other = with_stiffness(scene, rig, 1.0 + error)
-        timing = Timing(1.5 * rig.settling(), 16.0)
+        other = with_stiffness(scene, damper, 1.0 + error)
+        timing = Timing(1.5 * damper.settling(), 16.0)
         swings = [other.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0)]
-        return max(swings) / rig.closed_amplitude(amplitude)
+        return max(swings) / damper.closed_amplitude(amplitude)
 
     jobs = [(float(error), height) for height in (bare.height, safe.height) for error in errors]
     found = dict(on_all_cores(worst, jobs))
@@ -113,21 +113,24 @@ class PcaErrors:
 def pca_errors(amplitudes: Array, mass_fraction: float = 0.1, gravity: bool = True) -> PcaErrors:
     """Compute Figs 4.37 to 4.43: the best height is that of a fine scan, finer than any of the methods."""
     scene = standard_bench(mass_fraction, 9.81 if gravity else 0.0)
-    rig = Rig(scene, _RTOL)
+    damper = DamperResponse(scene, _RTOL)
     pca, direct = PcaSelector(scene), DirectSelector(scene, workers=1)
-    rows = dict(on_all_cores(lambda a: _row(rig, pca, direct, a), [float(a) for a in amplitudes]))
+    rows = dict(on_all_cores(lambda a: _row(damper, pca, direct, a), [float(a) for a in amplitudes]))
     columns = np.array([rows[float(a)] for a in amplitudes]).T
     return PcaErrors(np.asarray(amplitudes), *columns)
 
 
-def _row(rig: Rig, pca: PcaSelector, direct: DirectSelector, amplitude: float) -> list[float]:
-    timing = Timing(1.5 * rig.settling(), 16.0)
+def _row(damper: DamperResponse, pca: PcaSelector, direct: DirectSelector, amplitude: float) -> list[float]:
+    timing = Timing(1.5 * damper.settling(), 16.0)
 
     def swing(height: float) -> float:
-        return max(rig.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0))
+        return max(damper.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0))
 
-    unit = rig.ballistic_clearance(amplitude)
-    scan = [(swing(rig.diameter + share * unit), rig.diameter + share * unit) for share in np.arange(0.36, 0.95, 0.005)]
+    unit = damper.ballistic_clearance(amplitude)
+    scan = [
+        (swing(damper.diameter + share * unit), damper.diameter + share * unit)
+        for share in np.arange(0.36, 0.95, 0.005)
+    ]
     least, best = min(scan)
     chosen = pca.select(amplitude)
     before = next(stage.height for stage in chosen.stages if stage.name == "PCA")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from atpid_sim import kernel_cache as kernel_cache
 from atpid_sim.contact.registry import LAWS, Contact, contact_of, restitution_of
 
 __all__ = ["LAWS", "Contact", "contact_of", "restitution_of"]

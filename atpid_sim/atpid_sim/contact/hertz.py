@@ -8,42 +8,42 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from atpid_sim.kernel import kernel
 
 DESCRIPTION = "Hertz, elastic (Eq. 3.9)"
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def elastic_force(overlap, k):  # type: ignore[no-untyped-def]
     """k x^1.5 [N], continued oddly below zero so that a trial stage just outside the contact is harmless."""
     return k * overlap * math.sqrt(abs(overlap))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def elastic_energy(overlap, k):  # type: ignore[no-untyped-def]
     """Energy stored at this overlap, 0.4 k x^2.5 [J]."""
     return 0.4 * k * overlap * overlap * math.sqrt(abs(overlap))
 
 
-@njit(cache=True, error_model="numpy")
-def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
+@kernel
+def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N]."""
     return elastic_force(overlap, p[0])
 
 
-@njit(cache=True, error_model="numpy")
-def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
+@kernel
+def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Minus infinity while overlapped: the force vanishes only with the overlap."""
     return -math.inf if overlap >= 0.0 else math.inf
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
     """Stored energy [J]."""
     return elastic_energy(overlap, p[0])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """One: nothing is lost."""
     return 1.0

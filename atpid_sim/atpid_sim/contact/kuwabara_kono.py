@@ -8,36 +8,33 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
-from atpid_sim.contact.hertz import elastic_energy, elastic_force
+from atpid_sim.contact import hertz
+from atpid_sim.contact.hertz import elastic_force
 from atpid_sim.contact.rebound import hertz_time
 from atpid_sim.contact.rebound_series import KUWABARA_KONO, series_rebound
+from atpid_sim.kernel import kernel
 
 DESCRIPTION = "Hertz with damping by the root of the overlap, Kuwabara-Kono (Eq. 3.11)"
 
 
-@njit(cache=True, error_model="numpy")
-def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
+@kernel
+def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N], not clamped."""
-    return elastic_force(overlap, p[0]) + p[1] * rate * math.sqrt(abs(overlap))
+    return elastic_force(overlap, p[0]) + p[1] * velocity * math.sqrt(abs(overlap))
 
 
-@njit(cache=True, error_model="numpy")
-def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
-    """Overlap rate at which the force vanishes [m/s]."""
+@kernel
+def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+    """Overlap velocity at which the force vanishes [m/s]."""
     if p[1] > 0.0:
         return -p[0] / p[1] * overlap
     return -math.inf if overlap >= 0.0 else math.inf
 
 
-@njit(cache=True, error_model="numpy")
-def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
-    """Stored energy [J]."""
-    return elastic_energy(overlap, p[0])
+energy = hertz.energy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-] at an approach speed [m/s]; it falls with the speed; mass [kg] is the reduced one."""
     if speed <= 0.0:

@@ -16,20 +16,20 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from atpid_sim.kernel import kernel
 
 #: Error of a step in ln R (times g where that is below 1), and the step at which the release counts as found.
 _ERROR = 1e-14
 _SHORTEST = 1e-13
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def hertz_time(speed, mass, k):  # type: ignore[no-untyped-def]
     """Time scale T of a Hertz impact [s]."""
     return (mass / k) ** 0.4 * speed**-0.2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _angle(s):  # type: ignore[no-untyped-def]
     """Angle and its derivative, s from 0 to 1; as flat as s^5 at both ends, where the powers of X are not smooth."""
     rest = s * (1.0 - s)
@@ -37,13 +37,13 @@ def _angle(s):  # type: ignore[no-untyped-def]
     return theta, 630.0 * math.pi * rest**4
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _damping(log_radius, sine, g, a):  # type: ignore[no-untyped-def]
     x = (math.exp(log_radius) * sine / math.sqrt(0.8)) ** 0.8
     return g * x ** (a - 0.25) / math.sqrt(1.25)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _slope(s, log_radius, g, a):  # type: ignore[no-untyped-def]
     """d ln R / ds; NaN where the force would pull: no trial stage beyond the release is taken for a good one."""
     theta, stretch = _angle(s)
@@ -56,7 +56,7 @@ def _slope(s, log_radius, g, a):  # type: ignore[no-untyped-def]
     return -damping * cosine * cosine / (1.0 + damping * sine * cosine) * stretch
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _step(s, log_radius, h, g, a):  # type: ignore[no-untyped-def]
     first = _slope(s, log_radius, g, a)
     second = _slope(s + 0.5 * h, log_radius + 0.5 * h * first, g, a)
@@ -65,7 +65,7 @@ def _step(s, log_radius, h, g, a):  # type: ignore[no-untyped-def]
     return log_radius + h * (first + 2.0 * (second + third) + fourth) / 6.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def log_rebound(g, a):  # type: ignore[no-untyped-def]
     """Logarithm of the restitution [-] for the dimensionless damping g > 0 and the power a of the overlap in it.
 

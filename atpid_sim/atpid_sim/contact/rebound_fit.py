@@ -28,18 +28,18 @@ def strong_rebound(g: float, a: float) -> float:
 
         x' + x^(1 + a) / (1 + a) = 1 - d J,   J the integral of x^1.5 over time.
 
-    Damping alone (d = 0) stops the grain at x0 = (1 + a)^q, q = 1 / (1 + a); its rate dies out as
-    exp(-l t - psi(q) - gamma), l = x0^a. Then it creeps back at the rate d x^(1.5 - a). The force -x'' vanishes at the
-    time t when the deceleration of the one is down to that of the other, d^2 (1.5 - a) x0^(2 - 2 a). By then
+    Damping alone (d = 0) stops the grain at x0 = (1 + a)^q, q = 1 / (1 + a); its velocity decays as
+    exp(-l t - psi(q) - gamma), l = x0^a. Then it creeps back at the velocity d x^(1.5 - a). The force -x'' vanishes at
+    the time t when the deceleration of the one is down to that of the other, d^2 (1.5 - a) x0^(2 - 2 a). By then
     J = x0^1.5 (t - (psi(2.5 q) - psi(q)) / l); the equation above with x' = -d x0^(1.5 - a) gives x, and
     e = d x^(1.5 - a).
     """
     q = 1.0 / (1.0 + a)
     d = g ** (-2.5 * q)
     stop = (1.0 + a) ** q
-    rate = stop**a
-    time = (math.log(rate / ((1.5 - a) * d**2 * stop ** (2.0 - 2.0 * a))) - digamma(q) - np.euler_gamma) / rate
-    integral = stop**1.5 * (time - (digamma(2.5 * q) - digamma(q)) / rate)
+    decay = stop**a
+    time = (math.log(decay / ((1.5 - a) * d**2 * stop ** (2.0 - 2.0 * a))) - digamma(q) - np.euler_gamma) / decay
+    integral = stop**1.5 * (time - (digamma(2.5 * q) - digamma(q)) / decay)
     return float(d * (stop * (1.0 - d * (integral - stop ** (1.5 - a))) ** q) ** (1.5 - a))
 
 

@@ -10,7 +10,7 @@ so that every g from 0 to infinity lies in -1 <= s <= 1, and r goes from one kno
 - weak damping, s = -1: r = C / p with 1 - e = C g, C = 0.8 * 1.25^q B(q, 3/2), q = 0.4 (1 + a), the loss along the
   undamped path (Schwager and Poeschel, Phys. Rev. E 78 (2008) 051304, for a = 1/2). Release at the overlap
   x = g^(1 / (1.5 - a)), whose root is u, makes r a power series in u.
-- strong damping, s = 1: damping alone stops the grain at x^(1 + a) = (1 + a) / g, the force vanishes at the rate
+- strong damping, s = 1: damping alone stops the grain at x^(1 + a) = (1 + a) / g, the force vanishes at the velocity
   x^(1.5 - a) / g: r = (1 + a)^((a - 1.5) / 2.5). `rebound_fit` gives the next order.
 
 `rebound_fit` makes the coefficients; e is within 1e-8 of the integral, everywhere.
@@ -19,7 +19,8 @@ so that every g from 0 to infinity lies in -1 <= s <= 1, and r goes from one kno
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from atpid_sim.kernel import kernel
 
 #: c_0, c_1, ... for a = 0.
 LEE_HERRMANN = np.array([
@@ -43,7 +44,7 @@ KUWABARA_KONO = np.array([
 ])  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _chebyshev(s, c):  # type: ignore[no-untyped-def]
     """Sum of c[n] T_n(s), by Clenshaw's recurrence."""
     last, before = 0.0, 0.0
@@ -52,7 +53,7 @@ def _chebyshev(s, c):  # type: ignore[no-untyped-def]
     return s * last - before + c[0]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def series_rebound(g, a, c):  # type: ignore[no-untyped-def]
     """Restitution [-] for the dimensionless damping g >= 0, the damping's power a of the overlap and its series c."""
     s = 1.0 - 2.0 / (1.0 + g ** (1.0 / (3.0 - 2.0 * a)))

@@ -8,39 +8,37 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
-from atpid_sim.contact.hertz import elastic_energy, elastic_force
+from atpid_sim.contact import hertz
+from atpid_sim.contact.hertz import elastic_force
 from atpid_sim.contact.linear import damped_restitution
+from atpid_sim.kernel import kernel
 
 DESCRIPTION = "Hertz with damping by the fourth root of the overlap, Tsuji (Eqs 3.12, 3.24)"
 
 
-@njit(cache=True, error_model="numpy")
-def force(overlap, rate, memory, p):  # type: ignore[no-untyped-def]
+@kernel
+def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N], not clamped."""
-    return elastic_force(overlap, p[0]) + p[1] * rate * math.sqrt(math.sqrt(abs(overlap)))
+    return elastic_force(overlap, p[0]) + p[1] * velocity * math.sqrt(math.sqrt(abs(overlap)))
 
 
-@njit(cache=True, error_model="numpy")
-def release_rate(overlap, memory, p):  # type: ignore[no-untyped-def]
-    """Overlap rate at which the force vanishes [m/s]."""
+@kernel
+def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+    """Overlap velocity at which the force vanishes [m/s]."""
     if p[1] > 0.0:
         return -p[0] / p[1] * overlap * math.sqrt(math.sqrt(abs(overlap)))
     return -math.inf if overlap >= 0.0 else math.inf
 
 
-@njit(cache=True, error_model="numpy")
-def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
-    """Stored energy [J]."""
-    return elastic_energy(overlap, p[0])
+energy = hertz.energy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-], the same at every speed [m/s]; mass [kg] is the reduced one.
 
-    In the variable x^1.25 the path (overlap, rate) is that of a linear oscillator with damping ratio c / sqrt(5 k m),
-    release included, so its closed form holds (after Antypov and Elliott, EPL 94 (2011) 50004, with F >= 0).
+    In the variable x^1.25 the path (overlap, velocity) is that of a linear oscillator with damping ratio
+    c / sqrt(5 k m), detachment included, so its closed form holds (after Antypov and Elliott, EPL 94 (2011) 50004,
+    with F >= 0).
     """
     return damped_restitution(p[1] / math.sqrt(5.0 * p[0] * mass))

@@ -5,7 +5,8 @@ Inside one segment of the drive (see `drive.py`) the support moves as
 
     u(tau) = (a0 + a1 tau) sin(omega tau + phase) + c0 + c1 tau + c2 tau^2 + c3 tau^3
 
-and the beam, a damped oscillator, has a closed form: a particular solution of the same shape plus a decaying swing.
+and the beam, a damped oscillator, has a closed form: a particular solution of the same shape plus a decaying free
+vibration.
 Close to resonance these two would be large and nearly cancel: there the tone's part is taken as it grows from nothing
 at the start of the arc (docs/no_missed_impact.md).
 """
@@ -16,7 +17,8 @@ import cmath
 import math
 from typing import NamedTuple
 
-from atpid_sim.engine.kernel import kernel
+from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, END, OMEGA, PHASE, START
+from atpid_sim.kernel import inlined, kernel
 
 #: A tone is close to resonance where the beam resists it with less than this share of its stiffness ...
 _RESONANT = 0.03
@@ -26,7 +28,7 @@ _UNSETTLED = 4.0
 
 
 class Arc(NamedTuple):
-    """Closed-form coefficients of one swing of the beam, from local time `start` on [SI units]."""
+    """Closed-form coefficients of the motion from local time `start` on [SI units]."""
 
     start: float
     mass: float
@@ -51,28 +53,28 @@ class Arc(NamedTuple):
     w1: float
     decay: float
     squared: float  # square of the damped angular frequency; negative where overdamped
-    rate: float  # root of its absolute value
-    swing: float  # homogeneous part at `start`
-    swing_rate: float  # its rate, corrected for the decay
+    damped: float  # root of its absolute value
+    free: float  # free vibration at `start`
+    free_velocity: float  # its velocity there, corrected for the decay
 
 
 @kernel
 def support_at(a0, a1, omega, phase, c0, c1, c2, c3, tau):  # type: ignore[no-untyped-def]
     """Support displacement [m] and velocity [m/s] at local time tau [s]."""
     u = c0 + tau * (c1 + tau * (c2 + tau * c3))
-    rate = c1 + tau * (2.0 * c2 + tau * 3.0 * c3)
+    velocity = c1 + tau * (2.0 * c2 + tau * 3.0 * c3)
     if a0 != 0.0 or a1 != 0.0:
         angle = omega * tau + phase
         s, c = math.sin(angle), math.cos(angle)
         amplitude = a0 + a1 * tau
         u += amplitude * s
-        rate += a1 * s + omega * amplitude * c
-    return u, rate
+        velocity += a1 * s + omega * amplitude * c
+    return u, velocity
 
 
 @kernel
 def _forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):  # type: ignore[no-untyped-def]
-    """Particular solution and its rate at tau, where the tone's part has this amplitude and this rate of it."""
+    """Particular solution and its velocity at tau, where the tone's part has this amplitude, changing at this rate."""
     angle = omega * tau + phase
     s, c = math.sin(angle), math.cos(angle)
     x = q_in * s + q_out * c + c0 + w0 + tau * (c1 + w1 + tau * (c2 + tau * c3))
@@ -95,15 +97,15 @@ def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):  # ty
 
 @kernel
 def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ignore[no-untyped-def]
-    """Coefficients of the swing that starts at local time tau [s] with displacement x [m] and velocity v [m/s].
+    """Coefficients of the motion that starts at local time tau [s] with displacement x [m] and velocity v [m/s].
 
-    `segment` is one row of the drive table, (12,) float64; `mass` is what swings: the beam alone, or beam and grain.
+    `segment` is one row of the drive table, (12,) float64; `mass` is what moves: the beam alone, or beam and grain.
     """
-    a0, a1, omega, phase = segment[2], segment[3], segment[4], segment[5]
-    c0, c1, c2, c3 = segment[6], segment[7], segment[8], segment[9]
+    a0, a1, omega, phase = segment[A0], segment[A1], segment[OMEGA], segment[PHASE]
+    c0, c1, c2, c3 = segment[C0], segment[C1], segment[C2], segment[C3]
     decay = 0.5 * damping / mass
     squared = stiffness / mass - decay * decay
-    rate = math.sqrt(abs(squared))
+    damped = math.sqrt(abs(squared))
     q0 = q1 = q = q_rate = complex(0.0, 0.0)
     resonant, beat = False, 0.0
     if a0 != 0.0 or a1 != 0.0:
@@ -111,9 +113,9 @@ def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ig
         drive = complex(stiffness, omega * damping)
         resistance = abs(transfer.real) + abs(transfer.imag)
         if resistance < _RESONANT * stiffness:
-            resonant = resistance * omega * (segment[1] - segment[0]) < _UNSETTLED * stiffness
+            resonant = resistance * omega * (segment[END] - segment[START]) < _UNSETTLED * stiffness
         if resonant:
-            q0, q1, beat = _growth(mass, transfer, drive, damping, a0 + a1 * tau, a1, omega, decay, rate)
+            q0, q1, beat = _growth(mass, transfer, drive, damping, a0 + a1 * tau, a1, omega, decay, damped)
             q_rate = q0
         else:
             q1 = drive * a1 / transfer
@@ -122,10 +124,10 @@ def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ig
     w1 = -6.0 * mass * c3 / stiffness
     w0 = -(2.0 * mass * c2 + mass * gravity + damping * w1) / stiffness
     xp, vp = _forced(q.real, q.imag, q_rate.real, q_rate.imag, omega, phase, c0, c1, c2, c3, w0, w1, tau)
-    swing = x - xp
+    free = x - xp
     return Arc(
         tau, mass, stiffness, damping, gravity, a0, a1, omega, phase, c0, c1, c2, c3, q0.real, q0.imag, q1.real,
-        q1.imag, resonant, beat, w0, w1, decay, squared, rate, swing, v - vp + decay * swing,
+        q1.imag, resonant, beat, w0, w1, decay, squared, damped, free, v - vp + decay * free,
     )  # fmt: skip
 
 
@@ -174,7 +176,7 @@ def _envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-d
 
 @kernel
 def _growing_envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-def]
-    """Return the same close to resonance: the amplitude grows by no more than what feeds it."""
+    """Return the same close to resonance: the amplitude grows by no more than the drive adds."""
     s, last = tau - arc.start, until - arc.start
     feed = max(
         math.hypot(arc.q0_in + arc.q1_in * s, arc.q0_out + arc.q1_out * s),
@@ -187,90 +189,119 @@ def _growing_envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-u
 
 
 @kernel
-def _swing(arc, s):  # type: ignore[no-untyped-def]
-    """Homogeneous part of the motion and its rate, s seconds after the start of the arc."""
-    angle = arc.rate * s
+def _free_vibration(arc, s):  # type: ignore[no-untyped-def]
+    """Free vibration and its velocity, s seconds after the start of the arc."""
+    angle = arc.damped * s
     if arc.squared > 0.0 and angle > 1e-8:
         fade = math.exp(-arc.decay * s)
         cosine = fade * math.cos(angle)
-        sine = fade * math.sin(angle) / arc.rate
+        sine = fade * math.sin(angle) / arc.damped
     elif arc.squared < 0.0 and angle > 1.0:
-        return _creep(arc, s)
+        return _overdamped(arc, s)
     elif arc.squared < 0.0 and angle > 1e-8:
         fade = math.exp(-arc.decay * s)
         cosine = fade * math.cosh(angle)
-        sine = fade * math.sinh(angle) / arc.rate
+        sine = fade * math.sinh(angle) / arc.damped
     else:
         cosine = math.exp(-arc.decay * s)
         sine = cosine * s
-    x = arc.swing * cosine + arc.swing_rate * sine
-    v = -arc.decay * x - arc.swing * arc.squared * sine + arc.swing_rate * cosine
+    x = arc.free * cosine + arc.free_velocity * sine
+    v = -arc.decay * x - arc.free * arc.squared * sine + arc.free_velocity * cosine
     return x, v
 
 
 @kernel
-def _creep(arc, s):  # type: ignore[no-untyped-def]
-    """Return the same where overdamped, as two decays: the slow one of a very strong damper keeps its digits."""
-    quick = arc.decay + arc.rate
-    slow = arc.stiffness / (arc.mass * quick)
-    lasting = 0.5 * (arc.swing + arc.swing_rate / arc.rate) * math.exp(-slow * s)
-    brief = 0.5 * (arc.swing - arc.swing_rate / arc.rate) * math.exp(-quick * s)
-    return lasting + brief, -slow * lasting - quick * brief
+def _overdamped(arc, s):  # type: ignore[no-untyped-def]
+    """The same where overdamped, as two decays: the slow one of a very strong damper keeps its digits."""
+    fast = arc.decay + arc.damped
+    slow = arc.stiffness / (arc.mass * fast)
+    slow_part = 0.5 * (arc.free + arc.free_velocity / arc.damped) * math.exp(-slow * s)
+    fast_part = 0.5 * (arc.free - arc.free_velocity / arc.damped) * math.exp(-fast * s)
+    return slow_part + fast_part, -slow * slow_part - fast * fast_part
+
+
+class _Parts(NamedTuple):
+    """What displacement, velocity and their bounds at one instant are made of [SI units]."""
+
+    free: float  # free vibration
+    free_velocity: float
+    support: float  # polynomial part of the support's motion
+    support_velocity: float
+    tone: bool  # whether the support's motion has a tone; all below are zero without
+    sine: float
+    cosine: float
+    amplitude: float
+    q_in: float
+    q_out: float
+    rate_in: float
+    rate_out: float
+    x: float  # the tone's part of the beam's motion
+    v: float
+    u: float  # and of the support's
+    w: float
+
+
+@inlined
+def _parts(arc, tau):  # type: ignore[no-untyped-def]
+    """What the motion at local time tau is made of."""
+    y, y1 = _free_vibration(arc, tau - arc.start)
+    u = arc.c0 + tau * (arc.c1 + tau * (arc.c2 + tau * arc.c3))
+    w = arc.c1 + tau * (2.0 * arc.c2 + tau * 3.0 * arc.c3)
+    if arc.a0 == 0.0 and arc.a1 == 0.0:
+        return _Parts(y, y1, u, w, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    angle = arc.omega * tau + arc.phase
+    s, c = math.sin(angle), math.cos(angle)
+    q_in, q_out, rate_in, rate_out = _forced_amplitude(arc, tau)
+    amplitude = arc.a0 + arc.a1 * tau
+    return _Parts(
+        y, y1, u, w, True, s, c, amplitude, q_in, q_out, rate_in, rate_out,
+        q_in * s + q_out * c, (rate_in - arc.omega * q_out) * s + (rate_out + arc.omega * q_in) * c,
+        amplitude * s, arc.a1 * s + arc.omega * amplitude * c,
+    )  # fmt: skip
+
+
+@inlined
+def _bounded_motion(arc, tau, m):  # type: ignore[no-untyped-def]
+    """Beam displacement, velocity and acceleration from its parts, summed as the bounds' proof has it."""
+    x = m.free + m.support + arc.w0 + arc.w1 * tau + m.x
+    v = m.free_velocity + m.support_velocity + arc.w1 + m.v
+    u, w = m.support + m.u, m.support_velocity + m.w
+    return x, v, (arc.stiffness * (u - x) + arc.damping * (w - v)) / arc.mass - arc.gravity
+
+
+@inlined
+def _higher(arc, lower, low):  # type: ignore[no-untyped-def]
+    """The next derivative of the free vibration from the two before it, `lower` the one before `low`."""
+    return -(2.0 * arc.decay) * low - arc.stiffness / arc.mass * lower
 
 
 @kernel
 def beam_at(arc, tau):  # type: ignore[no-untyped-def]
     """Beam displacement, velocity, acceleration and support displacement, velocity at local time tau [SI units]."""
-    x, v = _swing(arc, tau - arc.start)
-    u = arc.c0 + tau * (arc.c1 + tau * (arc.c2 + tau * arc.c3))
-    rate = arc.c1 + tau * (2.0 * arc.c2 + tau * 3.0 * arc.c3)
-    x += u + arc.w0 + arc.w1 * tau
-    v += rate + arc.w1
-    if arc.a0 != 0.0 or arc.a1 != 0.0:
-        angle = arc.omega * tau + arc.phase
-        s, c = math.sin(angle), math.cos(angle)
-        q_in, q_out, rate_in, rate_out = _forced_amplitude(arc, tau)
-        x += q_in * s + q_out * c
-        v += (rate_in - arc.omega * q_out) * s + (rate_out + arc.omega * q_in) * c
-        amplitude = arc.a0 + arc.a1 * tau
-        u += amplitude * s
-        rate += arc.a1 * s + arc.omega * amplitude * c
-    a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
-    return x, v, a, u, rate
+    m = _parts(arc, tau)
+    x = m.free + (m.support + arc.w0 + arc.w1 * tau) + m.x
+    v = m.free_velocity + (m.support_velocity + arc.w1) + m.v
+    u, w = m.support + m.u, m.support_velocity + m.w
+    return x, v, (arc.stiffness * (u - x) + arc.damping * (w - v)) / arc.mass - arc.gravity, u, w
 
 
 @kernel
 def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
     """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
 
-    The swing's jerk j obeys the same damped oscillator as the swing, so j'^2 + w0^2 j^2 never grows and
+    The free vibration's jerk j obeys the same damped oscillator, so j'^2 + w0^2 j^2 never grows and
     |j| <= sqrt(j'^2 / w0^2 + j^2) from there on, under-, over- or critically damped alike. The particular
     solution's jerk is bounded by its envelope, which is linear in time. docs/no_missed_impact.md has the proof.
     """
-    y, y1 = _swing(arc, tau - arc.start)
-    u = arc.c0 + tau * (arc.c1 + tau * (arc.c2 + tau * arc.c3))
-    rate = arc.c1 + tau * (2.0 * arc.c2 + tau * 3.0 * arc.c3)
-    x = y + u + arc.w0 + arc.w1 * tau
-    v = y1 + rate + arc.w1
+    m = _parts(arc, tau)
+    x, v, a = _bounded_motion(arc, tau, m)
     bound = 6.0 * abs(arc.c3)
-    if arc.a0 != 0.0 or arc.a1 != 0.0:
-        angle = arc.omega * tau + arc.phase
-        s, c = math.sin(angle), math.cos(angle)
-        q_in, q_out, rate_in, rate_out = _forced_amplitude(arc, tau)
-        x += q_in * s + q_out * c
-        v += (rate_in - arc.omega * q_out) * s + (rate_out + arc.omega * q_in) * c
-        amplitude = arc.a0 + arc.a1 * tau
-        u += amplitude * s
-        rate += arc.a1 * s + arc.omega * amplitude * c
-        squared = arc.omega * arc.omega
-        bound += squared * arc.omega * _envelope(arc, q_in, q_out, tau, until, 3.0)
-    a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
-    natural = arc.stiffness / arc.mass
-    twice = 2.0 * arc.decay
-    y2 = -twice * y1 - natural * y
-    y3 = -twice * y2 - natural * y1
-    y4 = -twice * y3 - natural * y2
-    return x, v, a, bound + math.sqrt(y4 * y4 / natural + y3 * y3)
+    if m.tone:
+        bound += arc.omega * arc.omega * arc.omega * _envelope(arc, m.q_in, m.q_out, tau, until, 3.0)
+    y2 = _higher(arc, m.free, m.free_velocity)
+    y3 = _higher(arc, m.free_velocity, y2)
+    y4 = _higher(arc, y2, y3)
+    return x, v, a, bound + math.sqrt(y4 * y4 / (arc.stiffness / arc.mass) + y3 * y3)
 
 
 @kernel
@@ -279,33 +310,22 @@ def snap_bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
 
     The bound holds until `until`, by the argument of `bounded_at` one derivative higher.
     """
-    y, y1 = _swing(arc, tau - arc.start)
-    u = arc.c0 + tau * (arc.c1 + tau * (arc.c2 + tau * arc.c3))
-    rate = arc.c1 + tau * (2.0 * arc.c2 + tau * 3.0 * arc.c3)
-    x = y + u + arc.w0 + arc.w1 * tau
-    v = y1 + rate + arc.w1
+    m = _parts(arc, tau)
+    x, v, a = _bounded_motion(arc, tau, m)
+    squared = arc.omega * arc.omega
     bound, jerk = 0.0, 6.0 * arc.c3
-    if arc.a0 != 0.0 or arc.a1 != 0.0:
-        angle = arc.omega * tau + arc.phase
-        s, c = math.sin(angle), math.cos(angle)
-        q_in, q_out, rate_in, rate_out = _forced_amplitude(arc, tau)
-        squared = arc.omega * arc.omega
-        x += q_in * s + q_out * c
-        v += (rate_in - arc.omega * q_out) * s + (rate_out + arc.omega * q_in) * c
-        jerk += squared * ((arc.omega * q_out - 3.0 * rate_in) * s - (arc.omega * q_in + 3.0 * rate_out) * c)
-        amplitude = arc.a0 + arc.a1 * tau
-        u += amplitude * s
-        rate += arc.a1 * s + arc.omega * amplitude * c
-        bound = squared * squared * _envelope(arc, q_in, q_out, tau, until, 4.0)
-    a = (arc.stiffness * (u - x) + arc.damping * (rate - v)) / arc.mass - arc.gravity
-    natural = arc.stiffness / arc.mass
-    twice = 2.0 * arc.decay
-    y2 = -twice * y1 - natural * y
-    y3 = -twice * y2 - natural * y1
-    y4 = -twice * y3 - natural * y2
-    y5 = -twice * y4 - natural * y3
+    if m.tone:
+        jerk += squared * (
+            (arc.omega * m.q_out - 3.0 * m.rate_in) * m.sine - (arc.omega * m.q_in + 3.0 * m.rate_out) * m.cosine
+        )
+        bound = squared * squared * _envelope(arc, m.q_in, m.q_out, tau, until, 4.0)
+    y2 = _higher(arc, m.free, m.free_velocity)
+    y3 = _higher(arc, m.free_velocity, y2)
+    y4 = _higher(arc, y2, y3)
+    y5 = _higher(arc, y3, y4)
     jerk += y3
-    if arc.resonant:  # the growth has higher rates too: the beam's equation knows
-        tone = 2.0 * arc.a1 * arc.omega * c - squared * amplitude * s
-        jerk = (arc.stiffness * (rate - v) + arc.damping * (2.0 * arc.c2 + 6.0 * arc.c3 * tau + tone - a)) / arc.mass
-    return x, v, a, jerk, bound + math.sqrt(y5 * y5 / natural + y4 * y4)
+    if arc.resonant:  # the growing amplitude has higher derivatives too: take the jerk from the beam's equation
+        w = m.support_velocity + m.w
+        tone = 2.0 * arc.a1 * arc.omega * m.cosine - squared * m.amplitude * m.sine
+        jerk = (arc.stiffness * (w - v) + arc.damping * (2.0 * arc.c2 + 6.0 * arc.c3 * tau + tone - a)) / arc.mass
+    return x, v, a, jerk, bound + math.sqrt(y5 * y5 / (arc.stiffness / arc.mass) + y4 * y4)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drive table: what the support and the ceiling do, as rows between whose ends nothing has a kink.
+"""The drive table: the motion of support and ceiling, as rows between whose ends nothing has a kink.
 
-Row (12,): start [s], end [s], a0 [m], a1 [m/s], omega [rad/s], phase [rad], c0..c3 [m, m/s, m/s^2, m/s^3],
-height [m] and its rate [m/s] at the start of the row. Support: see `beam.py`; ceiling: height + rate * tau.
+A row (DRIVE_COLUMNS,) is laid out in `columns.py`. Support: see `beam.py`; ceiling: height + velocity * tau.
 """
 
 from __future__ import annotations
@@ -15,9 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.columns import (
+    A0,
+    A1,
+    C0,
+    C1,
+    C2,
+    C3,
+    CEILING_VELOCITY,
+    DRIVE_COLUMNS,
+    END,
+    HEIGHT,
+    OMEGA,
+    PHASE,
+    START,
+)
 from atpid_sim.outcome import NumericalFailure
-
-START, END, A0, A1, OMEGA, PHASE, C0, C1, C2, C3, HEIGHT, HEIGHT_RATE = range(12)
 
 #: No row is longer than this many periods, so that local times, and so phases, keep their digits.
 _PERIODS_PER_ROW = 500.0
@@ -27,14 +39,14 @@ Array = NDArray[np.float64]
 
 
 def harmonic_rows(amplitude: Points, frequency: float, duration: float) -> Array:
-    """Support rows (n, 12) of u = A(t) sin(2 pi f t), A [m] along straight ramps between the points (t [s], A [m])."""
+    """Rows (n, columns) of u = A(t) sin(2 pi f t), A [m] along straight ramps between the points (t [s], A [m])."""
     omega = 2.0 * math.pi * frequency
     times = [t for t, _ in amplitude if 0.0 < t < duration]
     longest = _PERIODS_PER_ROW / frequency
     edges = _split(sorted({0.0, duration, *times}), longest)
     at = [t for t, _ in amplitude]
     values = [a for _, a in amplitude]
-    table = np.zeros((len(edges) - 1, 12))
+    table = np.zeros((len(edges) - 1, DRIVE_COLUMNS))
     table[:, START], table[:, END] = edges[:-1], edges[1:]
     first, last = np.interp(edges[:-1], at, values), np.interp(edges[1:], at, values)
     table[:, A0], table[:, A1] = first, (last - first) / np.diff(edges)
@@ -45,8 +57,8 @@ def harmonic_rows(amplitude: Points, frequency: float, duration: float) -> Array
 
 
 def spline_rows(times: Array, coefficients: Array, duration: float) -> Array:
-    """Support rows (n, 12) of a cubic spline: knots (n+1,) [s] and coefficients (4, n), highest power first [m/s^k]."""
-    table = np.zeros((len(times) - 1, 12))
+    """Rows (n, columns) of a cubic spline: knots (n+1,) [s] and coefficients (4, n), highest power first [m/s^k]."""
+    table = np.zeros((len(times) - 1, DRIVE_COLUMNS))
     table[:, START], table[:, END] = times[:-1], times[1:]
     for power in range(4):
         table[:, C0 + power] = coefficients[3 - power]
@@ -54,8 +66,8 @@ def spline_rows(times: Array, coefficients: Array, duration: float) -> Array:
 
 
 def still_rows(duration: float) -> Array:
-    """Support rows (1, 12) of a support that does not move."""
-    table = np.zeros((1, 12))
+    """Support rows (1, DRIVE_COLUMNS) of a support that does not move."""
+    table = np.zeros((1, DRIVE_COLUMNS))
     table[0, END] = duration
     return table
 
@@ -67,7 +79,7 @@ def with_ceiling(rows: Array, heights: Points) -> Array:
     kinks = [t for t in at if rows[0, START] < t < rows[-1, END]]
     table = cut(rows, kinks)
     table[:, HEIGHT] = np.interp(table[:, START], at, values)
-    table[:, HEIGHT_RATE] = (np.interp(table[:, END], at, values) - table[:, HEIGHT]) / (
+    table[:, CEILING_VELOCITY] = (np.interp(table[:, END], at, values) - table[:, HEIGHT]) / (
         table[:, END] - table[:, START]
     )
     return table
@@ -83,9 +95,25 @@ def between(rows: Array, begin: float, end: float) -> Array:
 
 
 def support_displacement(rows: Array, t: float) -> float:
-    """Return the support's displacement at time t [s] in m."""
-    row = rows[min(int(np.searchsorted(rows[:, START], t, side="right")) - 1, len(rows) - 1)]
+    """Return the displacement of the support at time t [s] in m."""
+    row = row_at(rows, t)
     return float(support_at(*row[A0 : C3 + 1], t - row[START])[0])
+
+
+def ceiling_height(rows: Array, t: float) -> float:
+    """Return the height of the ceiling above the floor at time t [s] in m."""
+    return height_in(row_at(rows, t), t)
+
+
+def height_in(row: Array, t: float) -> float:
+    """Return the height of the ceiling above the floor at time t [s] of a row in m."""
+    return float(row[HEIGHT] + row[CEILING_VELOCITY] * (t - row[START]))
+
+
+def row_at(rows: Array, t: float) -> Array:
+    """Return the row in which time t [s] lies; the first or the last for a time outside the table."""
+    row: Array = rows[min(max(int(np.searchsorted(rows[:, START], t, side="right")) - 1, 0), len(rows) - 1)]
+    return row
 
 
 def _split(edges: list[float], longest: float) -> list[float]:
@@ -101,6 +129,8 @@ def _split(edges: list[float], longest: float) -> list[float]:
 
 def cut(rows: Array, kinks: Sequence[float]) -> Array:
     """Return the same support motion with row ends at the kinks as well."""
+    if not kinks:  # as in most blocks of a plant, whose rows have been cut already
+        return rows.copy()
     edges = np.unique(np.concatenate([rows[:, START], rows[-1:, END], np.asarray(kinks, dtype=float)]))
     source = np.searchsorted(rows[:, START], edges[:-1], side="right") - 1
     pieces = rows[source].copy()

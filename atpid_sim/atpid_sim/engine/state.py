@@ -1,59 +1,105 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a run stands: names for the places of the kernels' arrays, and how they are made."""
+"""The state of a run: an array and counters that kernels change in place, with properties by name for callers."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.engine.kernel import kernel
+from atpid_sim.engine import columns
+from atpid_sim.engine.columns import CONTACT_STEPS, FLIGHT_STEPS, REJECTED
+from atpid_sim.kernel import kernel
 
-# real state, float64 (SIZE,)
-(
-    TIME,  # [s]
-    BEAM,  # displacement of beam and container floor [m]
-    BEAM_RATE,  # [m/s]
-    GRAIN,  # displacement of the grain; equal to BEAM where it just touches the floor [m]
-    GRAIN_RATE,  # [m/s]
-    MEMORY,  # deepest overlap of the present contact [m]
-    INPUT,  # work done by the support [J]
-    BEAM_LOSS,  # dissipated by the beam's damping [J]
-    CONTACT_LOSS,  # absorbed by the contacts [J]
-    CEILING_WORK,  # work done by the ceiling's drive [J]
-    LOWEST,  # beam in the observation window [m]
-    HIGHEST,
-    TOUCHING,  # time in contact inside the window [s]
-    FIRST_STEP,  # first step of the last contact, in its own variable
-    LONGEST,  # longest single contact inside the window [s]
-    BEGUN,  # when the present contact began [s]
-    SIZE,
-) = range(17)
-
-# counters, int64 (COUNTS,)
-MODE, FLOOR_HITS, CEILING_HITS, WINDOW_FLOOR, WINDOW_CEILING, CONTACT_STEPS, FLIGHT_STEPS, REJECTED, SAMPLE, EVENTS, LOW_HOPS, COUNTS = range(12)  # fmt: skip # noqa: E501
-
-# modes
-FREE, ON_FLOOR, ON_CEILING, OFF_FLOOR, OFF_CEILING = range(5)  # OFF_: overlapped, but without force
-
-# rows of a sample series, float64 (ROWS, n)
-S_SUPPORT, S_BEAM, S_RATE, S_ACCELERATION, S_GRAIN, S_CEILING, ROWS = range(7)
-
-# columns of the impact log, float64 (capacity, 3): time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
-E_TIME, E_WALL, E_SPEED, COLUMNS = range(4)
+#: First step of a first contact, as the fourth root of a time [s^(1/4)]; later contacts start from their predecessor's.
+_FIRST_STEP = 0.05
 
 
 @kernel
-def spent(n):  # type: ignore[no-untyped-def]
-    """Steps of the budget that are used up: those of contacts and flights, and the rejected ones."""
+def steps_used(n):  # type: ignore[no-untyped-def]
+    """Steps counted against the limit: those of contacts and flights, and the rejected ones."""
     return n[CONTACT_STEPS] + n[FLIGHT_STEPS] + n[REJECTED]
 
 
-def at_rest(beam: float, rate: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """State of a beam at `beam` [m] with `rate` [m/s] whose grain just touches the floor and moves with it."""
-    y = np.zeros(SIZE)
-    y[BEAM] = y[GRAIN] = beam
-    y[BEAM_RATE] = y[GRAIN_RATE] = rate
-    y[LOWEST], y[HIGHEST] = np.inf, -np.inf
-    n = np.zeros(COUNTS, dtype=np.int64)
-    n[MODE] = ON_FLOOR
-    return y, n
+@dataclass
+class State:
+    """State vector y (STATE_SIZE,) and counters n (COUNTERS,), as named in `columns`; SI units."""
+
+    y: NDArray[np.float64]
+    n: NDArray[np.int64]
+
+    @staticmethod
+    def resting(displacement: float, velocity: float) -> State:
+        """Return a beam at `displacement` [m] with `velocity` [m/s] whose grain just touches the floor."""
+        y = np.zeros(columns.STATE_SIZE)
+        y[columns.BEAM] = y[columns.GRAIN] = displacement
+        y[columns.BEAM_VELOCITY] = y[columns.GRAIN_VELOCITY] = velocity
+        y[columns.LOWEST], y[columns.HIGHEST] = np.inf, -np.inf
+        y[columns.FIRST_STEP] = _FIRST_STEP
+        n = np.zeros(columns.COUNTERS, dtype=np.int64)
+        n[columns.MODE] = columns.ON_FLOOR
+        return State(y, n)
+
+    def copy(self) -> State:
+        """Return an independent copy."""
+        return State(self.y.copy(), self.n.copy())
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+        return float(self.y[columns.TIME])
+
+    @property
+    def beam(self) -> float:
+        """Displacement of the beam [m]."""
+        return float(self.y[columns.BEAM])
+
+    @property
+    def beam_velocity(self) -> float:
+        """Velocity of the beam [m/s]."""
+        return float(self.y[columns.BEAM_VELOCITY])
+
+    @property
+    def grain(self) -> float:
+        """Displacement of the grain [m]."""
+        return float(self.y[columns.GRAIN])
+
+    @property
+    def grain_velocity(self) -> float:
+        """Velocity of the grain [m/s]."""
+        return float(self.y[columns.GRAIN_VELOCITY])
+
+    @property
+    def mode(self) -> int:
+        """FREE, ON_FLOOR, ON_CEILING, OFF_FLOOR or OFF_CEILING of `columns`."""
+        return int(self.n[columns.MODE])
+
+    @property
+    def amplitude(self) -> float:
+        """Half peak-to-peak of the beam in the observation window [m]."""
+        return float(0.5 * (self.y[columns.HIGHEST] - self.y[columns.LOWEST]))
+
+    @property
+    def floor_impacts(self) -> int:
+        """Impacts on the floor since the start."""
+        return int(self.n[columns.FLOOR_HITS])
+
+    @property
+    def ceiling_impacts(self) -> int:
+        """Impacts on the ceiling since the start."""
+        return int(self.n[columns.CEILING_HITS])
+
+    @property
+    def steps(self) -> int:
+        """Steps counted against the limit."""
+        return int(steps_used(self.n))
+
+    def restart_observation(self) -> None:
+        """Forget the range of the beam, the longest contact, and what was sampled and logged."""
+        self.y[columns.LOWEST], self.y[columns.HIGHEST], self.y[columns.LONGEST] = np.inf, -np.inf, 0.0
+        self.n[[columns.SAMPLE, columns.IMPACTS]] = 0
+
+    def restart_steps(self) -> None:
+        """Count steps from zero."""
+        self.n[[columns.CONTACT_STEPS, columns.FLIGHT_STEPS, columns.REJECTED]] = 0

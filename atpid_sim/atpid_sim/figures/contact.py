@@ -91,7 +91,7 @@ def impact_of(contact: Contact, mass: float, speed: float) -> Impact:
     scale = (mass / p[0]) ** 0.4 * speed**-0.2 if p[0] > 1e6 else (mass / p[0]) ** 0.5
 
     def course(memory: float, start: tuple[float, float], first: float) -> tuple[Array, Array, Array]:
-        """Follow the contact until it turns (memory 0) or lets go, in s with t = scale s^4."""
+        """Follow the contact until it turns (memory 0) or the force vanishes, in s with t = scale s^4."""
 
         def rate(s: float, y: Array) -> list[float]:
             stretch = 4.0 * s**3 * scale

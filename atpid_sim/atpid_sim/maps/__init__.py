@@ -3,29 +3,30 @@
 
 from __future__ import annotations
 
+from atpid_sim.maps.approaches import ALL_APPROACHES, FROM_CLOSED, Approach, travelled
 from atpid_sim.maps.best import Best, best_height
-from atpid_sim.maps.build import build_map
+from atpid_sim.maps.build import build_map, map_tolerance
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.header import header_text, write_header
 from atpid_sim.maps.height_map import Failure, HeightMap, MapEntry
-from atpid_sim.maps.rig import Response, Rig, Timing
-from atpid_sim.maps.ways import ALL_WAYS, FROM_CLOSED, Way, travelled
+from atpid_sim.maps.response import DamperResponse, Response, Timing
 
 __all__ = [
-    "ALL_WAYS",
+    "ALL_APPROACHES",
     "FROM_CLOSED",
+    "Approach",
     "Best",
+    "DamperResponse",
     "Failure",
     "HeightMap",
     "MapEntry",
     "MapError",
     "Response",
-    "Rig",
     "Timing",
-    "Way",
     "best_height",
     "build_map",
     "header_text",
+    "map_tolerance",
     "travelled",
     "write_header",
 ]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The best height: the lowest at which the beam swings least, whichever way the ceiling came.
+"""The best height: the lowest at which the beam's amplitude is least, by whichever path the ceiling approached.
 
 The optimum stands at a cliff: above it the motion is irregular, and what a run shows there depends on the start. So a
-height counts with its *worst* amplitude over several ways of getting there (opened from closed at once, opened slowly,
+height counts with its *worst* amplitude over several approach paths (opened from closed at once, opened slowly,
 raised from below, lowered from above), where these disagree with a surcharge, and of heights that are equally good the
 lowest is taken (docs/selection.md).
 """
@@ -16,8 +16,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from atpid_sim.maps.rig import Rig, Timing
-from atpid_sim.maps.ways import ALL_WAYS, Way
+from atpid_sim.maps.approaches import ALL_APPROACHES, Approach
+from atpid_sim.maps.response import DamperResponse, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
@@ -40,10 +40,11 @@ _IRREGULAR = 1.15
 #: Heights whose amplitudes differ by less than this share are equally good [-].
 FLAT = 2e-3
 
-#: Where the ways to a height end in amplitudes further apart than this, its motion is not reproducible: a surcharge.
+#: Where the approach paths to a height end in amplitudes further apart than this, its motion is not reproducible, and
+#: the surcharge on its amplitude.
 REPRODUCIBLE, _SURCHARGE = 1e-2, 1.05
 
-#: While not all ways are known, a height this much worse than the best so far is given up.
+#: While not all approaches are known, a height this much worse than the best so far is given up.
 _HOPELESS = 1.08
 
 #: Heights tried between the best of the grid and the one below it.
@@ -69,40 +70,42 @@ class Best:
     """A best height and what it is worth."""
 
     height: float  # [m]
-    amplitude: float  # worst half peak-to-peak of the beam over the ways of getting there [m]
+    amplitude: float  # worst half peak-to-peak of the beam over the approach paths [m]
     efficiency: float  # 1 - amplitude / amplitude of the closed damper [-]
-    reproducible: bool  # all ways of getting there end in the same motion
+    reproducible: bool  # all approach paths end in the same motion
     evaluations: int
 
 
 def best_height(
-    rig: Rig,
+    damper: DamperResponse,
     amplitude: float,
-    loyalty: float = 0.0,
+    hysteresis: float = 0.0,
     limits: tuple[float, float] = (0.0, math.inf),
-    ways: Sequence[Way] = ALL_WAYS,
+    approaches: Sequence[Approach] = ALL_APPROACHES,
     mapper: Mapper = map,
 ) -> Best:
     """Return the best height for a support amplitude [m]. Raises NumericalFailure where a run fails.
 
-    loyalty: where there are several wells far apart, the lowest is kept unless another is better by more than this
+    hysteresis: where there are several wells far apart, the lowest is kept unless another is better by more than this
     share; with 0 the deepest is taken. A map keeps to one well, because it is read between its points.
-    limits: lowest and highest height allowed [m]; ways: how the ceiling may come to a height.
+    limits: lowest and highest height allowed [m]; approaches: paths by which the ceiling may come to a height.
     """
-    search = Search(rig, amplitude, limits, ways, mapper)
-    coarse = _scan(search, rig.ballistic_clearance(amplitude))
+    search = Search(damper, amplitude, limits, approaches, mapper)
+    coarse = _scan(search, damper.ballistic_clearance(amplitude))
     wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
-    rated = search.rate({h for well in wells for h in well}, loyalty)
+    rated = search.rate({h for well in wells for h in well}, hysteresis)
     height = _lowest(search, rated, coarse)
     least = min(rated.values())
-    lower = _far_below([{h: rated[h] for h in well} for well in wells], height, least * (1.0 + loyalty), rig.diameter)
+    lower = _far_below(
+        [{h: rated[h] for h in well} for well in wells], height, least * (1.0 + hysteresis), damper.diameter
+    )
     if lower:
         height = _lowest(search, lower, coarse)
     worst = search.worst(height)
     return Best(
         height=height,
         amplitude=worst,
-        efficiency=1.0 - worst / rig.closed_amplitude(amplitude),
+        efficiency=1.0 - worst / damper.closed_amplitude(amplitude),
         reproducible=search.gap(height) <= REPRODUCIBLE,
         evaluations=search.evaluations,
     )
@@ -123,12 +126,17 @@ class Search:
     """Rates heights at one amplitude and remembers what it found."""
 
     def __init__(
-        self, rig: Rig, amplitude: float, limits: tuple[float, float], ways: Sequence[Way], mapper: Mapper
+        self,
+        damper: DamperResponse,
+        amplitude: float,
+        limits: tuple[float, float],
+        approaches: Sequence[Approach],
+        mapper: Mapper,
     ) -> None:
         """See `best_height`."""
-        self._rig, self._amplitude, self._paths, self._map = rig, amplitude, ways, mapper
-        self._limits = max(limits[0], rig.diameter), limits[1]
-        settle = rig.settling()
+        self._damper, self._amplitude, self._approaches, self._map = damper, amplitude, approaches, mapper
+        self._limits = max(limits[0], damper.diameter), limits[1]
+        settle = damper.settling()
         self._short, self._long = Timing(0.8 * settle, 6.0), Timing(settle, 16.0)
         self._quick: dict[float, float] = {}
         self._found: dict[float, list[float]] = {}
@@ -140,7 +148,7 @@ class Search:
 
     def allowed(self, share: float, unit: float) -> float:
         """Return the height [m] at a share of a clearance [m], within the limits."""
-        return float(min(max(self._rig.diameter + share * unit, self._limits[0]), self._limits[1]))
+        return float(min(max(self._damper.diameter + share * unit, self._limits[0]), self._limits[1]))
 
     def quick(self, heights: Sequence[float]) -> list[float]:
         """Amplitudes [m] when the closed damper is opened at once, raised where the motion is irregular."""
@@ -152,23 +160,23 @@ class Search:
         """Return the best few heights [m] of a finer grid around place k of the coarse one."""
         height = coarse[k][0]
         below, above = (abs(coarse[min(max(j, 0), len(coarse) - 1)][0] - height) for j in (k - 1, k + 1))
-        ways = [height + part * (above if part > 0.0 else below) for part in _FINE]
-        fine = list(dict.fromkeys(min(max(h, self._limits[0]), self._limits[1]) for h in ways))
+        finer = [height + part * (above if part > 0.0 else below) for part in _FINE]
+        fine = list(dict.fromkeys(min(max(h, self._limits[0]), self._limits[1]) for h in finer))
         return [h for _, h in sorted(zip(self.quick(fine), fine, strict=True))[:_RATED]]
 
-    def rate(self, heights: Iterable[float], loyalty: float = 0.0, limit: float = math.inf) -> dict[float, float]:
-        """Return {height: rating [m]}: the worst amplitude, with a surcharge where the ways disagree.
+    def rate(self, heights: Iterable[float], hysteresis: float = 0.0, limit: float = math.inf) -> dict[float, float]:
+        """Return {height: rating [m]}: the worst amplitude, with a surcharge where the approaches disagree.
 
         What turns out hopeless beside the others, or exceeds `limit`, is infinite.
         """
         left = sorted(heights)
         rated = dict.fromkeys(left, math.inf)
-        for way in range(len(self._paths)):
-            jobs = [(height, way) for height in left if len(self._found.setdefault(height, [])) == way]
-            for (height, _), value in zip(jobs, self._map(self._by_way, jobs), strict=True):
+        for approach in range(len(self._approaches)):
+            jobs = [(height, approach) for height in left if len(self._found.setdefault(height, [])) == approach]
+            for (height, _), value in zip(jobs, self._map(self._approached, jobs), strict=True):
                 self._found[height].append(value)
-            worst = {height: max(self._found[height][: way + 1]) for height in left}
-            bound = min(limit, _HOPELESS * (1.0 + loyalty) * min(worst.values(), default=math.inf))
+            worst = {height: max(self._found[height][: approach + 1]) for height in left}
+            bound = min(limit, _HOPELESS * (1.0 + hysteresis) * min(worst.values(), default=math.inf))
             left = [height for height in left if worst[height] <= bound]
         for height in left:
             rating = self.worst(height) * (1.0 if self.gap(height) <= REPRODUCIBLE else _SURCHARGE)
@@ -176,21 +184,21 @@ class Search:
         return rated
 
     def worst(self, height: float) -> float:
-        """Largest amplitude [m] over the ways to a rated height."""
+        """Largest amplitude [m] over the approaches to a rated height."""
         return max(self._found[height])
 
     def gap(self, height: float) -> float:
-        """How far the ways differ, relative to the worst."""
+        """How far the approaches differ, relative to the worst."""
         return (max(self._found[height]) - min(self._found[height])) / self.worst(height)
 
     def _opened(self, height: float) -> float:
-        response = self._rig.opened(self._amplitude, height, self._short)
+        response = self._damper.opened(self._amplitude, height, self._short)
         return response.amplitude * (1.0 if response.regular else _IRREGULAR)
 
-    def _by_way(self, job: tuple[float, int]) -> float:
-        height, way = job
-        path = self._paths[way](self._rig, height, 0.5 * self._long.settle * self._rig.period)
-        return self._rig.follow(self._amplitude, path, self._long).amplitude
+    def _approached(self, job: tuple[float, int]) -> float:
+        height, approach = job
+        path = self._approaches[approach](self._damper, height, 0.5 * self._long.settle * self._damper.period)
+        return self._damper.follow(self._amplitude, path, self._long).amplitude
 
 
 def _scan(search: Search, unit: float) -> list[Rated]:

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from atpid_sim.batch import on_all_cores
+from atpid_sim.integration import rtol_of
 from atpid_sim.maps.cluster import on_cluster
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.height_map import FORMAT, Failure, HeightMap
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.maps.journal import Journal, Point
 from atpid_sim.maps.point import values_at
-from atpid_sim.maps.rig import Rig
+from atpid_sim.maps.response import DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
 
@@ -28,7 +29,7 @@ Progress = Callable[[int, int], None]
 _FINEST = 1e-5
 
 #: A map is read between its points, so it stays in one well unless another is better by this share.
-_LOYALTY = 0.15
+_HYSTERESIS = 0.15
 
 
 def build_map(
@@ -48,7 +49,7 @@ def build_map(
     Raises MapError, and NumericalFailure where every point fails.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
-    identity, tolerance = identity_of(scene), max(scene.tolerance, _FINEST)
+    identity, tolerance = identity_of(scene), map_tolerance(scene)
     purpose = {"format": FORMAT, "system": identity, "tolerance": tolerance}
     wanted = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
     with ExitStack() as stack:
@@ -60,7 +61,7 @@ def build_map(
         if scheduler is None:
             computed = _compute(scene, missing, tolerance, workers)
         else:
-            computed = on_cluster(scheduler, scene, missing, tolerance, _LOYALTY)
+            computed = on_cluster(scheduler, scene, missing, tolerance, _HYSTERESIS)
         for point, values in computed:
             known[point] = values
             if journal:
@@ -73,23 +74,28 @@ def build_map(
     return made
 
 
+def map_tolerance(scene: Scene) -> float:
+    """Return the relative tolerance of the runs of a scene's map: that of the scene, but no finer than is of use."""
+    return max(rtol_of(scene), _FINEST)
+
+
 def _silent(done: int, total: int) -> None:
     """Say nothing."""
 
 
 def _compute(scene: Scene, points: list[Point], tolerance: float, workers: int | None) -> Iterable[tuple[Point, Any]]:
-    rigs = {fraction: _rig(scene, fraction, tolerance) for fraction in {fraction for fraction, _ in points}}
+    dampers = {fraction: _damper(scene, fraction, tolerance) for fraction in {fraction for fraction, _ in points}}
 
     def best(point: Point) -> dict[str, Any]:
         fraction, amplitude = point
-        return values_at(rigs[fraction], amplitude, _LOYALTY)
+        return values_at(dampers[fraction], amplitude, _HYSTERESIS)
 
     return on_all_cores(best, points, workers)
 
 
-def _rig(scene: Scene, fraction: float, tolerance: float) -> Rig:
+def _damper(scene: Scene, fraction: float, tolerance: float) -> DamperResponse:
     try:
-        return Rig(scene.with_(mass_fraction=fraction), tolerance)
+        return DamperResponse(scene.with_(mass_fraction=fraction), tolerance)
     except SceneError as error:
         raise MapError(f"mass fraction {fraction:g}: {error}") from None
 

@@ -13,7 +13,7 @@ from typing import Any
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.journal import Point
 from atpid_sim.maps.point import values_at
-from atpid_sim.maps.rig import Rig
+from atpid_sim.maps.response import DamperResponse
 from atpid_sim.scene import Scene, scene_from_mapping
 
 #: How long a scheduler may take to answer [s].
@@ -21,7 +21,7 @@ _PATIENCE = 10.0
 
 
 def on_cluster(
-    address: str, scene: Scene, points: Sequence[Point], tolerance: float, loyalty: float
+    address: str, scene: Scene, points: Sequence[Point], tolerance: float, hysteresis: float
 ) -> Iterator[tuple[Point, dict[str, Any]]]:
     """Yield (point, values) as the workers of the scheduler at `address` deliver them.
 
@@ -38,7 +38,7 @@ def on_cluster(
     with client:
         mapping = scene.to_mapping()
         futures = {
-            client.submit(point_of_map, mapping, point, tolerance, loyalty, pure=False): point for point in points
+            client.submit(point_of_map, mapping, point, tolerance, hysteresis, pure=False): point for point in points
         }
         for future in distributed.as_completed(list(futures), loop=client.loop):
             try:
@@ -48,11 +48,11 @@ def on_cluster(
                 raise MapError(lost) from None
 
 
-def point_of_map(mapping: dict[str, Any], point: Point, tolerance: float, loyalty: float) -> dict[str, Any]:
+def point_of_map(mapping: dict[str, Any], point: Point, tolerance: float, hysteresis: float) -> dict[str, Any]:
     """Return one point (mass fraction, amplitude [m]) of the map of the scene in `mapping`; runs on a worker."""
     fraction, amplitude = point
     scene = scene_from_mapping(mapping, source="scene of the map").with_(mass_fraction=fraction)
-    return values_at(Rig(scene, tolerance), amplitude, loyalty)
+    return values_at(DamperResponse(scene, tolerance), amplitude, hysteresis)
 
 
 def _distributed() -> Any:

@@ -71,7 +71,7 @@ class HeightMap:
     heights: Array  # (m, n) [m]
     beam_amplitudes: Array  # (m, n) half peak-to-peak of the beam at the best height [m]
     efficiencies: Array  # (m, n) [-]
-    reproducible: NDArray[np.bool_]  # (m, n) every way to the height ends in the same motion
+    reproducible: NDArray[np.bool_]  # (m, n) every approach path ends in the same motion
     identity: Identity  # the system it holds for
     tolerance: float  # relative tolerance of the runs
     source: str = "the map"  # its name in messages

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rungs against closed forms: bounces, restitution, sticking, order of convergence, energy."""
+"""The fidelity levels against closed forms: bounces, restitution, sticking, order of convergence, energy."""
 
 import math
 
-import numpy as np
 import pytest
 
 from atpid_sim.contact import contact_of, restitution_of
-from atpid_sim.engine import state
-from atpid_sim.run import drive_table, initial_state, ledger_of, stepper_of
+from atpid_sim.engine import columns
+from atpid_sim.integration import Integration, Observation, drive_table, impact_log
+from atpid_sim.outcome import Outcome
 from atpid_sim.scene import scene_from_mapping
 from atpid_sim.system import reduced_mass, system_of
 
@@ -38,27 +38,26 @@ def scene_of(contact, **changes):
     return scene_from_mapping(base | changes)
 
 
-def ran(scene, rung="soft", rtol=1e-9, prepare=None):
+def ran(scene, fidelity="soft", rtol=1e-9, prepare=None):
     """State, counters and impact log after a run; `prepare(y, n)` may change the start."""
-    table = drive_table(scene)
-    y, n = initial_state(scene)
+    integration = Integration(scene, fidelity, rtol)
+    table, state, log = drive_table(scene), integration.initial_state(), impact_log(1000)
     if prepare:
-        prepare(y, n)
-    first = y.copy()
-    log = np.zeros((1000, state.COLUMNS))
-    stepper = stepper_of(scene, rung, rtol)
-    outcome = stepper(table, y, n, scene.steady_window, (0.0, 1.0), np.zeros((state.ROWS, 0)), log, 10_000_000)
-    assert outcome == 0, outcome.sentence
-    return y, n, log[: n[state.EVENTS]], ledger_of(scene, table, first, y, int(n[state.MODE]))
+        prepare(state.y, state.n)
+    first = state.copy()
+    outcome = integration.advance(state, table, Observation(scene.steady_window, impacts=log), 10_000_000)
+    assert outcome == Outcome.DONE, outcome.sentence
+    ledger = integration.ledger(first, state, table)
+    return state.y, state.n, log[: state.n[columns.IMPACTS]], ledger
 
 
 def approach(speed):
     """A grain that flies toward a floor at rest, far from any other influence."""
 
     def prepare(y, n):
-        n[state.MODE] = state.FREE
-        y[state.GRAIN] = y[state.BEAM] + 1e-3
-        y[state.GRAIN_RATE] = -speed
+        n[columns.MODE] = columns.FREE
+        y[columns.GRAIN] = y[columns.BEAM] + 1e-3
+        y[columns.GRAIN_VELOCITY] = -speed
 
     return prepare
 
@@ -72,13 +71,13 @@ def test_a_bounce_has_the_restitution_of_its_law(contact):
     )  # fmt: skip
     y, _n, log, ledger = ran(scene, prepare=approach(0.5))
     assert len(log) == 1
-    assert log[0, state.E_SPEED] == pytest.approx(0.5, rel=1e-6)
-    after = y[state.GRAIN_RATE] - y[state.BEAM_RATE]
+    assert log[0, columns.E_SPEED] == pytest.approx(0.5, rel=1e-6)
+    after = y[columns.GRAIN_VELOCITY] - y[columns.BEAM_VELOCITY]
     e = restitution_of(contact_of(scene), 0.5, reduced_mass(system_of(scene)))
     assert after / 0.5 == pytest.approx(e, rel=2e-5, abs=1e-5)
     # momentum and energy: what is lost is what restitution takes
     system = system_of(scene)
-    assert system.beam_mass * y[state.BEAM_RATE] + system.grain_mass * y[state.GRAIN_RATE] == pytest.approx(
+    assert system.beam_mass * y[columns.BEAM_VELOCITY] + system.grain_mass * y[columns.GRAIN_VELOCITY] == pytest.approx(
         -0.5 * system.grain_mass, rel=1e-6
     )
     taken = 0.5 * reduced_mass(system) * 0.25 * (1.0 - e * e)
@@ -92,16 +91,16 @@ def test_tsuji_restitution_is_the_published_one_at_every_speed():
     )  # fmt: skip
     for speed in (0.01, 0.1, 1.0, 5.0):
         y, *_ = ran(scene, prepare=approach(speed))
-        assert (y[state.GRAIN_RATE] - y[state.BEAM_RATE]) / speed == pytest.approx(0.1463, abs=2e-4)
+        assert (y[columns.GRAIN_VELOCITY] - y[columns.BEAM_VELOCITY]) / speed == pytest.approx(0.1463, abs=2e-4)
 
 
-@pytest.mark.parametrize("rung", ["soft", "impact"])
+@pytest.mark.parametrize("fidelity", ["soft", "impact"])
 @pytest.mark.parametrize("contact", LAWS, ids=NAMES)
-def test_energy_closes_and_contacts_only_take(contact, rung):
+def test_energy_closes_and_contacts_only_take(contact, fidelity):
     # an elastic grain without play never comes to rest between instantaneous impacts: leave it some
     closed = 0.02 if contact["law"] == "hertz" else 0.017
     scene = scene_of(contact, ceiling={"closed": closed, "open": 0.15, "start": 0.4, "end": 0.6}, duration=2.0)
-    *_, ledger = ran(scene, rung, 1e-8)
+    *_, ledger = ran(scene, fidelity, 1e-8)
     assert abs(ledger.residual) <= 1e-6
     assert ledger.contact_loss >= 0.0 and ledger.beam_loss >= 0.0
 
@@ -109,8 +108,8 @@ def test_energy_closes_and_contacts_only_take(contact, rung):
 @pytest.mark.parametrize("contact", LAWS, ids=NAMES)
 def test_error_falls_with_the_tolerance(contact):
     scene = scene_of(contact, duration=0.5)
-    exact = ran(scene, rtol=1e-12)[0][state.BEAM]
-    errors = [abs(ran(scene, rtol=rtol)[0][state.BEAM] - exact) for rtol in (1e-4, 1e-6, 1e-8)]
+    exact = ran(scene, rtol=1e-12)[0][columns.BEAM]
+    errors = [abs(ran(scene, rtol=rtol)[0][columns.BEAM] - exact) for rtol in (1e-4, 1e-6, 1e-8)]
     # without damping in the contact small errors grow from bounce to bounce
     assert errors[2] <= (1e-8 if contact.get("damping_ratio", 0.0) else 1e-6)
     assert errors[2] <= 0.01 * errors[0]
@@ -120,25 +119,25 @@ def test_a_grain_at_rest_sinks_to_its_static_overlap():
     scene = scene_of(LAWS[0], excitation={"amplitude": 0.0, "frequency": "resonance"}, duration=3.0)
     y, n, _log, _ledger = ran(scene)
     k_c = contact_of(scene).parameters[0]
-    assert n[state.MODE] == state.ON_FLOOR
-    assert y[state.BEAM] - y[state.GRAIN] == pytest.approx((scene.grain_mass * 9.81 / k_c) ** (2 / 3), rel=1e-4)
+    assert n[columns.MODE] == columns.ON_FLOOR
+    assert y[columns.BEAM] - y[columns.GRAIN] == pytest.approx((scene.grain_mass * 9.81 / k_c) ** (2 / 3), rel=1e-4)
 
 
-def test_the_impact_rung_sticks_instead_of_bouncing_for_ever():
+def test_impact_fidelity_sticks_instead_of_bouncing_for_ever():
     scene = scene_of(
         LAWS[0], duration=4.0, excitation={"amplitude": 1e-4, "frequency": "resonance"}, ceiling={"height": 0.05}
     )
     y, n, log, _ = ran(scene, "impact", prepare=approach(0.3))
-    assert n[state.MODE] == state.ON_FLOOR
+    assert n[columns.MODE] == columns.ON_FLOOR
     assert len(log) < 30
-    assert y[state.GRAIN] == y[state.BEAM]
+    assert y[columns.GRAIN] == y[columns.BEAM]
 
 
 def test_a_moving_ceiling_carries_the_grain_and_its_work_is_in_the_ledger():
     scene = scene_of(LAWS[0], ceiling={"profile": [[0.0, 0.2], [0.1, 0.2], [0.3, 0.0171]]}, duration=1.0,
                      excitation={"amplitude": 0.02, "frequency": "resonance"})  # fmt: skip
-    for rung in ("soft", "impact"):
-        *_, ledger = ran(scene, rung, 1e-9)
+    for fidelity in ("soft", "impact"):
+        *_, ledger = ran(scene, fidelity, 1e-9)
         assert ledger.ceiling_work != 0.0
         assert abs(ledger.residual) <= 1e-7
 
@@ -146,5 +145,5 @@ def test_a_moving_ceiling_carries_the_grain_and_its_work_is_in_the_ledger():
 def test_without_gravity_and_motion_nothing_happens():
     scene = scene_of(LAWS[0], gravity=0.0, excitation={"free": {"deflection": 0.0}})
     y, *_ = ran(scene)
-    assert y[state.BEAM] == 0.0 and y[state.GRAIN] == 0.0
-    assert math.isfinite(y[state.INPUT])
+    assert y[columns.BEAM] == 0.0 and y[columns.GRAIN] == 0.0
+    assert math.isfinite(y[columns.INPUT])

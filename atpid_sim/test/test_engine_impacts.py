@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The impact rung where impacts come without end: ceilings that close, contacts at the very moment of pressing."""
+"""Fidelity impact where impacts come without end: ceilings that close, contacts at the very moment of pressing."""
 
 import numpy as np
 import pytest
 
-from atpid_sim.engine import drive, state
+from atpid_sim.engine import columns
+from atpid_sim.integration import Integration
 from atpid_sim.outcome import Outcome
-from atpid_sim.run import drive_table, initial_state, stepper_of
 from atpid_sim.simulate import simulate
 from atpid_sim.sweep import standard_task
 
@@ -53,14 +53,12 @@ def test_a_sweep_is_carried(restitution):
         simulate(with_contact(scene, restitution), "impact", check=False)
 
 
-@pytest.mark.parametrize("rung", ["soft", "impact"])
-def test_a_ceiling_that_crushes_is_followed_to_the_grain(rung):
+@pytest.mark.parametrize("fidelity", ["soft", "impact"])
+def test_a_ceiling_that_crushes_is_followed_to_the_grain(fidelity):
     scene = standard_task(0.01, 0.1, 0.2)
-    table = drive_table(scene)
-    row = int(np.searchsorted(table[:, drive.START], 7.0))
-    table[row, drive.HEIGHT_RATE] = -1.0
-    y, n = initial_state(scene)
-    none, log = np.zeros((state.ROWS, 0)), np.zeros((0, state.COLUMNS))
-    outcome = stepper_of(scene, rung, 1e-6)(table, y, n, (0.0, 0.0), (0.0, 1.0), none, log, 10_000_000)
-    assert outcome == Outcome.CEILING_CRUSHES
-    assert y[state.TIME] == pytest.approx(7.183, abs=1e-9)
+    integration = Integration(scene, fidelity, 1e-6)
+    table, state = integration.table, integration.initial_state()
+    row = int(np.searchsorted(table[:, columns.START], 7.0))
+    table[row, columns.CEILING_VELOCITY] = -1.0
+    assert integration.advance(state, table) == Outcome.CEILING_CRUSHES
+    assert state.time == pytest.approx(7.183, abs=1e-9)

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A contact: beam and grain integrated together while a force acts between them.
+
+A contact that begins at zero overlap is integrated in s with t = t_c + s^4: the contact laws' xi^(1/4) is then smooth
+and the method keeps its order. From the deepest point on the variable is time, and where the grain stays in contact, so
+that stability and no longer accuracy limits the explicit step, the implicit method takes over.
+"""
+
+from __future__ import annotations
+
+import math
+
+from atpid_sim.contact.dispatch import detachment_velocity, energy
+from atpid_sim.contact.ids import WALTON_BRAUN
+from atpid_sim.engine.columns import (
+    A0,
+    A1,
+    BEAM,
+    BEAM_LOSS,
+    BEAM_VELOCITY,
+    BEGUN,
+    CEILING_VELOCITY,
+    CEILING_WORK,
+    CONTACT_LOSS,
+    CONTACT_STEPS,
+    CONTACT_TIME,
+    DEEPEST,
+    FIRST_STEP,
+    FREE,
+    GRAIN,
+    GRAIN_VELOCITY,
+    HEIGHT,
+    INPUT,
+    LONGEST,
+    MODE,
+    OFF_CEILING,
+    OFF_FLOOR,
+    OMEGA,
+    ON_FLOOR,
+    PHASE,
+    REJECTED,
+)
+from atpid_sim.engine.detachment import detachment, turning_point
+from atpid_sim.engine.dormand_prince import ContactModel, Moment, Motion, rates_at, support_ahead
+from atpid_sim.engine.error_control import DEPTH_FLOOR
+from atpid_sim.engine.rosenbrock import contact_pace
+from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme, support_at_row
+from atpid_sim.engine.state import steps_used
+from atpid_sim.engine.trial_step import EXPLICIT, FOURTH_ROOT, IMPLICIT, trial_step
+from atpid_sim.kernel import inlined, kernel
+
+#: Steps times the contact's pace from which stability limits the explicit method.
+_STIFF = 2.0
+
+#: Steps of one uninterrupted contact before stiffness is checked: a short contact costs less with explicit steps.
+_FIRST_CHECK = 100
+
+#: Steps of one uninterrupted contact after which the vibration of a grain in static contact counts by displacement.
+_LONG_CONTACT = 3000
+
+#: Steps after which only the beam is still computed to the tolerance: elastic vibration without end is damped out.
+_ENDLESS_CONTACT = 60_000
+
+
+@kernel
+def _model(y, n, system, law):  # type: ignore[no-untyped-def]
+    """Collect what is constant during a contact."""
+    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    inverse = 1.0 / system.beam_mass
+    return ContactModel(
+        law, law == WALTON_BRAUN, y[DEEPEST], side, system.stiffness, system.damping, system.gravity, inverse,
+        inverse + 1.0 / system.grain_mass,
+    )  # fmt: skip
+
+
+@kernel
+def _with_memory(model, memory):  # type: ignore[no-untyped-def]
+    """Return the same model with a new deepest overlap [m]."""
+    return ContactModel(
+        model.law, model.hysteretic, memory, model.side, model.stiffness, model.damping,
+        model.gravity, model.beam_inverse, model.reduced_inverse,
+    )  # fmt: skip
+
+
+@kernel
+def _initial_motion(y, model, p, segment, diameter, moment):  # type: ignore[no-untyped-def]
+    """Motion at the start of the contact, from the state."""
+    x, v = y[BEAM], y[BEAM_VELOCITY]
+    gap, velocity = y[GRAIN] - x, y[GRAIN_VELOCITY] - v
+    if model.side > 0.0:
+        overlap, velocity = -gap, -velocity
+    else:
+        overlap, velocity = (
+            gap - (segment[HEIGHT] + segment[CEILING_VELOCITY] * moment.tau - diameter),
+            velocity - segment[CEILING_VELOCITY],
+        )
+    overlap = max(0.0, overlap)
+    u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
+    return Motion(x, v, overlap, velocity, rates_at(model, p, u, w, x, v, overlap, velocity))
+
+
+@kernel
+def _to_state(y, model, segment, diameter, tau, motion):  # type: ignore[no-untyped-def]
+    """Enter the motion at local time tau into the state."""
+    y[BEAM], y[BEAM_VELOCITY] = motion.x, motion.v
+    if model.side > 0.0:
+        y[GRAIN], y[GRAIN_VELOCITY] = motion.x - motion.overlap, motion.v - motion.velocity
+    else:
+        y[GRAIN] = motion.x + segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - diameter + motion.overlap
+        y[GRAIN_VELOCITY] = motion.v + motion.velocity + segment[CEILING_VELOCITY]
+
+
+@inlined
+def _moment(segment, tau, s):  # type: ignore[no-untyped-def]
+    """Start of the next step."""
+    angle = segment[OMEGA] * tau + segment[PHASE]
+    return Moment(tau, s, math.sin(angle), math.cos(angle))
+
+
+@inlined
+def _fitted(method, h, tau, origin, s, until, longest):  # type: ignore[no-untyped-def]
+    """Step in the method's own variable, its end in local time, and whether it reaches `until`."""
+    if method == FOURTH_ROOT:
+        end = origin + (s + h) ** 4
+        if end - tau > longest:
+            h = (tau - origin + longest) ** 0.25 - s
+            end = origin + (s + h) ** 4
+        if end >= until:
+            return (until - origin) ** 0.25 - s, until, True
+        return h, end, False
+    h = min(h, longest)
+    return (until - tau, until, True) if tau + h >= until else (h, tau + h, False)
+
+
+@inlined
+def _weighted_error(model, p, begin, end, errors, deepest, fastest, natural, rest, control, taken):  # type: ignore[no-untyped-def]
+    """Error of a step over the one allowed; overlap and beam each relative to their own size."""
+    size = abs(begin.x - rest) + abs(begin.v) / natural + control.displacement
+    rtol = control.contact_rtol
+    # errors as large as the overlap of static contact would cause spurious detachment
+    depth = max(
+        abs(end.overlap), begin.overlap, 0.1 * deepest, control.overlap, min(DEPTH_FLOOR * size, control.overlap / rtol)
+    )
+    speed = max(
+        abs(end.velocity), abs(begin.velocity), 0.1 * fastest, control.velocity,
+        min(natural * size, control.velocity / rtol),
+    )  # fmt: skip
+    if taken > _LONG_CONTACT:
+        depth = math.inf if taken > _ENDLESS_CONTACT else depth
+        speed = max(speed, contact_pace(model, p, begin.overlap, begin.velocity)[1] * depth)
+    inner = (errors.overlap / depth) ** 2 + (errors.velocity / speed) ** 2
+    outer = errors.x**2 + (errors.v / natural) ** 2
+    return max(0.5 * math.sqrt(inner + outer / (size * size)) / rtol, 1e-6)
+
+
+@kernel
+def _after_rejection(method, h, error, missed):  # type: ignore[no-untyped-def]
+    """Size with which a rejected step is repeated."""
+    if missed:
+        return 0.5 * h
+    if math.isnan(error):
+        return 0.1 * h
+    return h * max(0.2, 0.9 * error ** (-0.25 if method == IMPLICIT else -0.2))
+
+
+@inlined
+def _after_acceptance(method, h, logarithm, previous):  # type: ignore[no-untyped-def]
+    """Size of the step after one whose error had this logarithm, and the one before it that of `previous`."""
+    if method == IMPLICIT:
+        return h * min(6.0, max(0.2, 0.9 * math.exp(-0.25 * logarithm)))
+    return h * min(5.0, max(0.2, 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)))
+
+
+@kernel
+def _add_flows(y, model, p, moving, overlap, overlap1, flows):  # type: ignore[no-untyped-def]
+    """Enter one step into the energy ledger; `moving`: velocity of the ceiling [m/s]."""
+    lost = flows.contact
+    if model.hysteretic:
+        law, memory = model.law, model.memory
+        lost += energy(law, overlap, memory, p) - energy(law, overlap1, max(overlap1, memory), p)
+    y[CONTACT_LOSS] += max(0.0, lost)  # a law only dissipates; negative weights of the quadrature can break the sign
+    y[INPUT] += flows.support
+    y[BEAM_LOSS] += flows.damper
+    y[CEILING_WORK] -= moving * flows.impulse
+
+
+@kernel
+def _observe(y, elapsed, begin, end):  # type: ignore[no-untyped-def]
+    """Add one step to the observation window."""
+    y[CONTACT_TIME] += elapsed
+    record_extreme(y, end.x)
+    if begin.v * end.v < 0.0:
+        a0, a1 = begin.rates.beam_acceleration, end.rates.beam_acceleration
+        step_extreme(y, elapsed, begin.x, begin.v, a0, end.x, end.v, a1)
+
+
+@kernel
+def _detach(y, n, model, p, motion, least):  # type: ignore[no-untyped-def]
+    """End a contact whose force has vanished and set the mode; returns the motion with the remaining overlap."""
+    law, memory, overlap, velocity = model.law, y[DEEPEST], motion.overlap, motion.velocity
+    y[CONTACT_LOSS] += energy(law, max(overlap, 0.0), memory, p)  # still compressed, but no force is left
+    undamped = not model.hysteretic and detachment_velocity(law, overlap, memory, p) == -math.inf
+    if undamped or overlap < 1e-6 * max(least, memory):
+        overlap = 0.0  # with no damping to speak of the force vanishes only where the surfaces part
+        velocity = min(velocity, 0.0)  # rounding must not leave them closing: the same contact would begin again
+    if overlap > 0.0:
+        n[MODE] = OFF_FLOOR if model.side > 0.0 else OFF_CEILING
+    else:
+        n[MODE] = FREE
+    return Motion(motion.x, motion.v, overlap, velocity, motion.rates)
+
+
+@kernel
+def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # type: ignore[no-untyped-def]
+    """Advance a contact inside one row from local time tau to at most `until`; returns the local time reached.
+
+    Leaves y at that time and n[MODE] at what follows: still in contact, overlapped without force, or free.
+    """
+    model = _model(y, n, system, law)
+    diameter = 2.0 * system.radius
+    moving = 0.0 if model.side > 0.0 else segment[CEILING_VELOCITY]
+    natural = math.sqrt(system.stiffness / system.beam_mass)
+    pace = max(segment[OMEGA] if segment[A0] != 0.0 or segment[A1] != 0.0 else 0.0, natural)
+    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    motion = _initial_motion(y, model, p, segment, diameter, _moment(segment, tau, 0.0))
+    method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[FIRST_STEP], (until - tau) ** 0.25)
+    if motion.overlap > 0.0:
+        # a force near zero for long: the error of explicit steps would cause spurious detachment
+        method = IMPLICIT if n[CONTACT_STEPS] > _ENDLESS_CONTACT else EXPLICIT
+        origin, s, h = 0.0, tau, 1e-2 * y[FIRST_STEP] ** 4
+    moment = _moment(segment, tau, s)
+    start = support_at_row(segment, tau)[0]
+    deepest, fastest = motion.overlap, abs(motion.velocity)
+    previous = 0.0
+    taken = 0
+    due = next_sample(n, out, view)
+    while tau < until and steps_used(n) < control.budget:
+        longest = (0.3 if method == IMPLICIT else 0.15) / pace
+        h, end_time, finishing = _fitted(method, h, tau, origin, s, until, longest)
+        end, errors, flows = trial_step(method, segment, model, p, moment, h, motion)
+        error = _weighted_error(model, p, motion, end, errors, deepest, fastest, natural, rest, control, taken)
+        detaching = end.rates.force <= 0.0
+        # a whole contact inside the first step must be resolved, unless it is too weak to matter
+        missed = (
+            detaching
+            and taken == 0
+            and method == FOURTH_ROOT
+            and motion.velocity * (end_time - tau) > 1e-3 * control.overlap
+        )
+        if missed or not error <= 1.0:
+            n[REJECTED] += 1
+            h = _after_rejection(method, h, error, missed)
+            if h < 1e-25 and math.isnan(error):
+                y[BEAM] = math.nan  # no step is short enough: the force itself is not a number
+                return tau
+            continue
+        # the kink of a hysteretic law: below the deepest overlap the velocity may change its sign without one
+        turning = model.hysteretic and motion.velocity > 0.0 and end.velocity < 0.0 and motion.overlap >= model.memory
+        size = h
+        if turning:
+            size = turning_point(method, segment, model, p, moment, h, motion, end.velocity)
+        elif detaching:
+            size = detachment(method, segment, model, p, moment, h, motion, end.rates.force)
+        if size < h:
+            end, errors, flows = trial_step(method, segment, model, p, moment, size, motion)
+            end_time = origin + (s + size) ** 4 if method == FOURTH_ROOT else tau + size
+            detaching = detaching and not turning
+            finishing = False
+            if turning:
+                end = Motion(end.x, end.v, end.overlap, 0.0, end.rates)
+        n[CONTACT_STEPS] += 1
+        elapsed = end_time - tau
+        if taken == 0 and method == FOURTH_ROOT:
+            y[FIRST_STEP] = h
+        taken += 1
+        _add_flows(y, model, p, moving, motion.overlap, end.overlap, flows)
+        if view.observing:
+            _observe(y, elapsed, motion, end)
+        if due <= end_time:
+            due = contact_samples(n, out, view, segment, model.side, diameter, tau, elapsed, motion, end)
+        tau, motion = end_time, end
+        s += size
+        deepest = max(motion.overlap, 0.9 * deepest)
+        fastest = max(abs(motion.velocity), 0.9 * fastest)
+        if motion.overlap > y[DEEPEST]:
+            y[DEEPEST] = motion.overlap
+            if model.hysteretic:
+                model = _with_memory(model, motion.overlap)
+        if detaching:
+            motion = _detach(y, n, model, p, motion, control.overlap)
+            break
+        if motion.overlap > system.radius or finishing:
+            break
+        logarithm = math.log(error)
+        h = _after_acceptance(method, h, logarithm, previous)
+        previous = max(logarithm, -9.0)
+        # change of method, written out here: as a function of its own it made a run 3 % slower
+        if method == FOURTH_ROOT and (motion.velocity <= 0.0 or turning):
+            # from the deepest point on in time: s^4 would only slow the step control down
+            h = 4.0 * s * s * s * h
+            method, origin = EXPLICIT, 0.0
+        if method != IMPLICIT and taken > _FIRST_CHECK and taken % 8 == 0:
+            stiff = elapsed * contact_pace(model, p, motion.overlap, motion.velocity)[0] > _STIFF
+            if stiff or taken > _LONG_CONTACT:
+                method, h = IMPLICIT, elapsed
+        moment = _moment(segment, tau, s if method == FOURTH_ROOT else tau)
+        s = moment.s
+    y[INPUT] += 0.5 * system.stiffness * (support_at_row(segment, tau)[0] ** 2 - start**2)
+    if view.observing and n[MODE] != ON_FLOOR:
+        y[LONGEST] = max(y[LONGEST], view.origin + tau - y[BEGUN])
+    _to_state(y, model, segment, diameter, tau, motion)
+    return tau

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fidelity `impact`: instantaneous impacts with the law's restitution, and sticking as one mass."""
+
+from __future__ import annotations
+
+import math
+
+from atpid_sim.contact.dispatch import restitution
+from atpid_sim.engine.beam import arc_from, beam_at, snap_bounded_at
+from atpid_sim.engine.columns import (
+    BEAM,
+    BEAM_VELOCITY,
+    CEILING_VELOCITY,
+    CEILING_WORK,
+    CONTACT_LOSS,
+    CONTACT_STEPS,
+    CONTACT_TIME,
+    FREE,
+    GRAIN,
+    GRAIN_VELOCITY,
+    HEIGHT,
+    MODE,
+    ON_CEILING,
+    ON_FLOOR,
+)
+from atpid_sim.engine.micro_bounce import only_micro_bounces
+from atpid_sim.engine.safe_step import safe_velocity_step
+from atpid_sim.engine.sampling import flight_extreme, joint_samples, record_extreme
+from atpid_sim.engine.state import steps_used
+from atpid_sim.engine.work import flight_work
+from atpid_sim.kernel import kernel
+
+#: Bounces that would all be over within this many radians of the fastest vibration are taken as one: the grain sticks.
+_STICKING = 0.01
+
+#: A clearance below this share of the grain's radius is none: no contact is so shallow, and elastic bounces never end.
+_NO_CLEARANCE = 1e-5
+
+#: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
+_NO_SPEED = 1e-9
+
+#: Impacts at one and the same instant after which the grain sticks: bounces have died within the clock's rounding.
+_COLLAPSE = 50
+
+#: Bounces below this share of the beam's displacement are low.
+_LOW = 1e-8
+
+
+@kernel
+def begin_impact_row(y, n, segment):  # type: ignore[no-untyped-def]
+    """At a row's start: a ceiling that has changed its velocity is left or hit, whichever follows."""
+    if n[MODE] == ON_CEILING and y[GRAIN_VELOCITY] - y[BEAM_VELOCITY] != segment[CEILING_VELOCITY]:
+        n[MODE] = FREE
+
+
+@kernel
+def is_held(segment, tau, system):  # type: ignore[no-untyped-def]
+    """Whether floor and ceiling hold the grain: there is no clearance and the ceiling is not opening."""
+    clearance = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - 2.0 * system.radius
+    return segment[CEILING_VELOCITY] <= 0.0 and clearance <= _NO_CLEARANCE * system.radius
+
+
+@kernel
+def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyped-def]
+    """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks.
+
+    `stuck`: impacts at this very instant so far.
+    """
+    arc = arc_from(
+        system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_VELOCITY]
+    )
+    replaced = only_micro_bounces(y, n, segment, tau, system, _LOW) or stuck > _COLLAPSE
+    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    moving = 0.0 if side > 0.0 else segment[CEILING_VELOCITY]
+    closing = side * (y[BEAM_VELOCITY] + moving - y[GRAIN_VELOCITY])
+    reduced = system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
+    e = restitution(law, closing, reduced, p) if closing > 0.0 else 0.0
+    push = side * (beam_at(arc, tau)[2] + system.gravity)  # with which beam and grain press together
+    fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
+    # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
+    rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
+    slow = max(push, 0.0) * max(_NO_SPEED, _STICKING * (1.0 - e) / max(2.0 * e, 1e-300))
+    sticks = is_held(segment, tau, system) or replaced or (push >= rounding and closing * fastest <= slow)
+    if sticks:
+        e = 0.0
+    impulse = max(0.0, (1.0 + e) * reduced * closing)
+    y[BEAM_VELOCITY] -= side * impulse / system.beam_mass
+    y[GRAIN_VELOCITY] += side * impulse / system.grain_mass
+    if side * (y[BEAM_VELOCITY] + moving - y[GRAIN_VELOCITY]) > 0.0:
+        y[GRAIN_VELOCITY] = y[BEAM_VELOCITY] + moving  # rounding of a plastic impact
+    y[CONTACT_LOSS] += 0.5 * reduced * (1.0 - e * e) * closing * closing
+    y[CEILING_WORK] -= moving * impulse
+    if not sticks:
+        n[MODE] = FREE
+
+
+@kernel
+def stick(y, n, segment, tau, until, system, control, view, out):  # type: ignore[no-untyped-def]
+    """Advance beam and grain as one mass until the wall would have to pull, or the row ends; returns the local time.
+
+    On a moving ceiling too the beam moves as with the combined mass: the ceiling's velocity is constant in a row.
+    """
+    held = is_held(segment, tau, system)
+    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    total = system.beam_mass + system.grain_mass
+    diameter = 2.0 * system.radius
+    begin, start_velocity = tau, y[GRAIN_VELOCITY]
+    arc = arc_from(total, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_VELOCITY])
+    stride = 1.0 / max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / total))
+    x, v, a, jerk, snap = snap_bounded_at(arc, tau, until)
+    pressing = side * (a + system.gravity)
+    least = 1e-9 * stride
+    # a first step is made in any case: whether the wall presses at the very impact is a matter of rounding
+    while (pressing >= 0.0 or tau == begin or held) and tau < until and steps_used(n) < control.budget:
+        n[CONTACT_STEPS] += 1
+        longest = min(stride, until - tau)
+        # the wall surely presses this long: the force's rate of change is known, and that changes by the snap at most
+        step = longest if held else max(safe_velocity_step(pressing, -side * jerk, snap, longest), least)
+        ahead = until if step >= until - tau else tau + step
+        x1, v1, a, jerk, snap = snap_bounded_at(arc, ahead, until)
+        pressing = side * (a + system.gravity)
+        if view.observing:
+            y[CONTACT_TIME] += ahead - tau
+            record_extreme(y, x1)
+            if v * v1 < 0.0:
+                flight_extreme(y, arc, tau, ahead, v, v1)
+        x, v, tau = x1, v1, ahead
+    moving = 0.0 if side > 0.0 else segment[CEILING_VELOCITY]
+    gap = 0.0 if side > 0.0 else segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - diameter
+    flight_work(y, arc, begin, tau)
+    joint_samples(n, out, view, segment, arc, tau, side, diameter)
+    y[BEAM], y[BEAM_VELOCITY] = x, v
+    y[GRAIN], y[GRAIN_VELOCITY] = x + gap, v + moving
+    gained = y[GRAIN_VELOCITY] - start_velocity + system.gravity * (tau - begin)
+    y[CEILING_WORK] += moving * system.grain_mass * gained
+    if pressing < 0.0 and not held:
+        n[MODE] = FREE
+    return tau

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Micro-bounces: after very many the grain is put into static contact with its wall.
+
+An elastic grain that was once lifted bounces without end, 10^5 times a second where the bounces are low. A bounce lower
+than the error that the tolerance allows an overlap moves the beam by less than that; after a thousand of them they are
+replaced by static contact. The remaining energy of the grain is entered as lost in the contact.
+"""
+
+from __future__ import annotations
+
+import math
+
+from atpid_sim.contact.dispatch import energy
+from atpid_sim.engine.columns import (
+    BEAM,
+    BEAM_VELOCITY,
+    CEILING_VELOCITY,
+    CEILING_WORK,
+    CONTACT_LOSS,
+    DEEPEST,
+    GRAIN,
+    GRAIN_VELOCITY,
+    HEIGHT,
+    LOW_HOPS,
+    MODE,
+    OMEGA,
+    ON_FLOOR,
+    PHASE,
+)
+from atpid_sim.engine.detachment import static_overlap
+from atpid_sim.engine.dormand_prince import support_ahead
+from atpid_sim.kernel import kernel
+
+#: Low bounces before static contact: bounces that die out by themselves are a few, or a few dozen.
+_LIMIT = 1000
+
+#: Low bounces that one higher one cancels: near its equilibrium a slowly moving beam makes every bounce a high one.
+_OUTWEIGHED = 10
+
+
+@kernel
+def _support_force(y, segment, tau, system):  # type: ignore[no-untyped-def]
+    """Force of spring and damper on the beam [N]."""
+    angle = segment[OMEGA] * tau + segment[PHASE]
+    u, w = support_ahead(segment, tau, 0.0, math.sin(angle), math.cos(angle))
+    return system.stiffness * (u - y[BEAM]) - system.damping * (y[BEAM_VELOCITY] - w)
+
+
+@kernel
+def _closing(y, side, ceiling_velocity):  # type: ignore[no-untyped-def]
+    """Closing speed of grain and wall [m/s]."""
+    if side > 0.0:
+        return y[BEAM_VELOCITY] - y[GRAIN_VELOCITY]
+    return y[GRAIN_VELOCITY] - y[BEAM_VELOCITY] - ceiling_velocity
+
+
+@kernel
+def only_micro_bounces(y, n, segment, tau, system, share):  # type: ignore[no-untyped-def]
+    """Count a flight that ended at local time tau if its height was below `share` of the beam's displacement.
+
+    Returns whether nearly all of the last flights were so low, and wall and grain press together now.
+    """
+    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    size = abs(y[BEAM] - rest) + abs(y[BEAM_VELOCITY]) / math.sqrt(system.stiffness / system.beam_mass)
+    clearance = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - 2.0 * system.radius
+    pressing = side * _support_force(y, segment, tau, system) / system.beam_mass
+    closing = _closing(y, side, segment[CEILING_VELOCITY])
+    low = clearance <= share * size or (pressing > 0.0 and closing * closing <= 2.0 * pressing * share * size)
+    n[LOW_HOPS] = n[LOW_HOPS] + 1 if low else max(0, n[LOW_HOPS] - _OUTWEIGHED)
+    return low and n[LOW_HOPS] > _LIMIT and pressing > 0.0
+
+
+@kernel
+def replace_by_static_contact(y, n, segment, tau, system, law, p):  # type: ignore[no-untyped-def]
+    """Put a grain that has just touched its wall into static contact: common velocity, overlap of force balance.
+
+    Changes nothing where that would need energy.
+    """
+    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    moving = 0.0 if side > 0.0 else segment[CEILING_VELOCITY]
+    beam_mass, grain_mass = system.beam_mass, system.grain_mass
+    closing = _closing(y, side, segment[CEILING_VELOCITY])
+    impulse = beam_mass * grain_mass / (beam_mass + grain_mass) * closing
+    push = side * grain_mass / (beam_mass + grain_mass) * _support_force(y, segment, tau, system)
+    overlap = static_overlap(law, p, push, 1e-12)
+    kinetic = 0.5 * impulse * closing
+    lost = kinetic + side * grain_mass * system.gravity * overlap - energy(law, overlap, overlap, p)
+    if not (push > 0.0 and lost >= 0.0):
+        return
+    y[BEAM_VELOCITY] -= side * impulse / beam_mass
+    y[GRAIN_VELOCITY] = y[BEAM_VELOCITY] + moving
+    y[GRAIN] -= side * overlap
+    y[DEEPEST] = overlap
+    y[CONTACT_LOSS] += lost
+    y[CEILING_WORK] -= moving * impulse

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The integration of a run, row by row through the drive table, at every fidelity."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+
+from atpid_sim.contact.dispatch import energy
+from atpid_sim.engine.columns import (
+    BEAM,
+    BEAM_VELOCITY,
+    BEGUN,
+    CEILING_HITS,
+    CEILING_VELOCITY,
+    CONTACT_LOSS,
+    DEEPEST,
+    E_SPEED,
+    E_TIME,
+    E_WALL,
+    END,
+    FLOOR_HITS,
+    FREE,
+    GRAIN,
+    GRAIN_VELOCITY,
+    HEIGHT,
+    IMPACTS,
+    MODE,
+    ON_CEILING,
+    ON_FLOOR,
+    START,
+    TIME,
+    WINDOW_CEILING,
+    WINDOW_FLOOR,
+)
+from atpid_sim.engine.contact_phase import contact
+from atpid_sim.engine.error_control import DEPTH_FLOOR, Control, control_of
+from atpid_sim.engine.flight import flight
+from atpid_sim.engine.impact_phase import begin_impact_row, collide, stick
+from atpid_sim.engine.micro_bounce import only_micro_bounces, replace_by_static_contact
+from atpid_sim.engine.one_mass_phase import one_mass
+from atpid_sim.engine.sampling import View, record_extreme
+from atpid_sim.engine.state import steps_used
+from atpid_sim.kernel import kernel
+from atpid_sim.outcome import Outcome
+
+#: Phases without any progress in time after which a run ends as STALLED.
+_STALLED = 1000
+
+
+class Fidelity(IntEnum):
+    """What a run integrates; the values are those that kernels compare."""
+
+    SIMPLIFIED = 0  # one mass in closed form: beam and grain, or the beam alone
+    IMPACT = 1  # contacts instantaneous
+    SOFT = 2  # contacts integrated
+
+
+@kernel
+def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):  # type: ignore[no-untyped-def]
+    """Count a new contact and log its time, wall and closing speed."""
+    on_floor = n[MODE] == ON_FLOOR
+    if on_floor:
+        speed = y[BEAM_VELOCITY] - y[GRAIN_VELOCITY]
+    else:
+        speed = y[GRAIN_VELOCITY] - y[BEAM_VELOCITY] - ceiling_velocity
+    n[FLOOR_HITS if on_floor else CEILING_HITS] += 1
+    if observing:
+        n[WINDOW_FLOOR if on_floor else WINDOW_CEILING] += 1
+    if n[IMPACTS] < impacts.shape[0]:
+        impacts[n[IMPACTS], E_TIME] = now
+        impacts[n[IMPACTS], E_WALL] = 1.0 if on_floor else -1.0
+        impacts[n[IMPACTS], E_SPEED] = speed
+        n[IMPACTS] += 1
+    y[DEEPEST] = 0.0
+    y[BEGUN] = now
+
+
+@kernel
+def _resume_contact(y, n, segment, tau, diameter, law, p):  # type: ignore[no-untyped-def]
+    """A force before the surfaces have parted: the energy entered as lost at detachment is stored again."""
+    gap = y[GRAIN] - y[BEAM]
+    clearance = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - diameter
+    overlap = -gap if n[MODE] == ON_FLOOR else gap - clearance
+    y[CONTACT_LOSS] -= energy(law, max(overlap, 0.0), y[DEEPEST], p)
+
+
+@kernel
+def _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts):  # type: ignore[no-untyped-def]
+    """One contact or flight of the fidelity `soft`; returns the local time reached."""
+    if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+        return contact(y, n, segment, tau, until, system, law, p, control, view, out)
+    tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
+    if y[DEEPEST] < 0.0:
+        _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[CEILING_VELOCITY])
+        if only_micro_bounces(y, n, segment, tau, system, DEPTH_FLOOR * control.rtol):
+            replace_by_static_contact(y, n, segment, tau, system, law, p)
+    elif n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+        _resume_contact(y, n, segment, tau, 2.0 * system.radius, law, p)
+    return tau
+
+
+@kernel
+def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck):  # type: ignore[no-untyped-def]
+    """One flight with the impact at its end, or sticking, of the fidelity `impact`; returns the local time reached."""
+    if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+        return stick(y, n, segment, tau, until, system, control, view, out)
+    tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
+    if n[MODE] != FREE:
+        _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[CEILING_VELOCITY])
+        collide(y, n, segment, tau, system, law, p, stuck)
+    return tau
+
+
+@kernel
+def _fault(fidelity, y, height, diameter):  # type: ignore[no-untyped-def]
+    """Outcome that the present state amounts to, DONE where it is sound."""
+    gap = y[GRAIN] - y[BEAM]
+    if not (
+        math.isfinite(y[BEAM])
+        and math.isfinite(y[BEAM_VELOCITY])
+        and math.isfinite(y[GRAIN_VELOCITY])
+        and math.isfinite(gap)
+    ):
+        return Outcome.NOT_FINITE
+    if fidelity == Fidelity.SIMPLIFIED:
+        return Outcome.DONE
+    if height < diameter * (1.0 - 1e-12):
+        return Outcome.CEILING_CRUSHES
+    if max(-gap, gap - (height - diameter)) > 0.5 * diameter:
+        return Outcome.OVERLAP_TOO_DEEP if fidelity == Fidelity.SOFT else Outcome.ESCAPED
+    return Outcome.DONE
+
+
+@kernel
+def _open_length(segment, diameter):  # type: ignore[no-untyped-def]
+    """How long the ceiling stays at or above the grain's diameter in this row [s]; the row's length if all the time."""
+    length = segment[END] - segment[START]
+    if min(segment[HEIGHT], segment[HEIGHT] + segment[CEILING_VELOCITY] * length) >= diameter * (1.0 - 1e-12):
+        return length
+    return 0.0 if segment[HEIGHT] <= diameter else (diameter - segment[HEIGHT]) / segment[CEILING_VELOCITY]
+
+
+@kernel
+def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget):  # type: ignore[no-untyped-def]
+    """`integrate`, with an `Outcome`."""
+    with_grain = mass != system.beam_mass
+    diameter = 2.0 * system.radius
+    stuck = 0
+    control = Control(budget, rtol, rtol, 0.0, 0.0, 0.0)
+    if fidelity == Fidelity.SOFT:
+        control = control_of(table, system, law, p, rtol, budget, y)
+    if fidelity == Fidelity.SIMPLIFIED and not with_grain:
+        n[MODE] = FREE
+    for row in range(table.shape[0]):
+        segment = table[row]
+        start, end = segment[START], segment[END]
+        if end <= y[TIME]:
+            continue
+        length = end - start if fidelity == Fidelity.SIMPLIFIED else _open_length(segment, diameter)
+        view = View(window[0] <= 0.5 * (start + end) <= window[1], sampling[0], sampling[1], start)
+        if view.observing:
+            record_extreme(y, y[BEAM])
+        if fidelity == Fidelity.IMPACT:
+            begin_impact_row(y, n, segment)
+        tau, until = y[TIME] - start, length
+        while tau < until:
+            before = tau
+            if fidelity == Fidelity.SOFT:
+                tau = _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts)
+            elif fidelity == Fidelity.IMPACT:
+                tau = _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck)
+            else:
+                tau = one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view, out)
+            y[TIME] = start + tau
+            if steps_used(n) >= budget:
+                return Outcome.STEP_BUDGET
+            fault = _fault(fidelity, y, segment[HEIGHT] + segment[CEILING_VELOCITY] * tau, diameter)
+            if fault != Outcome.DONE:
+                return fault
+            stuck = stuck + 1 if tau == before else 0
+            if stuck > _STALLED:
+                return Outcome.STALLED
+        if length < end - start:
+            return Outcome.CEILING_CRUSHES
+        y[TIME] = end
+    return Outcome.DONE
+
+
+@kernel
+def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget):  # type: ignore[no-untyped-def]
+    """Integrate through the drive table (rows, DRIVE_COLUMNS) from y[TIME] to its end; returns an outcome's value.
+
+    `mass`: what moves at the fidelity `simplified` [kg]; `window`: (from, to) [s], both row edges of the table where
+    extremes shall be exact; `sampling`: (first instant, period) [s]; `out`: series (SAMPLE_ROWS, samples); `impacts`:
+    log (capacity, IMPACT_COLUMNS); `budget`: steps. y and n are the state (`columns`), changed in place, also when the
+    run ends early. Fidelity and outcome pass as plain integers: numba converts a member of an enumeration in 10 us.
+    """
+    outcome = _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget)
+    return outcome.value
