@@ -39,6 +39,9 @@ RUN = {
     "tests/test_graph_real_time.py": {
         r"python -m atpid_control bench .*--real-time": "test_nothing_is_lost_in_real_time"
     },
+    "tests/test_howto_contact_law.py": {
+        r"python -m pytest -q atpid_sim/test/test_contact\.py": "test_the_law_passes_the_general_tests"
+    },
     # left out, and the tests say so, where there is no ros2 launch
     "tests/test_launch.py": {
         r"ros2 launch atpid_control bench\.launch\.py --show-args": "test_the_arguments_are_shown",
@@ -121,6 +124,7 @@ FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-inst
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
     "my_beam.yaml", "my_map.npz",
+    "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",

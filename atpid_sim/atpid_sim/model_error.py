@@ -13,11 +13,12 @@ import math
 
 from scipy.optimize import brentq
 
-from atpid_sim.contact import contact_of, dispatch
+from atpid_sim.contact import dispatch
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.integration import undamped_amplitude
+from atpid_sim.kernel_inputs import contact_of, system_of
 from atpid_sim.scene import HarmonicExcitation, Scene
-from atpid_sim.system import reduced_mass, system_of
+from atpid_sim.system import reduced_mass
 
 _IMPACT, _CLOSED = 0.5, 2.0
 #: In a decay, a sweep or a measured series the errors of impacts add up; a grain heavier than a quarter of all has a

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field, Tag, model_validator
 
-from atpid_sim.scene.fields import (
+from atpid_sim.fields import (
     Block,
     HeightPoints,
     HeightRange,

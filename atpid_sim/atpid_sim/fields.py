@@ -54,6 +54,8 @@ Mass = Annotated[Number, within(1e-6, 1e6)]  # [kg]
 Stiffness = Annotated[Number, within(1e-6, 1e12)]  # [N/m]
 ContactStiffness = Annotated[Number, within(1e-3, 1e15)]  # [N/m]
 Modulus = Annotated[Number, within(1.0, 1e18)]  # [Pa]
+#: Towards -1 a solid becomes infinitely stiff against a change of shape.
+Poisson = Annotated[Number, within(-0.999, 0.5)]  # [-]
 Damping = Annotated[Number, within(0.0, 1e9)]  # [N s/m], or as the law has it
 Fraction = Annotated[Number, within(1e-6, 1.0 - 1e-6, hint="a share: 10 % is 0.1")]  # [-]
 Length = Annotated[Number, within(1e-6, 1e6)]  # [m]
