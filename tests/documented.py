@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the documentation says: its commands, links, headings and the names it mentions."""
+"""The contents of the documentation: its commands, links, headings and the names it mentions."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("bags/*.md"))]
 MADE = {"build", "install", "log", "out", "src", "__pycache__"}
 
-_COMMAND = re.compile(r"(?:sudo )?(?:make|python -m|ros2|\. ros2_ws/activate)\b.*")
+_COMMAND = re.compile(r"(?:sudo )?(?:make(?!\()|python -m|ros2|\. ros2_ws/activate)\b.*")
 _LINK = re.compile(r"\[[^]]*\]\(([^)\s]+)\)")
 
 
-class Said(NamedTuple):
+class Piece(NamedTuple):
     """A piece of text and the page it stands on."""
 
     page: str
@@ -49,16 +49,16 @@ def code(page: Path) -> Iterator[str]:
             yield from re.findall(r"`([^`]+)`", line)
 
 
-def pieces() -> list[Said]:
+def pieces() -> list[Piece]:
     """Return all code of all pages."""
-    return [Said(page.name, text.replace("\\|", "|")) for page in PAGES for text in code(page)]
+    return [Piece(page.name, text.replace("\\|", "|")) for page in PAGES for text in code(page)]
 
 
-def commands() -> list[Said]:
+def commands() -> list[Piece]:
     """Return what a reader may type, without the remark after it."""
     found = [(page, _COMMAND.search(text)) for page, text in pieces()]
-    whole = [Said(page, match[0]) for page, match in found if match and match.start() <= len('eval "$(')]
-    return [Said(page, re.split(r"\s+# ", text)[0].strip()) for page, text in whole]
+    whole = [Piece(page, match[0]) for page, match in found if match and match.start() <= len('eval "$(')]
+    return [Piece(page, re.split(r"\s+# ", text)[0].strip()) for page, text in whole]
 
 
 def links(page: Path) -> list[str]:

@@ -15,7 +15,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from documented import PAGES, ROOT, Said, anchors, commands, exists, files, links, pieces
+from documented import PAGES, ROOT, Piece, anchors, commands, exists, files, links, pieces
 
 #: The tests that run a documented command, or a shorter one like it: file, pattern for the command's beginning, test.
 RUN = {
@@ -137,24 +137,24 @@ _FILE = re.compile(
 _OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 
 
-def ours() -> list[Said]:
+def ours() -> list[Piece]:
     """Return the documented `python -m` commands of the project's own command lines."""
-    programs = [said for said in commands() if said.text.startswith("python -m atpid_")]
-    return [said for said in programs if "--ros-args" not in said.text]
+    programs = [piece for piece in commands() if piece.text.startswith("python -m atpid_")]
+    return [piece for piece in programs if "--ros-args" not in piece.text]
 
 
 @functools.cache
 def help_of(module: str, *words: str) -> str:
     """Return what `python -m module words --help` prints."""
-    said, before = io.StringIO(), sys.argv
+    printed, before = io.StringIO(), sys.argv
     sys.argv = [module, *words, "--help"]
     try:
-        with contextlib.redirect_stdout(said), warnings.catch_warnings(), contextlib.suppress(SystemExit):
+        with contextlib.redirect_stdout(printed), warnings.catch_warnings(), contextlib.suppress(SystemExit):
             warnings.simplefilter("ignore", RuntimeWarning)  # it is imported already
             runpy.run_module(module, run_name="__main__", alter_sys=True)
     finally:
         sys.argv = before
-    return said.getvalue()
+    return printed.getvalue()
 
 
 def help_for(command: str) -> str:
@@ -171,7 +171,7 @@ def patterns() -> list[str]:
 
 def test_every_documented_command_is_run_or_there_is_a_reason() -> None:
     known = re.compile("|".join(patterns()))
-    assert [said for said in commands() if not known.match(said.text)] == []
+    assert [piece for piece in commands() if not known.match(piece.text)] == []
 
 
 def test_the_tests_named_for_commands_exist() -> None:
@@ -180,37 +180,40 @@ def test_the_tests_named_for_commands_exist() -> None:
 
 
 def test_every_pattern_is_needed() -> None:
-    typed = [said.text for said in commands()]
+    typed = [piece.text for piece in commands()]
     assert [pattern for pattern in patterns() if not any(re.match(pattern, text) for text in typed)] == []
 
 
-@pytest.mark.parametrize("said", sorted(set(ours())), ids=lambda said: said.text[10:60])
-def test_the_command_is_there_and_takes_these_options(said: Said) -> None:
-    if len(said.text.split()) == 3:  # a module without arguments
-        assert importlib.util.find_spec(said.text.split()[2]) is not None
+@pytest.mark.parametrize("piece", sorted(set(ours())), ids=lambda piece: piece.text[10:60])
+def test_the_command_is_there_and_takes_these_options(piece: Piece) -> None:
+    if len(piece.text.split()) == 3:  # a module without arguments
+        assert importlib.util.find_spec(piece.text.split()[2]) is not None
         return
-    printed = help_for(said.text)
-    assert printed.startswith("usage: "), said
-    assert [option for option in _OPTION.findall(said.text) if option not in printed] == []
+    printed = help_for(piece.text)
+    assert printed.startswith("usage: "), piece
+    assert [option for option in _OPTION.findall(piece.text) if option not in printed] == []
 
 
 def test_every_option_mentioned_belongs_to_a_command() -> None:
-    known = FOREIGN_OPTIONS | {option for said in ours() for option in _OPTION.findall(help_for(said.text))}
+    known = FOREIGN_OPTIONS | {option for piece in ours() for option in _OPTION.findall(help_for(piece.text))}
     mentioned = [
-        (said.page, option) for said in pieces() if said.text.startswith("--") for option in _OPTION.findall(said.text)
+        (piece.page, option)
+        for piece in pieces()
+        if piece.text.startswith("--")
+        for option in _OPTION.findall(piece.text)
     ]
     assert [(page, option) for page, option in mentioned if option not in known] == []
 
 
 def test_every_make_target_exists() -> None:
-    for said in commands():
-        words = said.text.removeprefix("sudo ").split()
+    for piece in commands():
+        words = piece.text.removeprefix("sudo ").split()
         if words[0] != "make":
             continue
         folder = Path(words[words.index("-C") + 1]) if "-C" in words else Path()
         targets = re.findall(r"^([a-z-]+):", (ROOT / folder / "Makefile").read_text(), flags=re.MULTILINE)
         named = [word for word in words[1:] if "=" not in word and word not in ("-C", str(folder))]
-        assert set(named) <= set(targets), said
+        assert set(named) <= set(targets), piece
 
 
 def test_every_file_mentioned_exists() -> None:
@@ -221,12 +224,12 @@ def test_every_file_mentioned_exists() -> None:
             return True
         return bool(fnmatch.filter(there, f"*/{name.removeprefix('./')}"))
 
-    mentioned = {(said.page, name) for said in pieces() for name in _FILE.findall(said.text)}
+    mentioned = {(piece.page, name) for piece in pieces() for name in _FILE.findall(piece.text)}
     assert sorted((page, name) for page, name in mentioned if not known(name)) == []
 
 
 def test_every_module_mentioned_exists() -> None:
-    names = {(said.page, name) for said in pieces() for name in re.findall(r"\batpid_\w+(?:\.\w+)+", said.text)}
+    names = {(piece.page, name) for piece in pieces() for name in re.findall(r"\batpid_\w+(?:\.\w+)+", piece.text)}
     dotted = [(page, name) for page, name in names if not _FILE.search(name) and not name.endswith("npz")]
     assert sorted((page, name) for page, name in dotted if not exists(name)) == []
 

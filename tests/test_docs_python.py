@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python examples of the documentation run as they are printed."""
 
+from __future__ import annotations
+
 import os
 import re
 import subprocess
@@ -18,11 +20,13 @@ EXAMPLES = [
 ]
 
 
-def run(text: str, folder: Path, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
-    """Run an example in a folder with links to what a clone has, so that it writes nothing there."""
+def run(
+    text: str, folder: Path, python: str = sys.executable, environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run an example in a folder that shows what a clone has, so that what it writes does not land there."""
     for name in ("scenes", "bags"):
         (folder / name).symlink_to(ROOT / name)
-    command = [sys.executable, "-W", "error", "-c", text]
+    command = [python, "-W", "error", "-c", text]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=environment)
 
 
@@ -35,9 +39,10 @@ def test_an_example_runs_as_printed(text: str, tmp_path: Path) -> None:
 def test_reading_a_bag_needs_the_packages_folders_alone(tmp_path: Path) -> None:
     """No ROS, no workspace: as docs/recording.md says for the interpreter of the environment without activation."""
     page = (ROOT / "docs/recording.md").read_text()
-    (folders,) = re.findall(r"`PYTHONPATH=(\S+) \.venv/bin/python`", page)
+    shown = re.search(r"`PYTHONPATH=(\S+) \.venv/bin/python`", page)
+    assert shown is not None
     text = next(text for name, text in EXAMPLES if name.startswith("recording.md"))
-    places = os.pathsep.join(str(ROOT / folder) for folder in folders.split(":"))
+    places = os.pathsep.join(str(ROOT / folder) for folder in shown[1].split(":"))
     environment = {"HOME": os.environ["HOME"], "PATH": "/usr/bin:/bin", "PYTHONPATH": places}
     done = run(text, tmp_path, environment=environment)
     assert done.returncode == 0, done.stderr
