@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,3 +71,38 @@ def anchors(page: Path) -> set[str]:
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     headings = re.findall(r"^#+ +(.+)$", text, flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def owner_and_last(name: str) -> tuple[object, str]:
+    """Return the module or class that a dotted name's last part belongs to, and that part.
+
+    Raises ModuleNotFoundError or AttributeError where there is no such owner.
+    """
+    parts = name.split(".")
+    for count in range(len(parts) - 1, 0, -1):
+        try:
+            owner: object = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[count:-1]:
+            owner = getattr(owner, part)
+        return owner, parts[-1]
+    raise ModuleNotFoundError(name)
+
+
+def exists(name: str) -> bool:
+    """Whether a dotted name is a module, something in one, or an attribute or field of a class there."""
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError:
+        pass
+    else:
+        return True
+    try:
+        owner, last = owner_and_last(name)
+    except (ModuleNotFoundError, AttributeError):
+        return False
+    fields = set(getattr(owner, "model_fields", ()))  # pydantic's are no attributes of their class
+    if dataclasses.is_dataclass(owner):
+        fields |= {field.name for field in dataclasses.fields(owner)}
+    return hasattr(owner, last) or last in fields

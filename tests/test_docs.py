@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import functools
-import importlib
 import importlib.util
 import io
 import re
@@ -16,7 +15,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from documented import PAGES, ROOT, Piece, anchors, commands, files, links, pieces
+from documented import PAGES, ROOT, Piece, anchors, commands, exists, files, links, pieces
 
 #: The tests that run a documented command, or a shorter one like it: file, pattern for the command's beginning, test.
 RUN = {
@@ -45,6 +44,9 @@ RUN = {
     },
     "tests/test_graph_real_time.py": {
         r"python -m atpid_control bench .*--real-time": "test_nothing_is_lost_in_real_time"
+    },
+    "tests/test_howto_contact_law.py": {
+        r"python -m pytest -q atpid_sim/test/test_contact\.py": "test_the_law_passes_the_general_tests"
     },
     # left out, and the tests say so, where there is no ros2 launch
     "tests/test_launch.py": {
@@ -127,6 +129,8 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
+    "my_beam.yaml", "my_map.npz",
+    "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
@@ -234,17 +238,7 @@ def test_every_file_mentioned_exists() -> None:
 def test_every_module_mentioned_exists() -> None:
     names = {(piece.page, name) for piece in pieces() for name in re.findall(r"\batpid_\w+(?:\.\w+)+", piece.text)}
     dotted = [(page, name) for page, name in names if not _FILE.search(name) and not name.endswith("npz")]
-    assert sorted((page, name) for page, name in dotted if not importable(name)) == []
-
-
-def importable(name: str) -> bool:
-    """Whether the dotted name is a module, or something in one."""
-    if importlib.util.find_spec(name.split(".")[0]) is None:
-        return False
-    with contextlib.suppress(ModuleNotFoundError):
-        return importlib.import_module(name) is not None
-    module, _, last = name.rpartition(".")
-    return "." in name and importable(module) and hasattr(importlib.import_module(module), last)
+    assert sorted((page, name) for page, name in dotted if not exists(name)) == []
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from documented import PAGES, ROOT
 EXAMPLES = [
     (f"{page.name}-{number}", text)
     for page in PAGES
+    if page.name != "tutorial.md"  # its example needs what its commands made: test_docs_tutorial.py
     for number, text in enumerate(re.findall(r"^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL))
 ]
 

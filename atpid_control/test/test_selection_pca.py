@@ -15,9 +15,9 @@ from atpid_control.selection.criteria import judge
 from atpid_control.selection.pca import PcaSelector
 from atpid_control.selection.predictive import Impact, response_lag, simplified
 from atpid_control.selection.tuning import tune
+from atpid_sim.kernel_inputs import system_of
 from atpid_sim.maps import DamperResponse, best_height
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.system import system_of
 
 SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.contact import Contact, dispatch
-from atpid_sim.contact.ids import IMPACT
+from atpid_sim.contact import dispatch
+from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
+from atpid_sim.kernel_inputs import Contact
 from atpid_sim.system import System
 
 Array = NDArray[np.float64]

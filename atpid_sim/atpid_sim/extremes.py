@@ -16,17 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from atpid_sim.contact import contact_of, restitution_of
-from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
+from atpid_sim.contact.laws import HYSTERETIC, IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.engine.dormand_prince import ContactModel
 from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.engine.state import State
 from atpid_sim.integration import Array, Integration, Observation
+from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene, scene_from_mapping
-from atpid_sim.system import reduced_mass, system_of
+from atpid_sim.system import reduced_mass
 
 TOLERANCE = 1e-4
 #: Residual of the energy ledger from which it does not close, at that tolerance.
@@ -200,7 +200,7 @@ def _vibration(scene: Scene, pace: float) -> float:
     overlap = static_overlap(law, p, system.grain_mass * pace, 0.1)
     reduced = 1.0 / reduced_mass(system)
     model = ContactModel(
-        law, law == WALTON_BRAUN, overlap, 1.0, system.stiffness, system.damping, system.gravity,
+        law, HYSTERETIC[law], overlap, 1.0, system.stiffness, system.damping, system.gravity,
         1.0 / system.beam_mass, reduced,
     )  # fmt: skip
     fastest, natural = contact_pace(model, p, overlap, 0.0)

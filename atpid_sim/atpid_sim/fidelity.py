@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from atpid_sim.contact import contact_of
-from atpid_sim.contact.ids import IMPACT
+from atpid_sim.contact.laws import IMPACT
 from atpid_sim.integration import FIDELITIES, is_closed
+from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.model_error import closed_error, impact_error
 from atpid_sim.scene import Scene
 

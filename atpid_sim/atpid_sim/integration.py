@@ -11,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.contact import Contact, contact_of
-from atpid_sim.contact.ids import IMPACT
+from atpid_sim.contact.laws import IMPACT
 from atpid_sim.energy import Ledger, ledger_of
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.row_loop import Fidelity, integrate
 from atpid_sim.engine.state import State
 from atpid_sim.excitation import frequency_at, support_rows
+from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import FreeExcitation, Scene
-from atpid_sim.system import System, system_of
+from atpid_sim.system import System
 
 Array = NDArray[np.float64]
 

@@ -2,9 +2,9 @@
 """How kernels are compiled: cached, without the interpreter's lock, and with IEEE arithmetic.
 
 Every kernel takes one of these decorators. The error model is named in them: a function that names none takes it from
-the function that first compiles it, and with Python's error model steps take 2.4 times as long (docs/decisions/0108).
-With numpy's, a division by zero gives infinity or NaN, which every run reports as a named outcome. There is no
-fast-math: error bounds are proven for IEEE operations.
+the function that first compiles it, and with Python's error model steps take 2.4 times as long
+(docs/decisions/0008-kernels.md). With numpy's, a division by zero gives infinity or NaN, which every run reports as a
+named outcome. There is no fast-math: error bounds are proven for IEEE operations.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def digest(files: Iterable[Path]) -> str:
 
 #: Packages with kernels, and the modules from which these take decorators, outcomes and parameters.
 _PACKAGES = ("engine", "contact", "baselines")
-_SHARED = ("kernel.py", "outcome.py", "system.py")
+_SHARED = ("fields.py", "kernel.py", "kernel_inputs.py", "outcome.py", "system.py")
 
 _HERE = Path(__file__).parent
 KERNEL_SOURCES = frozenset(

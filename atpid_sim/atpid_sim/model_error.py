@@ -3,8 +3,8 @@
 
 Measured against `soft` on random scenes of every law with E from 2e5 to 2e11 Pa, where both are reproducible: 0.5 times
 the depth of an impact over the amplitude exceeds the error of `impact` in 95 of 100, twice the overlap of a grain that
-is shaken without clearance that of one mass in 9 of 10 (docs/decisions/0104). Where the two models end in different
-motions the error has no bound.
+is shaken without clearance that of one mass in 9 of 10 (docs/decisions/0009-fidelity.md). Where the two models end in
+different motions the error has no bound.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ import math
 
 from scipy.optimize import brentq
 
-from atpid_sim.contact import contact_of, dispatch
+from atpid_sim.contact import dispatch
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.integration import undamped_amplitude
+from atpid_sim.kernel_inputs import contact_of, system_of
 from atpid_sim.scene import HarmonicExcitation, Scene
-from atpid_sim.system import reduced_mass, system_of
+from atpid_sim.system import reduced_mass
 
 _IMPACT, _CLOSED = 0.5, 2.0
 #: In a decay, a sweep or a measured series the errors of impacts add up; a grain heavier than a quarter of all has a

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from atpid_sim.scene import Scene
-
 
 class System(NamedTuple):
     """Beam and grain (equations 3.39 and 3.40), SI units; plain floats, so that numba kernels take it as it is."""
@@ -17,12 +15,6 @@ class System(NamedTuple):
     damping: float
     gravity: float
     radius: float
-
-
-def system_of(scene: Scene) -> System:
-    """Return the system a scene describes."""
-    beam, grain = scene.beam, scene.grain
-    return System(beam.mass, scene.grain_mass, beam.stiffness, beam.damping, scene.gravity, grain.radius)
 
 
 def reduced_mass(system: System) -> float:

@@ -5,12 +5,12 @@ import math
 
 import pytest
 
-from atpid_sim.contact import contact_of, restitution_of
 from atpid_sim.engine import columns
 from atpid_sim.integration import Integration, Observation, drive_table, impact_log
+from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import scene_from_mapping
-from atpid_sim.system import reduced_mass, system_of
+from atpid_sim.system import reduced_mass
 
 LAWS = [
     {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
-from atpid_sim.contact import contact_of, restitution_of
-from atpid_sim.contact.registry import damping_ratio_for
+from atpid_sim.contact.linear import damping_ratio_for
+from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
 from atpid_sim.simulate import simulate
-from atpid_sim.system import reduced_mass, system_of
+from atpid_sim.system import reduced_mass
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml").to_mapping()
 ELASTIC = {"young_modulus": 2.1e8, "poisson_ratio": 0.2}

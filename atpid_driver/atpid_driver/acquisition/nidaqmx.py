@@ -2,7 +2,7 @@
 """An NI-9230 (or another simultaneous module) through NI's own `nidaqmx` package, here or over gRPC.
 
 IEPE inputs are set up as accelerometers of 1 V/g, so that the reading in g is the voltage: the sensor's own
-sensitivity belongs to its calibration file, in one place (docs/decisions/0042).
+sensitivity belongs to its calibration file, in one place (docs/decisions/0019-acquisition.md).
 """
 
 from __future__ import annotations

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.baselines.rhs import BEAM, GRAIN, pack
-from atpid_sim.contact import Contact, contact_of
-from atpid_sim.contact.ids import IMPACT, WALTON_BRAUN
+from atpid_sim.contact.laws import HYSTERETIC, IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.excitation import support_rows
+from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.scene import FreeExcitation, Scene
-from atpid_sim.system import System, system_of
+from atpid_sim.system import System
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class Solution:
 def problem_of(scene: Scene) -> Problem:
     """Return the scene as a problem. Raises BaselineError for a law whose force needs more than overlap and rate."""
     contact = contact_of(scene)
-    if contact.law in (IMPACT, WALTON_BRAUN):
+    if contact.law == IMPACT or HYSTERETIC[contact.law]:
         raise BaselineError(f"contact.law: given {scene.contact.law!r}; allowed: a law whose force needs no memory")
     rows = drive.with_ceiling(support_rows(scene), scene.ceiling.heights)
     window = scene.steady_window

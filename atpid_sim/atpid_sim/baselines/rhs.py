@@ -13,7 +13,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.contact import Contact
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.beam import support_at
 from atpid_sim.engine.columns import (
@@ -30,6 +29,7 @@ from atpid_sim.engine.columns import (
     PHASE,
 )
 from atpid_sim.kernel import callback, kernel
+from atpid_sim.kernel_inputs import Contact
 from atpid_sim.system import System
 
 Array = NDArray[np.float64]

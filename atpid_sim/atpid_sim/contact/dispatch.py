@@ -1,88 +1,87 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The functions of the contact laws, chosen by the number of the law (`ids.py`); the engine calls these."""
+"""The functions of the contact laws, chosen by the number of the law (`laws.py`); the engine calls these."""
 
 from __future__ import annotations
 
-from atpid_sim.contact import hertz, impact, kuwabara_kono, lee_herrmann, linear, tsuji, walton_braun
-from atpid_sim.contact.ids import HERTZ, KUWABARA_KONO, LEE_HERRMANN, LINEAR, TSUJI, WALTON_BRAUN
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+
+from atpid_sim.contact.laws import LAWS
 from atpid_sim.kernel import kernel
+
+
+def _zero(*arguments):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+def _by_number(name: str, default: Any = None) -> Callable[..., Any]:
+    """Return a function of the law's number and the arguments of the laws' function `name`.
+
+    It compares the number with that of each law in turn, which numba compiles to one jump.
+    """
+    first, *others = (getattr(law, name, default) for law in LAWS)
+
+    def only(law, *arguments):  # type: ignore[no-untyped-def]
+        return first(*arguments)
+
+    chosen: Callable[..., Any] = _compiled(only, f"{name}_0")
+    for number, function in enumerate(others, 1):
+        chosen = _compiled(_either(number, function, chosen), f"{name}_{number}")
+    return chosen
+
+
+def _either(number: int, function: Any, otherwise: Any) -> Callable[..., Any]:
+    def chosen(law, *arguments):  # type: ignore[no-untyped-def]
+        return function(*arguments) if law == number else otherwise(law, *arguments)
+
+    return chosen
+
+
+def _compiled(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """Compile a part of the kernels below, which are kept with it.
+
+    The name is its own: numba merges functions of one name and one type of arguments that come from different files of
+    the cache.
+    """
+    function.__qualname__ = name
+    made: Callable[..., Any] = njit(nogil=True, error_model="numpy")(function)
+    return made
+
+
+_force = _by_number("force")
+_detachment_velocity = _by_number("detachment_velocity")
+_residual_overlap = _by_number("residual_overlap", _compiled(_zero, "zero"))
+_energy = _by_number("energy")
+_restitution = _by_number("restitution")
 
 
 @kernel
 def force(law, overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
     """Contact force [N] at an overlap [m] and its velocity [m/s]; not clamped, positive pushes apart."""
-    if law == TSUJI:
-        return tsuji.force(overlap, velocity, memory, p)
-    if law == LINEAR:
-        return linear.force(overlap, velocity, memory, p)
-    if law == HERTZ:
-        return hertz.force(overlap, velocity, memory, p)
-    if law == LEE_HERRMANN:
-        return lee_herrmann.force(overlap, velocity, memory, p)
-    if law == KUWABARA_KONO:
-        return kuwabara_kono.force(overlap, velocity, memory, p)
-    if law == WALTON_BRAUN:
-        return walton_braun.force(overlap, velocity, memory, p)
-    return impact.force(overlap, velocity, memory, p)
+    return _force(law, overlap, velocity, memory, p)
 
 
 @kernel
 def detachment_velocity(law, overlap, memory, p):  # type: ignore[no-untyped-def]
     """Overlap velocity [m/s] above which the force is positive at this overlap [m]."""
-    if law == TSUJI:
-        return tsuji.detachment_velocity(overlap, memory, p)
-    if law == LINEAR:
-        return linear.detachment_velocity(overlap, memory, p)
-    if law == HERTZ:
-        return hertz.detachment_velocity(overlap, memory, p)
-    if law == LEE_HERRMANN:
-        return lee_herrmann.detachment_velocity(overlap, memory, p)
-    if law == KUWABARA_KONO:
-        return kuwabara_kono.detachment_velocity(overlap, memory, p)
-    if law == WALTON_BRAUN:
-        return walton_braun.detachment_velocity(overlap, memory, p)
-    return impact.detachment_velocity(overlap, memory, p)
+    return _detachment_velocity(law, overlap, memory, p)
 
 
 @kernel
 def residual_overlap(law, memory, p):  # type: ignore[no-untyped-def]
     """Overlap [m] that remains when the force has vanished: the dent of a hysteretic law, else 0."""
-    if law == WALTON_BRAUN:
-        return walton_braun.residual_overlap(memory, p)
-    return 0.0
+    return _residual_overlap(law, memory, p)
 
 
 @kernel
 def energy(law, overlap, memory, p):  # type: ignore[no-untyped-def]
     """Elastic energy [J] stored at this overlap [m], which the contact returns in unloading."""
-    if law == TSUJI:
-        return tsuji.energy(overlap, memory, p)
-    if law == LINEAR:
-        return linear.energy(overlap, memory, p)
-    if law == HERTZ:
-        return hertz.energy(overlap, memory, p)
-    if law == LEE_HERRMANN:
-        return lee_herrmann.energy(overlap, memory, p)
-    if law == KUWABARA_KONO:
-        return kuwabara_kono.energy(overlap, memory, p)
-    if law == WALTON_BRAUN:
-        return walton_braun.energy(overlap, memory, p)
-    return impact.energy(overlap, memory, p)
+    return _energy(law, overlap, memory, p)
 
 
 @kernel
 def restitution(law, speed, mass, p):  # type: ignore[no-untyped-def]
     """Restitution [-] of an impact at `speed` [m/s] with the reduced `mass` [kg]."""
-    if law == TSUJI:
-        return tsuji.restitution(speed, mass, p)
-    if law == LINEAR:
-        return linear.restitution(speed, mass, p)
-    if law == HERTZ:
-        return hertz.restitution(speed, mass, p)
-    if law == LEE_HERRMANN:
-        return lee_herrmann.restitution(speed, mass, p)
-    if law == KUWABARA_KONO:
-        return kuwabara_kono.restitution(speed, mass, p)
-    if law == WALTON_BRAUN:
-        return walton_braun.restitution(speed, mass, p)
-    return impact.restitution(speed, mass, p)
+    return _restitution(law, speed, mass, p)

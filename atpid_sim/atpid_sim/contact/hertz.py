@@ -7,10 +7,23 @@ Parameters: (k [N/m^1.5],).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
+from atpid_sim.contact.spec import ELASTIC, ElasticSpec
 from atpid_sim.kernel import kernel
+from atpid_sim.system import System
 
-DESCRIPTION = "Hertz, elastic (Eq. 3.9)"
+
+class Spec(ElasticSpec):
+    """Elastic contact (equation 3.9)."""
+
+    example: ClassVar[Mapping[str, float]] = ELASTIC
+    law: Literal["hertz"]
+
+    def parameters(self, system: System) -> tuple[float, ...]:
+        """(k [N/m^1.5],)."""
+        return (self.hertz_stiffness(system.radius),)
 
 
 @kernel

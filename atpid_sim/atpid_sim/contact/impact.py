@@ -8,10 +8,27 @@ NaN, which every run reports as a named outcome.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
+from pydantic import Field
+
+from atpid_sim.contact.spec import ContactSpec
+from atpid_sim.fields import Share
 from atpid_sim.kernel import kernel
+from atpid_sim.system import System
 
-DESCRIPTION = "hard contact, an instantaneous impact with constant restitution (Eqs 3.1-3.7)"
+
+class Spec(ContactSpec):
+    """Hard contact: an instantaneous impact with constant restitution (equations 3.1-3.7)."""
+
+    example: ClassVar[Mapping[str, float]] = {"restitution": 0.6}
+    law: Literal["impact"]
+    restitution: Share = Field(description="rebound speed over approach speed [-]")
+
+    def parameters(self, system: System) -> tuple[float, ...]:
+        """(restitution [-],)."""
+        return (self.restitution,)
 
 
 @kernel

@@ -7,14 +7,31 @@ Parameters: (k [N/m^1.5], c [N s/m^1.5]).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+from pydantic import Field
 
 from atpid_sim.contact import hertz
 from atpid_sim.contact.hertz import elastic_force
 from atpid_sim.contact.rebound import hertz_time
 from atpid_sim.contact.rebound_series import KUWABARA_KONO, series_rebound
+from atpid_sim.contact.spec import ELASTIC, ElasticSpec
+from atpid_sim.fields import Damping
 from atpid_sim.kernel import kernel
+from atpid_sim.system import System
 
-DESCRIPTION = "Hertz with damping by the root of the overlap, Kuwabara-Kono (Eq. 3.11)"
+
+class Spec(ElasticSpec):
+    """Hertz with damping by the root of the overlap (equation 3.11)."""
+
+    example: ClassVar[Mapping[str, float]] = {"damping": 2e3, **ELASTIC}
+    law: Literal["kuwabara_kono"]
+    damping: Damping = Field(description="damping factor [N s/m^1.5]")
+
+    def parameters(self, system: System) -> tuple[float, ...]:
+        """(k [N/m^1.5], c [N s/m^1.5])."""
+        return self.hertz_stiffness(system.radius), self.damping
 
 
 @kernel

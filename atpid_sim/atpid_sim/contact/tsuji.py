@@ -7,13 +7,33 @@ Parameters: (k [N/m^1.5], c [N s/m^1.25]).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from atpid_sim.contact import hertz
 from atpid_sim.contact.hertz import elastic_force
 from atpid_sim.contact.linear import damped_restitution
+from atpid_sim.contact.spec import ELASTIC, ElasticSpec
+from atpid_sim.fields import Number, within
 from atpid_sim.kernel import kernel
+from atpid_sim.system import System
 
-DESCRIPTION = "Hertz with damping by the fourth root of the overlap, Tsuji (Eqs 3.12, 3.24)"
+
+class Spec(ElasticSpec):
+    """Hertz with damping by the fourth root of the overlap (equations 3.12, 3.22-3.24): the thesis's own law."""
+
+    example: ClassVar[Mapping[str, float]] = {"damping_ratio": 0.5, **ELASTIC}
+    law: Literal["tsuji"]
+    damping_ratio: Annotated[Number, within(1e-12, 1e6, or_zero=True)] = Field(
+        description="damping ratio beta of equation 3.23 [-]"
+    )
+
+    def parameters(self, system: System) -> tuple[float, ...]:
+        """(k [N/m^1.5], c [N s/m^1.25])."""
+        k = self.hertz_stiffness(system.radius)
+        return k, 2.0 * self.damping_ratio * math.sqrt(k * system.grain_mass)
 
 
 @kernel

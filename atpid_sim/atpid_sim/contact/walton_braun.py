@@ -9,10 +9,55 @@ sqrt(k1/k2) at every speed, and the grain detaches while still overlapped by x0.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar, Literal
 
+from pydantic import Field, model_validator
+
+from atpid_sim.contact.spec import ContactSpec, given
+from atpid_sim.fields import ContactStiffness, Number, Share, impossible
 from atpid_sim.kernel import kernel
+from atpid_sim.system import System
 
-DESCRIPTION = "linear loading, steeper linear unloading, Walton-Braun (hysteretic)"
+#: Least restitution: there the contact unloads 10^8 times steeper than it loads.
+LEAST_RESTITUTION = 1e-4
+#: The force depends on the deepest overlap of the contact.
+HYSTERETIC = True
+
+
+class Spec(ContactSpec):
+    """Linear loading, steeper linear unloading: what lies between them is lost."""
+
+    example: ClassVar[Mapping[str, float]] = {"stiffness": 1e5, "unloading_stiffness": 3e5}
+    law: Literal["walton_braun"]
+    stiffness: ContactStiffness = Field(description="stiffness in loading [N/m]")
+    unloading_stiffness: Number | None = Field(default=None, description="in unloading [N/m]; or give restitution")
+    restitution: Share | None = Field(
+        default=None, description="root of loading over unloading stiffness, instead of the latter [-]"
+    )
+
+    @model_validator(mode="after")
+    def _one_of(self) -> Spec:
+        unloading, restitution = self.unloading_stiffness, self.restitution
+        if (unloading is None) == (restitution is None):
+            which = given(self, "unloading_stiffness", "restitution")
+            raise impossible("", which, "exactly one of unloading_stiffness, restitution")
+        if unloading is not None and unloading < self.stiffness:
+            raise impossible("unloading_stiffness", unloading, f"at least stiffness ({self.stiffness:g} N/m)")
+        if unloading is not None and unloading > self.stiffness / LEAST_RESTITUTION**2:
+            steepest = (
+                f"at most {LEAST_RESTITUTION**-2:g} times stiffness: the restitution is then {LEAST_RESTITUTION:g}"
+            )
+            raise impossible("unloading_stiffness", unloading, steepest)
+        if restitution is not None and restitution < LEAST_RESTITUTION:
+            least = f"from {LEAST_RESTITUTION:g} to 1: steps cannot follow a steeper unloading; law impact takes 0"
+            raise impossible("restitution", restitution, least)
+        return self
+
+    def parameters(self, system: System) -> tuple[float, ...]:
+        """(k1 loading [N/m], k2 unloading [N/m])."""
+        unloading = self.unloading_stiffness or self.stiffness / (self.restitution or 1.0) ** 2
+        return self.stiffness, unloading
 
 
 @kernel

@@ -8,7 +8,7 @@ Inside one segment of the drive (see `drive.py`) the support moves as
 and the beam, a damped oscillator, has a closed form: a particular solution of the same shape plus a decaying free
 vibration.
 Close to resonance these two would be large and nearly cancel: there the tone's part is taken as it grows from nothing
-at the start of the arc (docs/decisions/0107).
+at the start of the arc (docs/no_missed_impact.md).
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-d
 
 @kernel
 def _growing_envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-def]
-    """Return the same close to resonance: the amplitude grows by no more than the drive adds (docs/decisions/0107)."""
+    """Return the same close to resonance: the amplitude grows by no more than the drive adds."""
     s, last = tau - arc.start, until - arc.start
     feed = max(
         math.hypot(arc.q0_in + arc.q1_in * s, arc.q0_out + arc.q1_out * s),

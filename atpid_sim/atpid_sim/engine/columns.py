@@ -2,7 +2,7 @@
 """Names of the places in the engine's arrays. Kernels and callers index by these and never by a bare number.
 
 They are plain integers, which numba compiles to constants: access costs the same as a bare index
-(docs/decisions/0140).
+(docs/decisions/0008-kernels.md).
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from atpid_sim.contact.dispatch import detachment_velocity, energy
-from atpid_sim.contact.ids import WALTON_BRAUN
+from atpid_sim.contact.laws import HYSTERETIC
 from atpid_sim.engine.columns import (
     A0,
     A1,
@@ -68,7 +68,7 @@ def _model(y, n, system, law):  # type: ignore[no-untyped-def]
     side = 1.0 if n[MODE] == ON_FLOOR else -1.0
     inverse = 1.0 / system.beam_mass
     return ContactModel(
-        law, law == WALTON_BRAUN, y[DEEPEST], side, system.stiffness, system.damping, system.gravity, inverse,
+        law, HYSTERETIC[law], y[DEEPEST], side, system.stiffness, system.damping, system.gravity, inverse,
         inverse + 1.0 / system.grain_mass,
     )  # fmt: skip
 

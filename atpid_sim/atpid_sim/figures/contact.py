@@ -17,10 +17,11 @@ from scipy.optimize import brentq
 
 from atpid_common import output
 from atpid_common.cli import guarded
-from atpid_sim.contact import Contact, contact_of, dispatch, restitution_of
+from atpid_sim.contact import dispatch
 from atpid_sim.figures.numbers import metadata_of
+from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
 from atpid_sim.scene import Scene, scene_from_mapping
-from atpid_sim.system import reduced_mass, system_of
+from atpid_sim.system import reduced_mass
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ python -m atpid_sim.figures.scenes
 
 from __future__ import annotations
 
+from atpid_sim.fields import Block
 from atpid_sim.scene import ceiling, contact, excitation
 from atpid_sim.scene.excitation import FreeDecay, Series, Sweep
-from atpid_sim.scene.fields import Block
 from atpid_sim.scene.model import Scene
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
 from atpid_sim.scene.structure import Beam, Grain

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator, Field, Tag, model_validator
 from pydantic_core import PydanticKnownError
 
-from atpid_sim.scene.fields import (
+from atpid_sim.fields import (
     Block,
     HeightPoints,
     HeightRange,

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Tag, field_validator
 
-from atpid_sim.scene.fields import (
+from atpid_sim.fields import (
     Amplitude,
     AmplitudeOrPoints,
     Block,

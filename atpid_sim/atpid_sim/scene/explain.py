@@ -11,8 +11,9 @@ from typing import Any, Union, get_args, get_origin
 
 from pydantic_core import ErrorDetails
 
+from atpid_sim.contact.laws import NAMES
+from atpid_sim.fields import Block
 from atpid_sim.scene import ceiling, contact, excitation
-from atpid_sim.scene.fields import Block
 from atpid_sim.scene.model import Scene
 
 _VARIANTS: dict[str, type[Block]] = {**excitation.VARIANTS, **ceiling.VARIANTS, **contact.VARIANTS}
@@ -92,12 +93,12 @@ def _unknown_key(error: ErrorDetails) -> str:
 
 def _unknown_law(key: str, error: ErrorDetails) -> str:
     given = error["input"]
-    names = ", ".join(contact.LAW_NAMES)
+    names = ", ".join(NAMES)
     if not isinstance(given, Mapping):
         return f"{key}: given {shown(given)}; allowed: a block with law, one of {names}"
     if "law" not in given:
         return f"{key}.law: missing; allowed: {names}"
-    hint = _did_you_mean(str(given["law"]), contact.LAW_NAMES)
+    hint = _did_you_mean(str(given["law"]), NAMES)
     return f"{key}.law: given {shown(given['law'])}{hint}; allowed: {names}"
 
 

@@ -11,11 +11,11 @@ from typing import Annotated, Any
 from pydantic import Field, Strict, model_validator
 from pydantic_core import PydanticCustomError
 
+from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
-from atpid_sim.scene.contact import ContactSpec
+from atpid_sim.scene.contact import ContactBlock
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation, HarmonicExcitation
-from atpid_sim.scene.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.sensors import Recording, Sensors
 from atpid_sim.scene.structure import Beam, Grain
 from atpid_sim.scene.yaml12 import write_yaml
@@ -32,7 +32,7 @@ class Scene(Block):
 
     beam: Beam = Field(description="the beam reduced to one mass")
     grain: Grain = Field(description="the grain")
-    contact: ContactSpec = Field(description="the contact law between grain and walls")
+    contact: ContactBlock = Field(description="the contact law between grain and walls")
     excitation: Excitation = Field(description="what the support does")
     ceiling: Ceiling = Field(description="what the ceiling does")
     gravity: Annotated[Number, within(0.0, 1e4)] = Field(description="gravity [m/s^2]")

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
+from atpid_sim.contact.spec import ElasticSpec
 from atpid_sim.scene.ceiling import ControlledCeiling
-from atpid_sim.scene.contact import ElasticContact
 from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SweepExcitation
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def _structure(scene: Scene) -> Iterator[Quantity]:
 
 
 def _contact(scene: Scene) -> Iterator[Quantity]:
-    if isinstance(scene.contact, ElasticContact):
+    if isinstance(scene.contact, ElasticSpec):
         modulus = scene.contact.young_modulus
         yield Quantity("contact.young_modulus", modulus, 1e4, 1.3e12, "Pa", "rubber 1e6, steel 2.1e11")
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, Strict, model_validator
 
-from atpid_sim.scene.fields import Block, Duration, Number, Range, impossible, within
+from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
 
 
 class Sensor(Block):

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeGuard
 
 from pydantic import Field, model_validator
 
-from atpid_sim.scene.fields import Block, Damping, Fraction, Length, Mass, Stiffness, Words, impossible
+from atpid_sim.fields import Block, Damping, Fraction, Length, Mass, Stiffness, Words, impossible
 
 #: Largest damping ratio of the beam alone. Beyond, it follows the support and nothing else, but ever shorter steps are
 #: needed and the ledger loses its digits: at 400 000 it is open by 1 %, and a second takes five.

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the kernels are given of a scene: the system, and the contact law by its number with its parameters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.contact import dispatch
+from atpid_sim.contact.laws import NAMES
+from atpid_sim.scene import Scene
+from atpid_sim.system import System
+
+
+class Contact(NamedTuple):
+    """A law by its number (`contact/laws.py`) and its parameters (6,) as that law's file lists them."""
+
+    law: int
+    parameters: NDArray[np.float64]
+
+
+def system_of(scene: Scene) -> System:
+    """Return the system a scene describes."""
+    beam, grain = scene.beam, scene.grain
+    return System(beam.mass, scene.grain_mass, beam.stiffness, beam.damping, scene.gravity, grain.radius)
+
+
+def contact_of(scene: Scene) -> Contact:
+    """Return the contact a scene describes."""
+    parameters = np.zeros(6)
+    values = scene.contact.parameters(system_of(scene))
+    parameters[: len(values)] = values
+    return Contact(NAMES.index(scene.contact.law), parameters)
+
+
+def restitution_of(contact: Contact, speed: float, mass: float) -> float:
+    """Return the restitution [-] of an impact at `speed` [m/s] with the reduced `mass` [kg]."""
+    return float(dispatch.restitution(contact.law, float(speed), float(mass), contact.parameters))

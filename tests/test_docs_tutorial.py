@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tutorial, command by command, in a folder of its own: what a reader types is what runs."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from documented import ROOT, code
+
+_PAGE = ROOT / "docs/tutorial.md"
+#: What each command has to print, so that a step that silently does nothing fails.
+_PRINTED = {
+    r"python -m atpid_sim simulate scenes/standard\.yaml": "efficiency",
+    r"python -m atpid_sim simulate my_beam\.yaml --height": "efficiency",
+    r"python -m atpid_sim map ": "my_map.npz",
+    r"python -m atpid_control select ": "height",
+    r"python -m atpid_control bench ": "lost scans: 0",
+    r"python -m atpid_control\.recording verify ": "/ceiling/command",
+    r"python -m atpid_control\.recording extract ": "scene.yaml",
+    r"python -m atpid_control replay ": "240 of 240 agree",
+}
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", _PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def typed() -> list[str]:
+    """Return the commands of the page that stand on lines of their own, after set-up."""
+    return [line for line in code(_PAGE) if line.startswith("python -m ") and " " in line.removeprefix("python -m ")]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as the clone's, in which the whole tutorial was typed; `printed.json` has what each command printed."""
+    place = tmp_path_factory.mktemp("tutorial")
+    for name in ("scenes", "bags"):
+        (place / name).symlink_to(ROOT / name)
+    (scene,) = blocks("yaml")
+    (place / "my_beam.yaml").write_text(scene, encoding="utf-8")
+    printed = {}
+    for command in typed():
+        words = [sys.executable, *command.split()[1:]]
+        done = subprocess.run(words, cwd=place, capture_output=True, text=True, check=False, timeout=300.0)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+        printed[command] = done.stdout + done.stderr
+    (place / "printed.json").write_text(json.dumps(printed), encoding="utf-8")
+    return place
+
+
+@pytest.mark.slow
+def test_each_command_does_its_step(folder: Path) -> None:
+    printed = json.loads((folder / "printed.json").read_text(encoding="utf-8"))
+    assert len(printed) == len(_PRINTED)
+    for (command, text), (pattern, word) in zip(printed.items(), _PRINTED.items(), strict=True):
+        assert re.match(pattern, command)
+        assert word in text, f"{command}\n{text}"
+
+
+@pytest.mark.slow
+def test_the_own_beam_is_damped_in_both_stages_and_the_replay_agrees(folder: Path) -> None:
+    summary = json.loads((folder / "out/my_beam/summary.json").read_text(encoding="utf-8"))
+    assert [stage["excitation_amplitude"] for stage in summary["stages"]] == pytest.approx([0.001, 0.002])
+    assert all(stage["efficiency"] > 0.5 for stage in summary["stages"])
+    assert summary["warnings"] == []
+    assert summary["lost_scans"] == 0
+    assert "<html" in (folder / "out/my_beam/report.html").read_text(encoding="utf-8")
+    topics = json.loads((folder / "out/again/replay.json").read_text(encoding="utf-8"))["topics"]
+    assert len(topics) == 2
+    assert all(topic["agreeing"] == 240 for topic in topics)
+
+
+@pytest.mark.slow
+def test_the_python_example_reads_the_own_bag(folder: Path) -> None:
+    (example,) = blocks("python")
+    words = [sys.executable, "-W", "error", "-c", example]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False, timeout=300.0)
+    assert done.returncode == 0, done.stderr
+    times, amplitudes = zip(*(map(float, line.split()) for line in done.stdout.splitlines()), strict=True)
+    assert len(times) == 240
+    assert amplitudes[-1] == pytest.approx(0.002, rel=0.01)
