@@ -73,8 +73,9 @@ def stamp_of(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def open_bag(path: Path) -> Bag:
+def open_bag(path: Path | str) -> Bag:
     """Read a bag, given as its folder or its .mcap file. Raises BagError: no bag, not closed, or damaged."""
+    path = Path(path)
     file = find_file(path)
     if path.is_dir() and not (path / metadata.FILE_NAME).is_file():
         repair = f"`python -m atpid_control.recording repair {path}` makes it whole"
