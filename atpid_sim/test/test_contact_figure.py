@@ -11,6 +11,7 @@ import pytest
 from atpid_sim.contact.laws import NAMES
 from atpid_sim.figures import contact as figure
 from atpid_sim.kernel_inputs import restitution_of, system_of
+from atpid_sim.scene import standard_bench
 from atpid_sim.system import reduced_mass
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -35,7 +36,7 @@ def test_the_picture_is_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize("law", [law for law in figure.laws_that_agree() if law != "impact"])
 def test_the_impact_that_is_drawn_has_the_restitution_that_is_drawn(law: str) -> None:
     contact = figure.laws_that_agree()[law]
-    mass = reduced_mass(system_of(figure.standard_bench()))
+    mass = reduced_mass(system_of(standard_bench()))
     impact = figure.impact_of(contact, mass, figure.SPEED)
     impulse = np.sum(0.5 * (impact.force[1:] + impact.force[:-1]) * np.diff(impact.time))
     assert impulse / (mass * figure.SPEED) - 1.0 == pytest.approx(restitution_of(contact, figure.SPEED, mass), abs=2e-3)

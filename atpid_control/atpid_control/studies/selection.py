@@ -13,27 +13,11 @@ from atpid_control.selection.margin import with_stiffness
 from atpid_control.selection.pca import PcaSelector
 from atpid_sim.batch import on_all_cores
 from atpid_sim.maps import DamperResponse, Timing, best_height
-from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.scene import standard_bench
 
 Array = NDArray[np.float64]
 
 _RTOL = 1e-5
-
-
-def standard_bench(mass_fraction: float = 0.1, gravity: float = 9.81) -> Scene:
-    """Return the standard bench, driven at resonance."""
-    return scene_from_mapping(
-        {
-            "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
-            "grain": {"mass_fraction": mass_fraction, "radius": 0.0085},
-            "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
-            "excitation": {"amplitude": 0.01, "frequency": "resonance"},
-            "ceiling": {"height": 0.2},
-            "gravity": gravity,
-            "duration": 16.0,
-            "tolerance": 1e-6,
-        }
-    )
 
 
 @dataclass(frozen=True)
@@ -49,7 +33,7 @@ class Landscape:
 
 def landscape(amplitude: float, mass_fraction: float = 0.1, count: int = 120) -> Landscape:
     """Compute the landscape around the best height of the standard bench."""
-    scene = standard_bench(mass_fraction)
+    scene = standard_bench().with_(mass_fraction=mass_fraction)
     damper = DamperResponse(scene, _RTOL)
     best = best_height(damper, amplitude).height
     heights = np.linspace(0.3 * best, 1.6 * best, count)
@@ -78,7 +62,7 @@ class MarginCurve:
 
 def margin_curve(amplitude: float, mass_fraction: float = 0.1, count: int = 21) -> MarginCurve:
     """Compute both heights on beams whose stiffness is up to 5 % off, driven at the frequency of the one thought."""
-    scene = standard_bench(mass_fraction)
+    scene = standard_bench().with_(mass_fraction=mass_fraction)
     selector = DirectSelector(scene)
     bare, safe = selector.select(amplitude), selector.select(amplitude, margin=1.0)
     damper = DamperResponse(scene, _RTOL)
@@ -112,7 +96,7 @@ class PcaErrors:
 
 def pca_errors(amplitudes: Array, mass_fraction: float = 0.1, gravity: bool = True) -> PcaErrors:
     """Compute Figs 4.37 to 4.43: the best height is that of a fine scan, finer than any of the methods."""
-    scene = standard_bench(mass_fraction, 9.81 if gravity else 0.0)
+    scene = standard_bench(gravity=9.81 if gravity else 0.0).with_(mass_fraction=mass_fraction)
     damper = DamperResponse(scene, _RTOL)
     pca, direct = PcaSelector(scene), DirectSelector(scene, workers=1)
     rows = dict(on_all_cores(lambda a: _row(damper, pca, direct, a), [float(a) for a in amplitudes]))

@@ -20,7 +20,7 @@ from atpid_common.cli import guarded
 from atpid_sim.contact import dispatch
 from atpid_sim.figures.numbers import metadata_of
 from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
-from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.system import reduced_mass
 
 Array = NDArray[np.float64]
@@ -50,22 +50,6 @@ class Impact(NamedTuple):
     time: Array
     overlap: Array
     force: Array
-
-
-def standard_bench() -> Scene:
-    """Return the standard bench with the thesis's law."""
-    return scene_from_mapping(
-        {
-            "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
-            "grain": {"mass_fraction": 0.1, "radius": 0.0085},
-            "contact": {"law": "tsuji", "damping_ratio": 1.0, **_ELASTIC},
-            "excitation": {"amplitude": 0.01, "frequency": "resonance"},
-            "ceiling": {"height": 0.2},
-            "gravity": 9.81,
-            "duration": 16.0,
-            "tolerance": 1e-6,
-        }
-    )
 
 
 def laws_that_agree() -> dict[str, Contact]:

@@ -8,6 +8,7 @@ from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SeriesExcitation, SweepExcitation
 from atpid_sim.scene.loading import load_scene, scene_from_mapping
 from atpid_sim.scene.model import Scene
+from atpid_sim.scene.standard import standard_bench
 
 __all__ = [
     "ControlledCeiling",
@@ -22,4 +23,5 @@ __all__ = [
     "SweepExcitation",
     "load_scene",
     "scene_from_mapping",
+    "standard_bench",
 ]

@@ -27,6 +27,11 @@ _STEADY_SHARE = 0.125
 _MOST_A_BLOCK = 1_000_000
 
 
+def _last_part(duration: float) -> tuple[float, float]:
+    """Return the steady window of a run of `duration` [s] where the scene names none [s]."""
+    return (1.0 - _STEADY_SHARE) * duration, duration
+
+
 class Scene(Block):
     """One run: structure, contact, excitation, ceiling and how long (docs/scenes.md)."""
 
@@ -38,7 +43,7 @@ class Scene(Block):
     gravity: Annotated[Number, within(0.0, 1e4)] = Field(description="gravity [m/s^2]")
     duration: Duration = Field(description="length of the run [s]")
     steady_window: Range = Field(
-        default=(math.nan, math.nan),
+        default_factory=lambda given: _last_part(given.get("duration", math.nan)),
         description="between which times the amplitude is taken [s]; default: the last eighth of the run",
     )
     tolerance: Annotated[Number, within(1e-13, 0.5)] = Field(
@@ -50,9 +55,6 @@ class Scene(Block):
 
     @model_validator(mode="after")
     def _fits(self) -> Scene:
-        if "steady_window" not in self.model_fields_set:
-            # filled in here, so that nobody has to ask whether it was given; `defaults` still tells
-            self.__dict__["steady_window"] = ((1.0 - _STEADY_SHARE) * self.duration, self.duration)
         first, last = self.steady_window
         if not 0.0 <= first < last <= self.duration:
             allowed = f"two rising times between 0 and duration ({self.duration:g} s)"
