@@ -16,9 +16,9 @@ from scipy.linalg import expm
 
 from atpid_sim.engine import columns
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at
-from atpid_sim.integration import Integration, Observation, drive_table
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulate import simulate, trajectory
+from atpid_sim.simulation.integration import Integration, Observation, drive_table
+from atpid_sim.simulation.simulate import simulate, trajectory
 
 Array = NDArray[np.float64]
 

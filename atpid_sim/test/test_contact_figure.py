@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from atpid_sim.contact import LAWS, restitution_of
-from atpid_sim.figures import contact as figure
+from atpid_sim.studies.figures import contact as figure
 from atpid_sim.system import reduced_mass, system_of
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -4,10 +4,10 @@
 import pytest
 
 from atpid_sim.engine import columns
-from atpid_sim.extremes import run_case
-from atpid_sim.integration import Integration, Observation
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import scene_from_mapping
+from atpid_sim.simulation.integration import Integration, Observation
+from atpid_sim.studies.extremes import run_case
 
 ELASTIC = {"law": "hertz", "young_modulus": 1.6e12, "poisson_ratio": 0.2}
 TSUJI = {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0}

@@ -7,9 +7,9 @@ import pytest
 
 from atpid_sim.contact import contact_of, restitution_of
 from atpid_sim.engine import columns
-from atpid_sim.integration import Integration, Observation, drive_table, impact_log
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import scene_from_mapping
+from atpid_sim.simulation.integration import Integration, Observation, drive_table, impact_log
 from atpid_sim.system import reduced_mass, system_of
 
 LAWS = [

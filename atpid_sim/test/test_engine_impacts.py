@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from atpid_sim.engine import columns
-from atpid_sim.integration import Integration
 from atpid_sim.outcome import Outcome
-from atpid_sim.simulate import simulate
-from atpid_sim.sweep import standard_task
+from atpid_sim.simulation.integration import Integration
+from atpid_sim.simulation.simulate import simulate
+from atpid_sim.studies.sweep import standard_task
 
 SYSTEMS = 40
 

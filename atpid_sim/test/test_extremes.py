@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from one_mass_reference import ClosedForm, steady_amplitude
 
 from atpid_sim.cli import main
-from atpid_sim.extremes import check, extreme_scene, fidelities_for, run_case
-from atpid_sim.integration import Integration
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import load_scene
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.integration import Integration
+from atpid_sim.simulation.simulate import simulate
+from atpid_sim.studies.extremes import check, extreme_scene, fidelities_for, run_case
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-import atpid_sim.baselines
 import atpid_sim.contact
 import atpid_sim.engine
-from atpid_sim.baselines.rhs import slope
+import atpid_sim.studies.baselines
 from atpid_sim.kernel_cache import KERNEL_SOURCES
+from atpid_sim.studies.baselines.rhs import slope
 
-PACKAGES = [atpid_sim.engine, atpid_sim.contact, atpid_sim.baselines]
+PACKAGES = [atpid_sim.engine, atpid_sim.contact, atpid_sim.studies.baselines]
 ROOT = Path(atpid_sim.engine.__file__).parents[2]
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from one_mass_reference import ClosedForm, NoClosedFormError, steady_amplitude, undamped_amplitude
 
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.simulate import simulate
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml")

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.plant import Plant, PlantError
+from atpid_sim.plant.plant import Plant, PlantError
+from atpid_sim.plant.stream import Stream
 from atpid_sim.scene import scene_from_mapping
-from atpid_sim.simulate import simulate
-from atpid_sim.stream import Stream
+from atpid_sim.simulation.simulate import simulate
 
 CLOSED, RATE = 0.017, 1000.0
 SCENE = {

@@ -13,9 +13,9 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from atpid_sim.figures.scenes import schema_tables
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
+from atpid_sim.studies.figures.scenes import schema_tables
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml").to_mapping()

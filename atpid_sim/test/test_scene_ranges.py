@@ -14,7 +14,7 @@ from atpid_sim.contact import contact_of, restitution_of
 from atpid_sim.contact.registry import damping_ratio_for
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.simulate import simulate
 from atpid_sim.system import reduced_mass, system_of
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml").to_mapping()

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.excitation import read_series, support_rows
-from atpid_sim.integration import drive_table, undamped_amplitude
 from atpid_sim.scene import Scene, SceneError, load_scene
+from atpid_sim.simulation.excitation import read_series, support_rows
+from atpid_sim.simulation.integration import drive_table, undamped_amplitude
 
 TIMES = np.arange(2001) * 1e-3
 VALUES = 0.01 * np.sin(2.0 * np.pi * 5.0 * TIMES)

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from atpid_sim.plant.stream import Stream, StreamError, common_rate, stamp_ns
 from atpid_sim.scene import scene_from_mapping
-from atpid_sim.stream import Stream, StreamError, common_rate, stamp_ns
 
 SCENE = {
     "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},

@@ -13,9 +13,9 @@ import pytest
 from atpid_sim.cli import main
 from atpid_sim.engine import columns
 from atpid_sim.engine.beam import support_at
-from atpid_sim.excitation import support_rows
 from atpid_sim.scene import Scene, SceneError, load_scene
-from atpid_sim.sweep import sweep
+from atpid_sim.simulation.excitation import support_rows
+from atpid_sim.studies.sweep import sweep
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 

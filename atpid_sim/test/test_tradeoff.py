@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from atpid_sim.baselines import run_baseline
-from atpid_sim.figures.numbers import numbers_in
+from atpid_sim.commands.tradeoff import _answer, _draw, _markdown
+from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.scene import load_scene
-from atpid_sim.tradeoff import (
+from atpid_sim.studies.baselines import run_baseline
+from atpid_sim.studies.tradeoff import (
     REFERENCE,
     Point,
     Reference,
@@ -24,7 +25,6 @@ from atpid_sim.tradeoff import (
     tightest,
     with_front,
 )
-from atpid_sim.tradeoff_command import _answer, _draw, _markdown
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml")
