@@ -140,6 +140,9 @@ def test_the_steepest_unloading_is_integrated() -> None:
 )  # fmt: skip
 def test_the_last_numbers_allowed_end_by_name(blocks: dict[str, Any], fidelity: str) -> None:
     try:
-        assert math.isfinite(simulate(with_(**blocks), fidelity, check=False).amplitude)
+        amplitude = simulate(with_(**blocks), fidelity, check=False).amplitude
     except NumericalFailure as failure:
-        assert "pressed deeper into a wall than its radius" in str(failure)
+        if "pressed deeper into a wall than its radius" not in str(failure):
+            raise
+    else:
+        assert math.isfinite(amplitude)

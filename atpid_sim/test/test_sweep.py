@@ -37,7 +37,8 @@ def swept(first: float, last: float, length: float, duration: float) -> Scene:
 )  # fmt: skip
 def test_a_sweep_is_within_its_error_everywhere(first: float, last: float, length: float, duration: float) -> None:
     rows = support_rows(swept(first, last, length, duration))
-    assert rows[0, columns.START] == 0.0 and rows[-1, columns.END] == pytest.approx(duration, rel=1e-15)
+    assert rows[0, columns.START] == 0.0
+    assert rows[-1, columns.END] == pytest.approx(duration, rel=1e-15)
     assert np.array_equal(rows[1:, columns.START], rows[:-1, columns.END])
     rise = (last - first) / length
     for t in np.random.default_rng(1).uniform(0.0, duration, 2000):

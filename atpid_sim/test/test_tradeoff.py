@@ -56,7 +56,8 @@ def test_the_answers_name_the_quickest_that_stays_within_the_error() -> None:
     assert (percent["run"], permille["run"], millionth["run"]) == (
         "impact, rtol 0.001", "soft, rtol 0.0001", "soft, rtol 1e-06",
     )  # fmt: skip
-    assert millionth["lsoda"] == 1e-7 and millionth["lsoda_ratio"] == pytest.approx(100.0)
+    assert millionth["lsoda"] == 1e-7
+    assert millionth["lsoda_ratio"] == pytest.approx(100.0)
     assert millionth["odeint"] is None
 
 
@@ -104,7 +105,8 @@ def test_a_baseline_is_not_charged_for_how_its_motion_is_sampled() -> None:
 
 def test_rungs_converge_to_the_reference() -> None:
     reference = reference_of(SHORT)
-    assert reference.agreement < 1e-8 and reference.spread is None
+    assert reference.agreement < 1e-8
+    assert reference.spread is None
     found = {}
     for p in measure(SHORT, reference):
         if p.method == "lsoda":

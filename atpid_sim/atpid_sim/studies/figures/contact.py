@@ -97,15 +97,15 @@ def impact_of(contact: Contact, mass: float, speed: float) -> Impact:
             stretch = 4.0 * s**3 * scale
             return [y[1] * stretch, -dispatch.force(law, y[0], y[1], memory, p) / mass * stretch]
 
-        def turned(s: float, y: Array) -> float:
+        def turned(_: float, y: Array) -> float:
             return float(y[1])
 
-        def let_go(s: float, y: Array) -> float:
+        def detached(_: float, y: Array) -> float:
             return float(dispatch.force(law, y[0], y[1], memory, p)) if memory else 1.0
 
-        for event in (turned, let_go):
+        for event in (turned, detached):
             event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
-        events = [let_go] if memory else [turned]
+        events = [detached] if memory else [turned]
         solved = solve_ivp(rate, (first, 10.0), start, rtol=1e-9, atol=1e-13, events=events, max_step=0.01)
         return solved.t, solved.y[0], solved.y[1]
 
