@@ -66,14 +66,14 @@ coverage: setup ## run the tests with coverage.py: table on the screen, pages in
 figures: setup ## make every picture of README and docs again (a few minutes)
 	@. ros2_ws/activate || exit 2; set -e; \
 	python -m atpid_control bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
-	python -m atpid_sim.figures.free_decay --out docs/figures; \
-	python -m atpid_sim.figures.contact --out docs/figures; \
+	python -m atpid_sim.studies.figures.free_decay --out docs/figures; \
+	python -m atpid_sim.studies.figures.contact --out docs/figures; \
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
 	for scene in standard sticking irregular; do \
 	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
 	done; \
-	python -m atpid_sim.tradeoff_page --out docs \
+	python -m atpid_sim.studies.tradeoff_page --out docs \
 	    --regular out/tradeoff/standard --sticking out/tradeoff/sticking --irregular out/tradeoff/irregular
 
 .PHONY: firmware

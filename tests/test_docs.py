@@ -27,7 +27,7 @@ RUN = {
     "tests/test_figures.py": {
         r"make (bench|figures)$": "test_a_picture_shows_what_is_computed_now",
         r"python -m atpid_control bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
-        r"python -m atpid_sim\.figures\.(contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
+        r"python -m atpid_sim\.studies\.figures\.(contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
     },
     "tests/test_howto_selector.py": {r"python -m pytest test_proportional": "test_the_steps_of_the_page_run"},
     "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
@@ -77,7 +77,7 @@ RUN = {
         r"python -m atpid_sim map ": "test_map_writes_a_map_and_a_header",
     },
     "atpid_sim/test/test_scene.py": {
-        r"python -m atpid_sim\.figures\.scenes$": "test_the_documented_keys_are_those_that_are_checked"
+        r"python -m atpid_sim\.studies\.figures\.scenes$": "test_the_documented_keys_are_those_that_are_checked"
     },
     "atpid_control/test/test_select_command.py": {
         r"python -m atpid_control select ": "test_json_is_one_object_and_nothing_else"
@@ -119,7 +119,7 @@ NOT_RUN = {
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",
     r"python -m nidaqmx installdriver$": "installs NI's driver",
-    r"python -m atpid_(sim|control)( |\.)(tradeoff|extremes|sweep|seeds|figures \w)": "minutes; their parts have tests",
+    r"python -m atpid_\w+( |\.studies\.)(tradeoff|extremes|sweep|seeds|figures \w)": "minutes; their parts have tests",
     r"(ros2( launch| run)?|python -m PACKAGE\.nodes\.NODE .*|ros2 run PACKAGE NODE .*)$": "a name in a sentence",
     r"ros2 lifecycle set NODE configure": "the wheels have no ros2",
     r"ros2 (lifecycle set /motor_node (configure|activate)|topic echo|bag (info|play))": "the wheels have no ros2",

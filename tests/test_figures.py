@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of README and docs show what is computed now.
 
-No pixels are compared: each PNG carries the numbers of its curves (atpid_sim.figures.numbers). Those that take seconds
+No pixels are compared: each PNG carries the numbers of its curves (atpid_sim.figure_numbers). Those that take seconds
 are drawn again and compared; the whole set is made by `make figures`.
 """
 
@@ -17,9 +17,9 @@ import pytest
 
 from atpid_control.studies import figures_identification as identification
 from atpid_control.studies import figures_selection as selection
-from atpid_sim.figures import contact, free_decay
-from atpid_sim.figures.numbers import Numbers, numbers_in, numbers_of
+from atpid_sim.figure_numbers import Numbers, numbers_in, numbers_of
 from atpid_sim.maps import HeightMap
+from atpid_sim.studies.figures import contact, free_decay
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = sorted(ROOT.glob("docs/**/*.png"))

@@ -15,8 +15,8 @@ from atpid_common.output import OutputError, file, folder, writing
 from atpid_control.cli import main as control
 from atpid_driver.cli import main as driver
 from atpid_sim.cli import main as sim
-from atpid_sim.figures import contact, free_decay
 from atpid_sim.maps import HeightMap
+from atpid_sim.studies.figures import contact, free_decay
 
 #: A folder in which nobody can make anything, root included.
 NOWHERE = "/proc/nowhere"

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from atpid_sim.batch import on_all_cores
 from atpid_sim.maps import DamperResponse, best_height
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulate import simulate, trajectory
+from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.simulate import simulate, trajectory
 
 SCENES = Path(__file__).parents[1] / "scenes"
 

@@ -24,7 +24,7 @@ from atpid_control.beam_calibration import (
 from atpid_control.beam_calibration.response import forced, free_columns
 from atpid_control.commands import calibrate_beam as command
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulate import trajectory
+from atpid_sim.simulation.simulate import trajectory
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]

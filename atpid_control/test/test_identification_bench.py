@@ -9,9 +9,9 @@ import pytest
 from identification_signals import SETTINGS
 
 from atpid_control.identification import Estimate, Identifier, Quality
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
+from atpid_sim.plant.stream import Stream
 from atpid_sim.scene import load_scene
-from atpid_sim.stream import Stream
 
 SCENES = Path(__file__).parents[2] / "scenes"
 

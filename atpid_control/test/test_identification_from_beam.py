@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from atpid_control.identification import Estimate, Identifier, Origin, Quality
 from atpid_control.identification.from_beam import ClosedBeam, ModelInverse, crossings, regular_branch
 from atpid_sim.scene import load_scene
-from atpid_sim.simulate import trajectory
+from atpid_sim.simulation.simulate import trajectory
 
 Array = NDArray[np.float64]
 SCENE = load_scene(Path(__file__).parents[2] / "scenes" / "closed_damper.yaml").with_(

@@ -24,8 +24,8 @@ from atpid_common.nodes.parameters import ParameterError
 from atpid_control.identification import IdentificationError
 from atpid_control.loop.errors import WatchError
 from atpid_control.nodes.identifier_node import IdentifierNode, last_stamp
+from atpid_sim.plant.stream import stamp_ns
 from atpid_sim.scene import SceneError
-from atpid_sim.stream import stamp_ns
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "atpid_control" / "config" / "identifier.yaml"

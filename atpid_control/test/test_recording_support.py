@@ -14,9 +14,9 @@ from atpid_control.bags import BagError, BagWriter, new_run
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.support import support_series
 from atpid_control.commands import recording as command
-from atpid_sim.integration import drive_table, undamped_amplitude
 from atpid_sim.scene import load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
+from atpid_sim.simulation.integration import drive_table, undamped_amplitude
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 SHORT = Path(__file__).parents[2] / "bags" / "thesis_4_3_short"

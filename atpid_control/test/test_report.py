@@ -30,8 +30,8 @@ from atpid_control.report.stages import intervals
 from atpid_control.report.theme import DARK, LIGHT, Palette
 from atpid_control.report.thesis import beside, measured_decrement
 from atpid_control.report.view import headline, view_of
-from atpid_sim.decay import largest_decrement, peaks
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
+from atpid_sim.simulation.decay import largest_decrement, peaks
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 FREE = """

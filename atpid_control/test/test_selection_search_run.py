@@ -16,7 +16,7 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.protocol import Answer, Command, ControlSettings
 from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import load_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"

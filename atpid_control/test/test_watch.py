@@ -16,7 +16,7 @@ from atpid_control.loop.drift import OVERSHOOT, DriftAlarm
 from atpid_control.loop.errors import WatchError
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch, scatter_of
 from atpid_control.loop.twin import SteadyTwin
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import load_scene
 
 Array = NDArray[np.float64]

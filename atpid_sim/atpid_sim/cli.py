@@ -9,11 +9,14 @@ from atpid_common.cli import run_commands
 
 #: Command: (module, what it does).
 COMMANDS = {
-    "simulate": ("atpid_sim.simulate_command", "run one scene and say how large the beam swings"),
-    "map": ("atpid_sim.map_command", "compute the best height over support amplitudes and grain masses"),
-    "tradeoff": ("atpid_sim.tradeoff_command", "measure speed against accuracy on one scene: table and picture"),
-    "extremes": ("atpid_sim.extremes_command", "run random systems far outside the usual range and count the outcomes"),
-    "sweep": ("atpid_sim.sweep_command", "simulate the standard task at many heights and say how fast that goes"),
+    "simulate": ("atpid_sim.commands.simulate", "run one scene: amplitude, error estimate, energy"),
+    "map": ("atpid_sim.commands.map", "compute the best height over support amplitudes and grain masses"),
+    "tradeoff": ("atpid_sim.commands.tradeoff", "measure speed against accuracy on one scene: table and picture"),
+    "extremes": (
+        "atpid_sim.commands.extremes",
+        "count the outcomes of random systems far outside the usual range",
+    ),
+    "sweep": ("atpid_sim.commands.sweep", "simulate the standard task at many heights and time it"),
 }
 
 

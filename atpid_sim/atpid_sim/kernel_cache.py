@@ -65,7 +65,7 @@ def digest(files: Iterable[Path]) -> str:
 
 
 #: Packages with kernels, and the modules from which these take decorators, outcomes and parameters.
-_PACKAGES = ("engine", "contact", "baselines")
+_PACKAGES = ("engine", "contact", "studies/baselines")
 _SHARED = ("fields.py", "kernel.py", "kernel_inputs.py", "outcome.py", "system.py")
 
 _HERE = Path(__file__).parent

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from one_mass_reference import ClosedForm
 
-from atpid_sim.baselines import BASELINES, BaselineError, run_baseline
-from atpid_sim.baselines.tableaux import CASH_KARP, FEHLBERG
-from atpid_sim.peaks import between, half_peak_to_peak
 from atpid_sim.scene import load_scene
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.simulate import simulate
+from atpid_sim.studies.baselines import BASELINES, BaselineError, run_baseline
+from atpid_sim.studies.baselines.tableaux import CASH_KARP, FEHLBERG, Tableau
+from atpid_sim.studies.peaks import between, half_peak_to_peak
 
 SCENES = Path(__file__).parents[2] / "scenes"
 #: A tenth of the standard problem: 1.6 s, opening from 0.6 to 0.7 s.
@@ -25,8 +25,8 @@ TOLERANCE = {name: 1e-8 for name in BASELINES} | {"rk4": 1e-5}
 
 
 @pytest.mark.parametrize("tableau", [CASH_KARP, FEHLBERG], ids=["cash_karp", "rkf45"])
-def test_tableaux_meet_the_order_conditions(tableau: object) -> None:
-    a, c, b, d, _ = tableau  # type: ignore[misc]
+def test_tableaux_meet_the_order_conditions(tableau: Tableau) -> None:
+    a, c, b, d, _ = tableau
     for weights, order in ((b, 4), (b - d, 4)):
         assert weights.sum() == pytest.approx(1.0, abs=1e-14)
         assert weights @ c == pytest.approx(1 / 2, abs=1e-14)

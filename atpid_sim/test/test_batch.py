@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from atpid_sim.batch import cores, on_all_cores, simulate_many
 from atpid_sim.scene import load_scene
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.batch import cores, on_all_cores, simulate_many
+from atpid_sim.simulation.simulate import simulate
 
 SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
 

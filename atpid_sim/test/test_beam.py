@@ -16,9 +16,9 @@ from scipy.linalg import expm
 
 from atpid_sim.engine import columns
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at
-from atpid_sim.integration import Integration, Observation, drive_table
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulate import simulate, trajectory
+from atpid_sim.simulation.integration import Integration, Observation, drive_table
+from atpid_sim.simulation.simulate import simulate, trajectory
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,9 @@ def beam_exactly(row: Array, damping: float, start: float, x: float, v: float, a
     begin=st.floats(0.0, 0.9),
 )
 @settings(max_examples=300, deadline=None)
-def test_the_motion_is_right_at_every_detuning_and_damping(detuning, damping_ratio, radians, ends, begin):
+def test_the_motion_is_right_at_every_detuning_and_damping(
+    detuning: float, damping_ratio: float, radians: float, ends: tuple[float, float], begin: float
+) -> None:
     row = tone_row(detuning, radians, *ends)
     damping = 2.0 * damping_ratio * math.sqrt(STIFFNESS * MASS)
     start = begin * row[1]
@@ -87,7 +89,9 @@ def test_the_motion_is_right_at_every_detuning_and_damping(detuning, damping_rat
     at=st.floats(0.0, 0.95),
 )
 @settings(max_examples=200, deadline=None)
-def test_jerk_and_snap_keep_to_their_bounds_near_resonance(detuning, damping_ratio, radians, ends, begin, at):
+def test_jerk_and_snap_keep_to_their_bounds_near_resonance(
+    detuning: float, damping_ratio: float, radians: float, ends: tuple[float, float], begin: float, at: float
+) -> None:
     row = tone_row(detuning, radians, *ends)
     damping = 2.0 * damping_ratio * math.sqrt(STIFFNESS * MASS)
     start, until = begin * row[1], float(row[1])

@@ -32,7 +32,7 @@ def contact(name: str, **changes: float) -> Contact:
     return contact_of(SCENE.with_(contact=SPECS[name] | changes))
 
 
-@njit
+@njit  # type: ignore[untyped-decorator]
 def _hit(law: int, p: np.ndarray, mass: float, speed: float, h: float) -> tuple[float, float, float]:
     """One whole contact by small fixed steps: restitution, impulse over m v, least force that acted."""
     x, v, deepest, impulse = 0.0, speed, 0.0, 0.0

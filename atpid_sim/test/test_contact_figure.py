@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from atpid_sim.contact.laws import NAMES
-from atpid_sim.figures import contact as figure
 from atpid_sim.kernel_inputs import restitution_of, system_of
 from atpid_sim.scene import standard_bench
+from atpid_sim.studies.figures import contact as figure
 from atpid_sim.system import reduced_mass
 
 DOCS = Path(__file__).parents[2] / "docs"

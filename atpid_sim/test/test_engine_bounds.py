@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at, support_at
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
+
+Array = NDArray[np.float64]
 
 
 def number(low: float, high: float) -> st.SearchStrategy[float]:
@@ -18,7 +21,7 @@ def number(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(low, high).map(lambda value: value if abs(value) > 1e-9 else 0.0)
 
 
-def segment_of(a0: float, a1: float, omega: float, phase: float, c2: float = 0.0, c3: float = 0.0) -> np.ndarray:
+def segment_of(a0: float, a1: float, omega: float, phase: float, c2: float = 0.0, c3: float = 0.0) -> Array:
     return np.array([0.0, 1.0, a0, a1, omega, phase, 0.002, -0.01, c2, c3, 0.1, 0.0])
 
 
@@ -36,7 +39,9 @@ BEAMS = st.tuples(st.floats(0.05, 2.0), st.floats(10.0, 2000.0), st.floats(0.0, 
 
 @given(segment=SEGMENTS, beam=BEAMS, x=st.floats(-0.3, 0.3), v=st.floats(-8.0, 8.0), at=st.floats(0.0, 0.9))
 @settings(max_examples=150, deadline=None)
-def test_jerk_and_snap_never_exceed_their_bounds(segment, beam, x, v, at):
+def test_jerk_and_snap_never_exceed_their_bounds(
+    segment: Array, beam: tuple[float, float, float], x: float, v: float, at: float
+) -> None:
     mass, stiffness, damping = beam
     arc = arc_from(mass, stiffness, damping, 9.81, segment, 0.0, x, v)
     _, _, a0, jerk_bound = bounded_at(arc, at, 1.0)
@@ -58,7 +63,9 @@ def test_jerk_and_snap_never_exceed_their_bounds(segment, beam, x, v, at):
     longest=st.floats(1e-4, 1.0),
 )
 @settings(max_examples=500, deadline=None)
-def test_a_safe_step_never_passes_a_root(gap, rate, acceleration, jerk, longest):
+def test_a_safe_step_never_passes_a_root(
+    gap: float, rate: float, acceleration: float, jerk: float, longest: float
+) -> None:
     step = safe_step(gap, rate, acceleration, jerk, longest)
     assert 0.0 <= step <= longest
     s = np.linspace(0.0, step, 500)
@@ -68,18 +75,18 @@ def test_a_safe_step_never_passes_a_root(gap, rate, acceleration, jerk, longest)
 
 @given(margin=st.floats(1e-9, 10.0), acceleration=st.floats(-500.0, 500.0), jerk=st.floats(0.0, 1e5))
 @settings(max_examples=200, deadline=None)
-def test_a_safe_velocity_step_stays_below_its_limit(margin, acceleration, jerk):
+def test_a_safe_velocity_step_stays_below_its_limit(margin: float, acceleration: float, jerk: float) -> None:
     step = safe_velocity_step(margin, acceleration, jerk, 1.0)
     s = np.linspace(0.0, step, 200)
     assert (acceleration * s + 0.5 * jerk * s**2).max() <= margin * (1 + 1e-9) + 1e-13 * (abs(acceleration) + jerk)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.56, 2.0 * math.sqrt(427.6 * 0.3258), 60.0])
-def test_the_closed_form_solves_the_beam(damping):
+def test_the_closed_form_solves_the_beam(damping: float) -> None:
     segment = segment_of(0.01, 0.02, 34.4, 0.3, 0.2, -0.4)
     arc = arc_from(0.3258, 427.6, damping, 9.81, segment, 0.0, 0.02, -0.5)
 
-    def slope(t, y):
+    def slope(t: float, y: Array) -> list[float]:
         u, w = support_at(*segment[2:10], t)
         return [y[1], (427.6 * (u - y[0]) + damping * (w - y[1])) / 0.3258 - 9.81]
 
@@ -89,7 +96,7 @@ def test_the_closed_form_solves_the_beam(damping):
         assert [x, v] == pytest.approx(list(reference.sol(t)), rel=1e-9, abs=1e-10)
 
 
-def test_an_undamped_beam_at_resonance_grows_linearly():
+def test_an_undamped_beam_at_resonance_grows_linearly() -> None:
     omega = math.sqrt(427.6 / 0.3258)
     arc = arc_from(0.3258, 427.6, 0.0, 0.0, np.array([0, 2, 0.01, 0, omega, 0, 0, 0, 0, 0, 0.1, 0.0]), 0.0, 0.0, 0.0)
     for t in (0.1, 0.7, 1.9):

@@ -5,20 +5,21 @@ import numpy as np
 import pytest
 
 from atpid_sim.engine import columns
-from atpid_sim.integration import Integration
 from atpid_sim.outcome import Outcome
-from atpid_sim.simulate import simulate
-from atpid_sim.sweep import standard_task
+from atpid_sim.scene import Scene
+from atpid_sim.simulation.integration import Integration
+from atpid_sim.simulation.simulate import simulate
+from atpid_sim.studies.sweep import standard_task
 
 SYSTEMS = 40
 
 
-def with_contact(scene, restitution):
+def with_contact(scene: Scene, restitution: float | None) -> Scene:
     return scene if restitution is None else scene.with_(contact={"law": "impact", "restitution": restitution})
 
 
 @pytest.mark.parametrize("elastic", [False, True], ids=["tsuji", "restitution"])
-def test_a_ceiling_closes_at_any_speed(elastic):
+def test_a_ceiling_closes_at_any_speed(elastic: bool) -> None:
     """The last of the play would be taken by impacts without end."""
     rng = np.random.default_rng(3)
     for _ in range(SYSTEMS):
@@ -32,7 +33,7 @@ def test_a_ceiling_closes_at_any_speed(elastic):
         assert abs(result.energy_residual) < 1e-6
 
 
-def test_a_closed_ceiling_holds_the_grain():
+def test_a_closed_ceiling_holds_the_grain() -> None:
     scene = standard_task(0.01, 0.1, 0.2).with_(
         ceiling={"profile": [[0.0, 0.2], [7.0, 0.2], [7.183, 0.017]]}, tolerance=1e-2
     )
@@ -41,7 +42,7 @@ def test_a_closed_ceiling_holds_the_grain():
 
 
 @pytest.mark.parametrize("restitution", [None, 0.0, 0.3, 0.9])
-def test_a_sweep_is_carried(restitution):
+def test_a_sweep_is_carried(restitution: float | None) -> None:
     """A grain that touches as the wall begins to press, to within rounding, comes to rest."""
     rng = np.random.default_rng(4)
     for _ in range(SYSTEMS // 2):
@@ -54,7 +55,7 @@ def test_a_sweep_is_carried(restitution):
 
 
 @pytest.mark.parametrize("fidelity", ["soft", "impact"])
-def test_a_ceiling_that_crushes_is_followed_to_the_grain(fidelity):
+def test_a_ceiling_that_crushes_is_followed_to_the_grain(fidelity: str) -> None:
     scene = standard_task(0.01, 0.1, 0.2)
     integration = Integration(scene, fidelity, 1e-6)
     table, state = integration.table, integration.initial_state()

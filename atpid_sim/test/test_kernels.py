@@ -1,38 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """How every kernel is compiled and kept: with its own error model, by the contents of all that is compiled into it."""
 
+from __future__ import annotations
+
 import ast
 import importlib
 import pkgutil
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-import atpid_sim.baselines
 import atpid_sim.contact
 import atpid_sim.engine
-from atpid_sim.baselines.rhs import slope
+import atpid_sim.studies.baselines
 from atpid_sim.contact import dispatch
 from atpid_sim.kernel_cache import KERNEL_SOURCES
+from atpid_sim.studies.baselines.rhs import slope
 
-PACKAGES = [atpid_sim.engine, atpid_sim.contact, atpid_sim.baselines]
-ROOT = Path(atpid_sim.engine.__file__).parents[2]
+PACKAGES = [atpid_sim.engine, atpid_sim.contact, atpid_sim.studies.baselines]
+ROOT = Path(str(atpid_sim.engine.__file__)).parents[2]
 
 
-def modules_of(package):
+def modules_of(package: ModuleType) -> list[ModuleType]:
     return [
         importlib.import_module(f"{package.__name__}.{found.name}") for found in pkgutil.iter_modules(package.__path__)
     ]
 
 
-def kernels_of(module):
+def kernels_of(module: ModuleType) -> set[Dispatcher]:
     return {kernel for kernel in vars(module).values() if isinstance(kernel, Dispatcher)}
 
 
-def sources_imported_by(module):
+def sources_imported_by(module: ModuleType) -> Iterator[Path]:
     """Files of the project from which a module takes names."""
-    for node in ast.walk(ast.parse(Path(module.__file__).read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("atpid_"):
             place = ROOT.joinpath(*node.module.split("."))
             taken = [place / f"{alias.name}.py" for alias in node.names] if place.is_dir() else [place]
@@ -40,7 +44,7 @@ def sources_imported_by(module):
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda p: p.__name__)
-def test_every_kernel_names_its_error_model(package):
+def test_every_kernel_names_its_error_model(package: ModuleType) -> None:
     kernels = set().union(*map(kernels_of, modules_of(package)))
     assert len(kernels) > 5
     for kernel in kernels:
@@ -49,16 +53,17 @@ def test_every_kernel_names_its_error_model(package):
         assert bool(options.get("nogil")) == (kernel is not slope), kernel
 
 
-def test_all_kernels_are_kept_in_one_folder():
+def test_all_kernels_are_kept_in_one_folder() -> None:
     kernels = set().union(*(kernels_of(module) for package in PACKAGES for module in modules_of(package)))
     # parts of the dispatch are kept with the kernels they are compiled into
     parts = {part for name, part in vars(dispatch).items() if isinstance(part, Dispatcher) and name.startswith("_")}
-    folders = {Path(kernel.stats.cache_path).parent.name for kernel in kernels if kernel not in parts}
-    assert len(folders) == 1 and folders.pop().startswith("kernels-")
+    folders = {Path(str(kernel.stats.cache_path)).parent.name for kernel in kernels if kernel not in parts}
+    assert len(folders) == 1
+    assert folders.pop().startswith("kernels-")
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda p: p.__name__)
-def test_what_kernels_import_counts_for_their_cache(package):
+def test_what_kernels_import_counts_for_their_cache(package: ModuleType) -> None:
     imported = {
         path
         for module in modules_of(package)

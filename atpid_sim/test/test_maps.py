@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,7 +126,9 @@ def test_a_map_is_read_back_as_it_was_written(scene: Scene, tmp_path: Path) -> N
         ({"mass_fraction": 0.05}, "mass fraction 0.05 is outside its 0.1 to 0.3"),
     ],
 )
-def test_a_map_for_another_system_is_refused(scene: Scene, shipped: HeightMap, change: dict, named: str) -> None:
+def test_a_map_for_another_system_is_refused(
+    scene: Scene, shipped: HeightMap, change: dict[str, Any], named: str
+) -> None:
     with pytest.raises(MapError, match=re.escape(named)) as caught:
         shipped.check(scene.with_(**change))
     assert "\n" not in str(caught.value)
@@ -173,7 +176,9 @@ def test_impossible_grids_are_refused(scene: Scene) -> None:
 
 def test_the_header_holds_the_map_in_micrometres(shipped: HeightMap) -> None:
     text = header_text(shipped, 0.1)
-    count = int(re.search(r"ATPID_TABLE_N (\d+)", text)[1])
+    found = re.search(r"ATPID_TABLE_N (\d+)", text)
+    assert found is not None
+    count = int(found[1])
     columns = {name: _numbers(text, name) for name in ("atpid_amplitude_um", "atpid_height_um")}
     assert count == 101 == len(columns["atpid_amplitude_um"]) == len(columns["atpid_height_um"])
     assert columns["atpid_amplitude_um"][0] == 2000
@@ -184,8 +189,9 @@ def test_the_header_holds_the_map_in_micrometres(shipped: HeightMap) -> None:
 
 
 def _numbers(text: str, name: str) -> list[int]:
-    body = re.search(rf"uint32_t {name}\[ATPID_TABLE_N\] PROGMEM = \{{([^}}]*)\}};", text)[1]
-    return [int(part) for part in body.split(",")]
+    found = re.search(rf"uint32_t {name}\[ATPID_TABLE_N\] PROGMEM = \{{([^}}]*)\}};", text)
+    assert found is not None
+    return [int(part) for part in found[1].split(",")]
 
 
 @pytest.fixture(scope="module")
@@ -215,14 +221,18 @@ def test_between_points_of_which_one_is_missing_there_is_no_height(gap: HeightMa
         gap.lookup(0.0408, 0.15)
     assert gap.lookup(0.0408, 0.2) == shipped.lookup(0.0408, 0.2)  # that row is whole
     assert gap.lookup(0.02, 0.1) == shipped.lookup(0.02, 0.1)
-    assert gap.covers(0.002, 0.039, 0.1) and gap.covers(0.043, 0.08, 0.1) and gap.covers(0.002, 0.08, 0.3)
-    assert not gap.covers(0.002, 0.08, 0.1) and not gap.covers(0.001, 0.02, 0.1)
+    assert gap.covers(0.002, 0.039, 0.1)
+    assert gap.covers(0.043, 0.08, 0.1)
+    assert gap.covers(0.002, 0.08, 0.3)
+    assert not gap.covers(0.002, 0.08, 0.1)
+    assert not gap.covers(0.001, 0.02, 0.1)
 
 
 def test_the_firmware_s_table_has_a_height_that_is_refused_where_there_is_none(gap: HeightMap) -> None:
     text = header_text(gap, 0.1)
     heights = _numbers(text, "atpid_height_um")
-    assert heights.count(0) == 2 and len(heights) == 101
+    assert heights.count(0) == 2
+    assert len(heights) == 101
     assert "could not be computed (2 amplitudes)" in text
     assert "could not be computed" not in header_text(gap, 0.3)
 

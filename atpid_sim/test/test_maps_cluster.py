@@ -42,15 +42,17 @@ def cluster() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
         for process in processes:
             ends.callback(process.wait)
             ends.callback(process.kill)
-        with distributed.Client(address, timeout=100.0, set_as_default=False) as client:
+        with distributed.Client(address, timeout=100.0, set_as_default=False) as client:  # type: ignore[no-untyped-call]
             client.wait_for_workers(2, timeout=100)
         yield address, processes[1:]
 
 
 @pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_gives_the_same_map(cluster, tmp_path):
+def test_a_cluster_that_loses_a_worker_gives_the_same_map(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
+) -> None:
     address, workers = cluster
-    done_when_killed = []
+    done_when_killed: list[int] = []
 
     def progress(done: int, total: int) -> None:
         if done >= 1 and not done_when_killed:
@@ -60,12 +62,13 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_map(cluster, tmp_path):
     scene = load_scene(SCENE)
     made = build_map(scene, AMPLITUDES, [0.1], tmp_path / "far.npz", progress, scheduler=address)
     here = build_map(scene, AMPLITUDES, [0.1], tmp_path / "here.npz")
-    assert done_when_killed and done_when_killed[0] < len(AMPLITUDES)
+    assert done_when_killed
+    assert done_when_killed[0] < len(AMPLITUDES)
     np.testing.assert_array_equal(made.heights, here.heights)
     assert workers[0].wait() != 0
 
 
-def test_a_scheduler_that_is_not_there_is_said_in_one_line(monkeypatch):
+def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("atpid_sim.maps.cluster._PATIENCE", 1.0)
     with pytest.raises(MapError, match="no Dask scheduler answers there") as caught:
         build_map(load_scene(SCENE), AMPLITUDES, [0.1], scheduler=f"tcp://127.0.0.1:{free_port()}")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from atpid_sim.maps import HeightMap, MapError, build_map
+from atpid_sim.maps import Best, DamperResponse, HeightMap, MapError, best_height, build_map
 from atpid_sim.maps import point as point_module
 from atpid_sim.scene import Scene, load_scene
 
@@ -47,9 +47,9 @@ def test_a_killed_map_is_resumed_without_recomputation(
     journal.write_bytes(journal.read_bytes() + b'{"point": [0.1, 0.0')
     kept = journal.read_bytes().count(b"\n") - 1
     computed = []
-    original = point_module.best_height
+    original = best_height
 
-    def counted(damper, amplitude, hysteresis):
+    def counted(damper: DamperResponse, amplitude: float, hysteresis: float) -> Best:
         computed.append(amplitude)
         return original(damper, amplitude, hysteresis)
 

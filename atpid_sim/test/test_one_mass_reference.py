@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from one_mass_reference import ClosedForm, NoClosedFormError, steady_amplitude, undamped_amplitude
 
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.simulate import simulate
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml")
@@ -41,7 +41,7 @@ def test_a_free_decay_is_the_textbook_s(text: float, expected: float) -> None:
     motion = ClosedForm(scene(damping=text * 32.0, free={"deflection": 0.2}))
     decay = 0.5 * motion.body.damping / motion.body.mass
     damped = math.sqrt(motion.body.stiffness / motion.body.mass - decay**2)
-    times = 2.0 * math.pi / damped * np.arange(5)
+    times = 2.0 * math.pi / damped * np.arange(5.0)
     x = motion.at(times).x + STANDARD.static_deflection
     assert x == pytest.approx(0.2 * np.exp(-decay * times) * expected, rel=1e-9)
 

@@ -3,6 +3,7 @@
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.plant import Plant, PlantError
-from atpid_sim.scene import scene_from_mapping
-from atpid_sim.simulate import simulate
-from atpid_sim.stream import Stream
+from atpid_sim.plant.plant import Plant, PlantBlock, PlantError
+from atpid_sim.plant.stream import Stream
+from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.simulation.simulate import simulate
 
 CLOSED, RATE = 0.017, 1000.0
-SCENE = {
+SCENE: dict[str, Any] = {
     "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
     "grain": {"mass_fraction": 0.1, "radius": 0.0085},
     "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
@@ -29,21 +30,21 @@ SCENE = {
 INSTANT = {"law": "impact", "restitution": 0.5}
 
 
-def scene(**changes):
+def scene(**changes: Any) -> Scene:
     return scene_from_mapping(SCENE | changes)
 
 
-def standing(height=0.3, ticks=2000, fidelity="auto"):
+def standing(height: float = 0.3, ticks: int = 2000, fidelity: str = "auto") -> Plant:
     plant = Plant(scene(ceiling={"height": height}), fidelity)
     plant.advance(ticks, RATE, height, 0.0)
     return plant
 
 
-def gap(block):
+def energy_gap(block: PlantBlock) -> float:
     return block.stored_energy - (block.input_energy - block.beam_loss - block.contact_loss + block.ceiling_work)
 
 
-def test_blocks_of_any_length_make_the_same_motion():
+def test_blocks_of_any_length_make_the_same_motion() -> None:
     whole = Plant(scene()).advance(2000, RATE, 0.2, 0.3).beam
     plant = Plant(scene())
     parts = np.concatenate([plant.advance(n, RATE, 0.2, 0.3).beam for n in (1, 49, 750, 1200)])
@@ -54,7 +55,7 @@ def test_blocks_of_any_length_make_the_same_motion():
 # fidelity levels
 
 
-def test_a_simplified_plant_stays_closed_or_says_why_not():
+def test_a_simplified_plant_refuses_an_open_ceiling() -> None:
     plant = Plant(scene(), "simplified")
     closed = plant.advance(2000, RATE, CLOSED, 0.3).beam
     with pytest.raises(PlantError, match=r"^fidelity simplified: given a ceiling at 0\.3 m; allowed: .*\(0\.017 m\)"):
@@ -65,19 +66,19 @@ def test_a_simplified_plant_stays_closed_or_says_why_not():
 
 
 @pytest.mark.parametrize("ceiling", [{"height": 0.3}, {"closed": CLOSED, "open": 0.2, "start": 1.0, "end": 2.0}])
-def test_a_simplified_plant_refuses_a_scene_that_is_not_closed(ceiling):
+def test_a_simplified_plant_refuses_a_scene_that_is_not_closed(ceiling: dict[str, float]) -> None:
     with pytest.raises(PlantError, match="fidelity simplified"):
         Plant(scene(ceiling=ceiling), "simplified")
 
 
-def test_without_a_word_the_plant_follows_any_ceiling_with_any_law():
+def test_the_default_fidelity_follows_any_ceiling_with_any_law() -> None:
     for contact in (SCENE["contact"], INSTANT):
         plant = Plant(scene(contact=contact))
         assert plant.advance(2000, RATE, 0.1, 0.3).impacts > 3
         assert plant.height == 0.1
 
 
-def test_an_unknown_rung_is_refused():
+def test_an_unknown_fidelity_is_refused() -> None:
     with pytest.raises(PlantError, match="fidelity 'exact': allowed are auto, simplified, impact, soft"):
         Plant(scene(), "exact")
 
@@ -85,7 +86,7 @@ def test_an_unknown_rung_is_refused():
 # where it ends
 
 
-def test_no_sample_lies_beyond_the_end_of_the_drive():
+def test_no_sample_lies_beyond_the_end_of_the_drive() -> None:
     plant = Plant(scene())
     with pytest.raises(PlantError, match=r"given 5001 at 0 s; allowed: at most 5000, the scene's drive ends at 5 s"):
         plant.advance(5001, RATE, CLOSED, 0.0)
@@ -99,7 +100,7 @@ def test_no_sample_lies_beyond_the_end_of_the_drive():
 
 @pytest.mark.parametrize("duration", [0.1, 0.1004, 0.1005, 0.1006, 0.10075])
 @pytest.mark.parametrize("excitation", [SCENE["excitation"], {"free": {"deflection": 0.1}}])
-def test_a_stream_of_any_duration_has_no_sample_beyond_the_end(duration, excitation):
+def test_a_stream_of_any_duration_has_no_sample_beyond_the_end(duration: float, excitation: dict[str, Any]) -> None:
     sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 8000.0}}
     given = scene(duration=duration, excitation=excitation, sensors=sensors)
     source = Stream(given, Plant(given))
@@ -134,8 +135,8 @@ def test_a_stream_of_any_duration_has_no_sample_beyond_the_end(duration, excitat
         ({"speed": -0.3}, r"^speed: given -0\.3 m/s"),
     ],
 )
-def test_what_a_plant_cannot_do_is_said_and_changes_nothing(changes, message):
-    usual = {"duration_ticks": 50, "rate": RATE, "target": 0.2, "speed": 0.3}
+def test_what_a_plant_cannot_do_is_refused_and_changes_nothing(changes: dict[str, float], message: str) -> None:
+    usual: dict[str, Any] = {"duration_ticks": 50, "rate": RATE, "target": 0.2, "speed": 0.3}
     plant, other = standing(ticks=200), standing(ticks=200)
     with pytest.raises(PlantError, match=message):
         plant.advance(**usual | changes)
@@ -147,15 +148,15 @@ def test_what_a_plant_cannot_do_is_said_and_changes_nothing(changes, message):
 
 @pytest.mark.parametrize("fidelity", ["soft", "impact"])
 @given(digits=st.sampled_from([1, 2, 10, 1e3, 1e5, 1e8]), speed=st.sampled_from([1e-6, 0.3, 10.0]), up=st.booleans())
-def test_a_move_of_a_few_digits_is_made(fidelity, digits, speed, up):
+def test_a_move_of_a_few_digits_is_made(fidelity: str, digits: float, speed: float, up: bool) -> None:
     plant = standing(0.1, fidelity=fidelity)
     target = 0.1 + (1.0 if up else -1.0) * digits * math.ulp(0.1)
     block = plant.advance(50, RATE, target, speed)
     assert plant.height == target or abs(plant.height - 0.1) == pytest.approx(0.05 * speed, rel=1e-3)
-    assert abs(gap(block)) < 1e-5 * block.input_energy
+    assert abs(energy_gap(block)) < 1e-5 * block.input_energy
 
 
-def test_a_move_by_the_next_number_is_made():
+def test_a_move_by_the_next_number_is_made() -> None:
     plant = standing(0.3)
     above = math.nextafter(0.3, 1.0)
     assert plant.advance(50, RATE, above, 0.3).outcome is Outcome.DONE
@@ -163,7 +164,7 @@ def test_a_move_by_the_next_number_is_made():
 
 
 @pytest.mark.parametrize("speed", [5e-324, 1e-300, 1e6, 1e300])
-def test_a_ceiling_of_any_speed_opens(speed):
+def test_a_ceiling_of_any_speed_opens(speed: float) -> None:
     plant = standing(CLOSED)
     plant.advance(50, RATE, 0.3, speed)
     assert plant.height == (0.3 if speed > 1.0 else CLOSED)
@@ -173,7 +174,7 @@ def test_a_ceiling_of_any_speed_opens(speed):
 
 
 @pytest.mark.parametrize("fidelity", ["soft", "impact"])
-def test_a_ceiling_that_crushes_is_named_where_and_when_it_does(fidelity):
+def test_a_ceiling_that_crushes_is_named_where_and_when_it_does(fidelity: str) -> None:
     plant = standing(0.1, ticks=50, fidelity=fidelity)
     with pytest.raises(NumericalFailure, match="came closer than the grain's diameter") as failure:
         plant.advance(1000, RATE, 0.0, 0.3)
@@ -184,7 +185,7 @@ def test_a_ceiling_that_crushes_is_named_where_and_when_it_does(fidelity):
     assert plant.height == pytest.approx(height, rel=1e-5)
 
 
-def test_the_message_of_a_failure_gives_the_ceiling_at_that_moment():
+def test_the_message_of_a_failure_gives_the_ceiling_at_that_moment() -> None:
     plant = standing(0.3)
     with pytest.raises(NumericalFailure, match="deeper into a wall") as failure:
         plant.advance(50, RATE, CLOSED, 1000.0)
@@ -192,7 +193,7 @@ def test_the_message_of_a_failure_gives_the_ceiling_at_that_moment():
     assert height == pytest.approx(0.3 - 1000.0 * (at - 2.0), abs=1000.0 * 1e-6)
 
 
-def test_after_a_failure_the_plant_does_not_go_on():
+def test_after_a_failure_the_plant_does_not_go_on() -> None:
     plant = standing(0.3)
     with pytest.raises(NumericalFailure) as first:
         plant.advance(50, RATE, CLOSED, 1000.0)
@@ -205,16 +206,17 @@ def test_after_a_failure_the_plant_does_not_go_on():
 
 
 @pytest.mark.parametrize(("tolerance", "fidelity"), [(1e-6, "soft"), (1e-2, "impact")])
-def test_tolerance_and_auto_mean_what_they_mean_in_simulate(tolerance, fidelity):
+def test_tolerance_and_auto_mean_what_they_mean_in_simulate(tolerance: float, fidelity: str) -> None:
     opened = scene(ceiling={"height": 0.2}, tolerance=tolerance)
     plant, result = Plant(opened), simulate(opened, check=False)
     assert plant.fidelity == result.fidelity == fidelity
     assert plant.rtol == result.rtol == pytest.approx(0.3 * tolerance)
 
 
-def test_auto_allows_for_a_ceiling_that_opens():
+def test_auto_allows_for_a_ceiling_that_opens() -> None:
     closed = scene(ceiling={"height": CLOSED}, tolerance=1e-1)
     assert simulate(closed, check=False).fidelity == "simplified"
     plant = Plant(closed)
     plant.advance(100, RATE, 0.2, 0.3)
-    assert plant.fidelity == "impact" and plant.height > CLOSED
+    assert plant.fidelity == "impact"
+    assert plant.height > CLOSED

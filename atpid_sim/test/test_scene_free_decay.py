@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from atpid_sim.figures.free_decay import MEASURED, Measurement, decrements, draw, free_decay, table
 from atpid_sim.scene import load_scene
+from atpid_sim.studies.figures.free_decay import MEASURED, Measurement, decrements, draw, free_decay, table
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,7 +14,7 @@ from atpid_sim.contact.linear import damping_ratio_for
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.simulate import simulate
 from atpid_sim.system import reduced_mass
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml").to_mapping()
@@ -140,6 +140,9 @@ def test_the_steepest_unloading_is_integrated() -> None:
 )  # fmt: skip
 def test_the_last_numbers_allowed_end_by_name(blocks: dict[str, Any], fidelity: str) -> None:
     try:
-        assert math.isfinite(simulate(with_(**blocks), fidelity, check=False).amplitude)
+        amplitude = simulate(with_(**blocks), fidelity, check=False).amplitude
     except NumericalFailure as failure:
-        assert "pressed deeper into a wall than its radius" in str(failure)
+        if "pressed deeper into a wall than its radius" not in str(failure):
+            raise
+    else:
+        assert math.isfinite(amplitude)

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.excitation import read_series, support_rows
-from atpid_sim.integration import drive_table, undamped_amplitude
 from atpid_sim.scene import Scene, SceneError, load_scene
+from atpid_sim.simulation.excitation import read_series, support_rows
+from atpid_sim.simulation.integration import drive_table, undamped_amplitude
 
 TIMES = np.arange(2001) * 1e-3
 VALUES = 0.01 * np.sin(2.0 * np.pi * 5.0 * TIMES)
@@ -135,7 +135,8 @@ def test_an_offset_given_is_the_one_taken(tmp_path: Path) -> None:
     assert read_series(scene_of(file, offset=0.0))[1][0] == pytest.approx(0.3)
     assert read_series(scene_of(file, offset=0.25))[1][0] == pytest.approx(0.05)
     lines = [line for line in scene_of(file).defaults() if "offset" in line]
-    assert len(lines) == 1 and "the first one, so that the run begins at rest" in lines[0]
+    assert len(lines) == 1
+    assert "the first one, so that the run begins at rest" in lines[0]
     with pytest.raises(SceneError, match=r"excitation\.series\.offset: given 1e\+300; allowed: from -1000 to 1000"):
         scene_of(file, offset=1e300)
 

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream of blocks: whole samples, exact stamps, noise that repeats, sensors with rates of their own."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from atpid_sim.plant.stream import Stream, StreamBlock, StreamError, common_rate, stamp_ns
 from atpid_sim.scene import scene_from_mapping
-from atpid_sim.stream import Stream, StreamError, common_rate, stamp_ns
 
-SCENE = {
+SCENE: dict[str, Any] = {
     "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
     "grain": {"mass_fraction": 0.1, "radius": 0.0085},
     "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
@@ -23,29 +27,30 @@ SCENE = {
 
 
 class Ramp:
-    """A plant whose every signal is its time, and that notes what it is told."""
+    """A plant whose every signal is its time, and that records what each advance is given."""
 
-    def __init__(self):
-        self.height, self.ticks, self.told = 0.017, 0, []
+    def __init__(self) -> None:
+        self.height, self.ticks = 0.017, 0
+        self.advances: list[tuple[int, float, float, float]] = []
 
-    def advance(self, duration_ticks, rate, target, speed):
+    def advance(self, duration_ticks: int, rate: float, target: float, speed: float) -> SimpleNamespace:
         time = (self.ticks + np.arange(duration_ticks)) / rate
         self.ticks += duration_ticks
-        self.told.append((duration_ticks, rate, target, speed))
+        self.advances.append((duration_ticks, rate, target, speed))
         self.height = target if speed else self.height
         return SimpleNamespace(support=time, beam=-time, beam_acceleration=2.0 * time, ceiling=time, grain=time)
 
 
-def stream(**changes):
-    return Stream(scene_from_mapping(SCENE | changes), Ramp())
+def stream(plant: Ramp | None = None, **changes: Any) -> Stream:
+    return Stream(scene_from_mapping(SCENE | changes), plant or Ramp())
 
 
-def blocks(source):
+def blocks(source: Stream) -> Iterator[StreamBlock]:
     while not source.finished:
         yield source.advance(0.017, 0.0)
 
 
-def test_blocks_follow_each_other_without_a_gap_and_the_last_is_shorter():
+def test_blocks_follow_each_other_without_a_gap_and_the_last_is_shorter() -> None:
     source = stream()
     found = list(blocks(source))
     assert [block.first_index for block in found] == [0, 50, 100, 150, 200]
@@ -56,14 +61,14 @@ def test_blocks_follow_each_other_without_a_gap_and_the_last_is_shorter():
     assert readings[:, 1] == pytest.approx(-np.arange(220) / 1000.0)
 
 
-def test_there_is_no_block_after_the_last():
+def test_there_is_no_block_after_the_last() -> None:
     source = stream()
     list(blocks(source))
     with pytest.raises(StreamError, match=r"run of 0\.22 s is over: its 5 blocks are computed"):
         source.advance(0.017, 0.0)
 
 
-def test_a_faster_sensor_stops_where_the_scene_does():
+def test_a_faster_sensor_stops_where_the_scene_does() -> None:
     sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 8000.0}}
     source = stream(sensors=sensors, duration=0.2206)
     readings = [block.readings for block in blocks(source)]
@@ -71,7 +76,7 @@ def test_a_faster_sensor_stops_where_the_scene_does():
     assert sum(len(second.data) for _, second in readings) == 1765  # the last at 0.2205 s
 
 
-def test_a_second_sensor_has_its_own_rate_on_a_common_clock():
+def test_a_second_sensor_has_its_own_rate_on_a_common_clock() -> None:
     sensors = {"laser": {"rate": 1000.0}, "accelerometer": {"rate": 1600.0}}
     source = stream(sensors=sensors)
     assert source.rate == 8000.0
@@ -82,14 +87,14 @@ def test_a_second_sensor_has_its_own_rate_on_a_common_clock():
     assert found[1].truth_series("beam") == pytest.approx(-np.arange(50, 100) / 1000.0)
 
 
-def test_rates_without_a_common_clock_are_refused():
+def test_rates_without_a_common_clock_are_refused() -> None:
     assert common_rate([1000.0, 12_800.0]) == 64_000.0
     with pytest.raises(StreamError, match=r"given rates 1000, 1613\.1 Hz"):
         common_rate([1000.0, 1613.1])
 
 
-def test_noise_repeats_with_the_seed_and_differs_between_channels_and_blocks():
-    noisy = {"sensors": {"laser": {"noise": 1e-3}}, "seed": 5}
+def test_noise_repeats_with_the_seed_and_differs_between_channels_and_blocks() -> None:
+    noisy: dict[str, Any] = {"sensors": {"laser": {"noise": 1e-3}}, "seed": 5}
     first, again = ([b.readings[0].data for b in blocks(stream(**noisy))] for _ in range(2))
     other = [b.readings[0].data for b in blocks(stream(**(noisy | {"seed": 6})))]
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
@@ -99,7 +104,7 @@ def test_noise_repeats_with_the_seed_and_differs_between_channels_and_blocks():
     assert 0.5e-3 < noise.std() < 2e-3
 
 
-def test_what_saturates_cannot_be_read():
+def test_what_saturates_cannot_be_read() -> None:
     found = list(blocks(stream(sensors={"laser": {"saturation": [-0.1, 0.05]}})))
     readings = np.concatenate([block.readings[0].data for block in found])
     time = np.arange(220) / 1000.0
@@ -107,29 +112,31 @@ def test_what_saturates_cannot_be_read():
     assert np.array_equal(np.isnan(readings[:, 1]), time > 0.1)
 
 
-def test_a_controlled_ceiling_goes_where_it_is_told():
-    source = stream()
-    source.advance(0.3, 0.25)
-    assert source._plant.told == [(50, 1000.0, 0.3, 0.25)]
+def test_a_controlled_ceiling_follows_its_target() -> None:
+    plant = Ramp()
+    stream(plant).advance(0.3, 0.25)
+    assert plant.advances == [(50, 1000.0, 0.3, 0.25)]
 
 
-def test_a_closed_ceiling_that_reads_a_little_low_is_closed_and_nonsense_is_handed_on():
-    source = stream()
+def test_a_target_just_below_closed_is_closed_and_an_invalid_one_reaches_the_plant() -> None:
+    plant = Ramp()
+    source = stream(plant)
     for target in (0.0169, -math.inf, math.nan):
         source.advance(target, 0.25)
-    told = [target for _, _, target, _ in source._plant.told]
-    assert told[:2] == [0.017, -math.inf]
-    assert math.isnan(told[2])
+    given = [target for _, _, target, _ in plant.advances]
+    assert given[:2] == [0.017, -math.inf]
+    assert math.isnan(given[2])
 
 
-def test_a_prescribed_ceiling_ignores_what_it_is_told():
-    source = stream(ceiling={"closed": 0.017, "open": 0.117, "start": 0.05, "end": 0.15})
-    list(blocks(source))
-    assert [round(height, 6) for _, _, height, _ in source._plant.told] == [0.017, 0.067, 0.117, 0.117, 0.117]
-    assert [round(speed, 6) for *_, speed in source._plant.told] == [0.0, 1.0, 1.0, 0.0, 0.0]
+def test_a_prescribed_ceiling_ignores_its_target() -> None:
+    plant = Ramp()
+    ceiling = {"closed": 0.017, "open": 0.117, "start": 0.05, "end": 0.15}
+    list(blocks(stream(plant, ceiling=ceiling)))
+    assert [round(height, 6) for _, _, height, _ in plant.advances] == [0.017, 0.067, 0.117, 0.117, 0.117]
+    assert [round(speed, 6) for *_, speed in plant.advances] == [0.0, 1.0, 1.0, 0.0, 0.0]
 
 
-def test_stamps_are_rounded_once_and_never_drift():
+def test_stamps_are_rounded_once_and_never_drift() -> None:
     assert stamp_ns(0, 0, 1000.0) == 0
     assert stamp_ns(5, 3_000_000_001, 1000.0) == 5 + 3_000_000_001_000_000
     assert stamp_ns(0, 3 * 10**12, 3.0) == 10**21

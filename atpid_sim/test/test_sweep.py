@@ -13,9 +13,9 @@ import pytest
 from atpid_sim.cli import main
 from atpid_sim.engine import columns
 from atpid_sim.engine.beam import support_at
-from atpid_sim.excitation import support_rows
 from atpid_sim.scene import Scene, SceneError, load_scene
-from atpid_sim.sweep import sweep
+from atpid_sim.simulation.excitation import support_rows
+from atpid_sim.studies.sweep import sweep
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 
@@ -37,7 +37,8 @@ def swept(first: float, last: float, length: float, duration: float) -> Scene:
 )  # fmt: skip
 def test_a_sweep_is_within_its_error_everywhere(first: float, last: float, length: float, duration: float) -> None:
     rows = support_rows(swept(first, last, length, duration))
-    assert rows[0, columns.START] == 0.0 and rows[-1, columns.END] == pytest.approx(duration, rel=1e-15)
+    assert rows[0, columns.START] == 0.0
+    assert rows[-1, columns.END] == pytest.approx(duration, rel=1e-15)
     assert np.array_equal(rows[1:, columns.START], rows[:-1, columns.END])
     rise = (last - first) / length
     for t in np.random.default_rng(1).uniform(0.0, duration, 2000):

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from atpid_sim.baselines import run_baseline
-from atpid_sim.figures.numbers import numbers_in
+from atpid_sim.commands.tradeoff import _answer, _draw, _markdown
+from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.scene import load_scene
-from atpid_sim.tradeoff import (
+from atpid_sim.studies.baselines import run_baseline
+from atpid_sim.studies.tradeoff import (
     REFERENCE,
     Point,
     Reference,
@@ -24,7 +25,6 @@ from atpid_sim.tradeoff import (
     tightest,
     with_front,
 )
-from atpid_sim.tradeoff_command import _answer, _draw, _markdown
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml")
@@ -56,7 +56,8 @@ def test_the_answers_name_the_quickest_that_stays_within_the_error() -> None:
     assert (percent["run"], permille["run"], millionth["run"]) == (
         "impact, rtol 0.001", "soft, rtol 0.0001", "soft, rtol 1e-06",
     )  # fmt: skip
-    assert millionth["lsoda"] == 1e-7 and millionth["lsoda_ratio"] == pytest.approx(100.0)
+    assert millionth["lsoda"] == 1e-7
+    assert millionth["lsoda_ratio"] == pytest.approx(100.0)
     assert millionth["odeint"] is None
 
 
@@ -104,7 +105,8 @@ def test_a_baseline_is_not_charged_for_how_its_motion_is_sampled() -> None:
 
 def test_rungs_converge_to_the_reference() -> None:
     reference = reference_of(SHORT)
-    assert reference.agreement < 1e-8 and reference.spread is None
+    assert reference.agreement < 1e-8
+    assert reference.spread is None
     found = {}
     for p in measure(SHORT, reference):
         if p.method == "lsoda":

@@ -15,9 +15,9 @@ from rich.console import Console
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Identifier
 from atpid_control.loop.settings import identification_settings
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
+from atpid_sim.plant.stream import Stream
 from atpid_sim.scene import Scene
-from atpid_sim.stream import Stream
 
 _RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
 

@@ -15,9 +15,9 @@ from rich.table import Table
 
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_control.selection.registry import make_selector, methods
-from atpid_sim.excitation import amplitude_at
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
+from atpid_sim.simulation.excitation import amplitude_at
 
 #: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
 #: is taken.

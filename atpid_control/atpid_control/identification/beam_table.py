@@ -12,7 +12,7 @@ from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
-from atpid_sim.simulate import trajectory
+from atpid_sim.simulation.simulate import trajectory
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from atpid_sim.stream import stamp_ns
+from atpid_sim.plant.stream import stamp_ns
 
 
 def last_stamp_ns(begin_ns: int, first_index: int, scans: int, rate: float) -> int:

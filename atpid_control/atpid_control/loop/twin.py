@@ -11,7 +11,7 @@ from atpid_control.loop.computation import InlineExecutor
 from atpid_control.loop.drift import DriftAlarm
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
-from atpid_sim.simulate import simulate
+from atpid_sim.simulation.simulate import simulate
 
 #: Periods simulated and, of these, looked at.
 PERIODS, LOOKED_AT = 80, 16

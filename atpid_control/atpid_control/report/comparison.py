@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 
 from atpid_control.report.run import Array, Run
-from atpid_sim.integration import is_closed
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
-from atpid_sim.simulate import trajectory
+from atpid_sim.simulation.integration import is_closed
+from atpid_sim.simulation.simulate import trajectory
 
 #: Displacement of the closed damper's beam (n,) [m] at given times (n,) [s].
 Closed = Callable[[Scene, Array], Array]
@@ -26,7 +26,7 @@ def closed_by_simulation(scene: Scene, times: Array) -> Array:
     """Simulate the scene with the ceiling held closed; return the beam's displacement (n,) [m] at `times` (n,) [s].
 
     Beam and grain as one mass where the ceiling touches the grain, as `simulate` takes it for `undamped_amplitude`.
-    Raises NumericalFailure as `atpid_sim.simulate` does.
+    Raises NumericalFailure as `atpid_sim.simulation.simulate` does.
     """
     rate = max(scene.sensors.laser.rate, 100.0 * scene.frequency_hz)
     duration = max(scene.duration, float(times[-1]) + 1.0 / rate)

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from atpid_control.report.theme import SCHEMES, Palette
 from atpid_control.report.view import View
-from atpid_sim.figures.numbers import metadata_of
+from atpid_sim.figure_numbers import metadata_of
 
 _DPI = 160
 _SIZE = 9.5

@@ -10,7 +10,7 @@ import numpy as np
 from atpid_control.report.run import Array, Run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, Scene
-from atpid_sim.simulate import Result, simulate
+from atpid_sim.simulation.simulate import Result, simulate
 
 #: A change of the ceiling's velocity below this is rounding [m a sample].
 _KINK = 1e-9

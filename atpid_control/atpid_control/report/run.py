@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.read import Bag, open_bag, stamp_of
-from atpid_sim.excitation import amplitude_at
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
+from atpid_sim.simulation.excitation import amplitude_at
 
 Array = NDArray[np.float64]
 STEADY = 1  # Excitation.STEADY

@@ -16,8 +16,8 @@ from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_motion
 from atpid_control.report.repetition import repeated
 from atpid_control.report.run import Array, Run, read_run
-from atpid_sim.excitation import amplitude_points
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.excitation import amplitude_points
 
 #: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
 _ARRIVED = 5e-3

@@ -14,8 +14,8 @@ from atpid_control.selection.criteria import Verdict, judge
 from atpid_control.selection.predictive import Impact, response_lag
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
-from atpid_sim.integration import impact_log, sample_series
 from atpid_sim.maps import DamperResponse
+from atpid_sim.simulation.integration import impact_log, sample_series
 
 Array = NDArray[np.float64]
 

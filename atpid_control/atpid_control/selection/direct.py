@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from atpid_control.selection.checks import check_excitation, response_at
 from atpid_control.selection.margin import Uncertainty, robust_height
 from atpid_control.selection.protocol import Selection, SelectionError
-from atpid_sim.batch import cores
 from atpid_sim.maps import FROM_CLOSED, Approach, Best, DamperResponse, Timing, best_height, travelled
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.batch import cores
 
 #: Tolerance of the runs: 0.2 % of an amplitude is resolved.
 _RTOL = 1e-5

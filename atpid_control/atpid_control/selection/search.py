@@ -14,7 +14,7 @@ from atpid_control.selection.checks import check_excitation
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
 from atpid_sim.maps import DamperResponse
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene
 
 

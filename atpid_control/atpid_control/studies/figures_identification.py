@@ -18,7 +18,7 @@ from atpid_common import output
 from atpid_control.identification import Estimate, Quality
 from atpid_control.studies import identification as data
 from atpid_sim.display import working
-from atpid_sim.figures.numbers import metadata_of
+from atpid_sim.figure_numbers import metadata_of
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from atpid_common import output
 from atpid_common.share import share_folder
 from atpid_control.studies.selection import landscape, margin_curve, pca_errors
 from atpid_sim.display import working
-from atpid_sim.figures.numbers import metadata_of
+from atpid_sim.figure_numbers import metadata_of
 from atpid_sim.maps import HeightMap
 
 #: Support amplitudes of the thesis's adaptive bench [m].

@@ -18,9 +18,9 @@ from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
 from atpid_control.studies.classic import fft_bin, hann_parabola, jacobsen, plain_sine_fit
 from atpid_control.studies.cramer_rao import cramer_rao
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, standard_bench
-from atpid_sim.simulate import trajectory
+from atpid_sim.simulation.simulate import trajectory
 
 Array = NDArray[np.float64]
 

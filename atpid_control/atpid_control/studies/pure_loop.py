@@ -17,9 +17,9 @@ from atpid_control.identification import Estimate, Identifier
 from atpid_control.loop.protocol import Answer, Command
 from atpid_control.loop.rumble import RumbleWatch
 from atpid_control.loop.settings import controller_of, identification_settings, rumble_settings, selector_of
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
+from atpid_sim.plant.stream import Stream
 from atpid_sim.scene import ControlledCeiling, Scene
-from atpid_sim.stream import Stream
 
 Array = NDArray[np.float64]
 

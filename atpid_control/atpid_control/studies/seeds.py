@@ -18,10 +18,10 @@ from atpid_control.report.stages import WINDOW, constant_intervals
 from atpid_control.selection.map_cache import amplitudes_of, map_for
 from atpid_control.studies.pure_loop import LoopRun, controlled, run_loop
 from atpid_control.studies.rumbling import longest_rumble
-from atpid_sim.batch import cores
-from atpid_sim.excitation import amplitude_at
 from atpid_sim.maps import DamperResponse, HeightMap
 from atpid_sim.scene import Scene, load_scene
+from atpid_sim.simulation.batch import cores
+from atpid_sim.simulation.excitation import amplitude_at
 
 Parameters = dict[str, dict[str, Any]]
 

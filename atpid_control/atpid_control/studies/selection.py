@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import with_stiffness
 from atpid_control.selection.pca import PcaSelector
-from atpid_sim.batch import on_all_cores
 from atpid_sim.maps import DamperResponse, Timing, best_height
 from atpid_sim.scene import standard_bench
+from atpid_sim.simulation.batch import on_all_cores
 
 Array = NDArray[np.float64]
 

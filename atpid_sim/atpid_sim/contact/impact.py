@@ -26,7 +26,7 @@ class Spec(ContactSpec):
     law: Literal["impact"]
     restitution: Share = Field(description="rebound speed over approach speed [-]")
 
-    def parameters(self, system: System) -> tuple[float, ...]:
+    def parameters(self, system: System) -> tuple[float, ...]:  # noqa: ARG002 one signature for all laws
         """(restitution [-],)."""
         return (self.restitution,)
 

@@ -54,7 +54,7 @@ class Spec(ContactSpec):
             raise impossible("restitution", restitution, least)
         return self
 
-    def parameters(self, system: System) -> tuple[float, ...]:
+    def parameters(self, system: System) -> tuple[float, ...]:  # noqa: ARG002 one signature for all laws
         """(k1 loading [N/m], k2 unloading [N/m])."""
         unloading = self.unloading_stiffness or self.stiffness / (self.restitution or 1.0) ** 2
         return self.stiffness, unloading

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.batch import on_all_cores
-from atpid_sim.integration import rtol_of
 from atpid_sim.maps.cluster import on_cluster
 from atpid_sim.maps.errors import MapError
 from atpid_sim.maps.height_map import FORMAT, Failure, HeightMap
@@ -22,6 +20,8 @@ from atpid_sim.maps.point import values_at
 from atpid_sim.maps.response import DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
+from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.integration import rtol_of
 
 Progress = Callable[[int, int], None]
 

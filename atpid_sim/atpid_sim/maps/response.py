@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
-from atpid_sim.fidelity import complete_fidelity
-from atpid_sim.integration import Integration, Observation, impact_log, sample_series
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.fidelity import complete_fidelity
+from atpid_sim.simulation.integration import Integration, Observation, impact_log, sample_series
 from atpid_sim.system import System
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from atpid_interfaces.msg import PlantTruth, SampleBlock
 
 from atpid_common.nodes.handshake import empty
 from atpid_common.nodes.messages import doubles, time_of
-from atpid_sim.stream import Reading, StreamBlock, stamp_ns
+from atpid_sim.plant.stream import Reading, StreamBlock, stamp_ns
 
 
 def sample_block(reading: Reading, start_ns: int, frame_id: str) -> SampleBlock:

@@ -31,9 +31,9 @@ from atpid_common.waiting import COMPILING, announced
 from atpid_sim.nodes.messages import handshake_truth, sample_block, truth_message
 from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.plant import Plant
+from atpid_sim.plant.plant import Plant
+from atpid_sim.plant.stream import PlantLike, Stream, stamp_ns
 from atpid_sim.scene import Scene
-from atpid_sim.stream import PlantLike, Stream, stamp_ns
 
 #: Between two blocks that are late: the ceiling's answers are received in between [s].
 CATCH_UP = 1e-3

@@ -6,8 +6,7 @@ from __future__ import annotations
 from atpid_sim.scene.ceiling import ControlledCeiling, FixedCeiling, OpeningCeiling, ProfileCeiling
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SeriesExcitation, SweepExcitation
-from atpid_sim.scene.loading import load_scene, scene_from_mapping
-from atpid_sim.scene.model import Scene
+from atpid_sim.scene.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.scene.standard import standard_bench
 
 __all__ = [

@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from atpid_sim.contact.laws import NAMES
 from atpid_sim.fields import Block
 from atpid_sim.scene import ceiling, contact, excitation
-from atpid_sim.scene.model import Scene
+from atpid_sim.scene.model import SceneValues
 
 _VARIANTS: dict[str, type[Block]] = {**excitation.VARIANTS, **ceiling.VARIANTS, **contact.VARIANTS}
 
@@ -132,7 +132,7 @@ def _meaning(location: tuple[int | str, ...]) -> str:
 
 def _model_at(location: tuple[int | str, ...]) -> type[Block] | None:
     """Return the block that the keys of `location` lead to."""
-    model: type[Block] | None = Scene
+    model: type[Block] | None = SceneValues
     for part in location:
         if isinstance(part, str) and part in _VARIANTS:
             model = _VARIANTS[part]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: everything one run needs and nothing else."""
+"""The values of a scene: everything one run needs and nothing else."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _last_part(duration: float) -> tuple[float, float]:
     return (1.0 - _STEADY_SHARE) * duration, duration
 
 
-class Scene(Block):
+class SceneValues(Block):
     """One run: structure, contact, excitation, ceiling and how long (docs/scenes.md)."""
 
     beam: Beam = Field(description="the beam reduced to one mass")
@@ -54,7 +54,7 @@ class Scene(Block):
     seed: Annotated[int, Strict(), Field(ge=0)] = Field(default=0, description="seed of all noise [-]")
 
     @model_validator(mode="after")
-    def _fits(self) -> Scene:
+    def _fits(self) -> SceneValues:
         first, last = self.steady_window
         if not 0.0 <= first < last <= self.duration:
             allowed = f"two rising times between 0 and duration ({self.duration:g} s)"
@@ -99,20 +99,9 @@ class Scene(Block):
                 "`python -m atpid_control bench SCENE.yaml --out DIR`"
             )
 
-    def warnings(self) -> list[str]:
-        """Return one line for each value that is possible but unusual: key, value, usual range (`plausibility`)."""
-        from atpid_sim.scene.plausibility import warnings_of
-
-        return warnings_of(self)
-
     def defaults(self) -> list[str]:
         """Return one line for each optional value the scene does not give: key, value used, meaning."""
         return [f"{key} = {_text(value)}: {meaning}" for key, value, meaning in _defaults(self, "")]
-
-    def hint(self) -> str:
-        """Return the unusual values as the end of an error's line; empty where there are none."""
-        found = [line.partition(" is unusual")[0] for line in self.warnings()]
-        return f"; unusual in the scene: {'; '.join(found)}" if found else ""
 
     def decisive_defaults(self, measured: bool = False) -> list[str]:
         """Return `key = value` of each value the scene does not give and a run uses; `measured`: sensors as well."""
@@ -123,45 +112,26 @@ class Scene(Block):
     def to_mapping(self) -> dict[str, Any]:
         """Return what was given, as plain numbers, text, lists and dicts."""
         given = self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
-        plain: dict[str, Any] = _plain(given)
-        return plain
+        mapping: dict[str, Any] = plain(given)
+        return mapping
 
     def to_yaml(self) -> str:
         """Return the scene as YAML; loading it gives the same scene."""
         return write_yaml(self.to_mapping())
 
-    def with_(self, *, height: float | None = None, mass_fraction: float | None = None, **changes: Any) -> Scene:
-        """Return a validated copy with some values changed.
 
-        `height` [m] puts a ceiling that stands still there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
-        replace that value in its block; any other name is a key of the scene itself (duration, ceiling={...}, ...).
-        Raises SceneError as loading does.
-        """
-        from atpid_sim.scene.loading import scene_from_mapping
-
-        mapping = self.to_mapping()
-        if height is not None:
-            mapping["ceiling"] = {"height": float(height)}
-        if mass_fraction is not None:
-            mapping["grain"]["mass_fraction"] = float(mass_fraction)
-        for key in ("amplitude", "frequency"):
-            if key in changes:
-                mapping["excitation"][key] = _plain(changes.pop(key))
-        mapping.update(_plain(changes))
-        return scene_from_mapping(mapping, source="changed scene")
-
-
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Return a value, and what it contains, as numbers, text, lists and dicts."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, Block):
-        return _plain(value.model_dump(by_alias=True, exclude_unset=True, exclude_none=True))
+        return plain(value.model_dump(by_alias=True, exclude_unset=True, exclude_none=True))
     return str(value) if isinstance(value, Path) else value
 
 
-def _height_errors(scene: Scene) -> Iterator[PydanticCustomError]:
+def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     diameter = 2.0 * scene.grain.radius
     named: dict[str, float] = {}
     for key in ("height", "closed", "open"):
@@ -176,7 +146,7 @@ def _height_errors(scene: Scene) -> Iterator[PydanticCustomError]:
             yield impossible(f"ceiling.{key}", height, f"at least the grain's diameter 2 r = {diameter:g} m")
 
 
-def _block_errors(scene: Scene) -> Iterator[PydanticCustomError]:
+def _block_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     if not {"sensors", "recording"} & scene.model_fields_set:
         return
     for name in ("laser", "accelerometer"):

@@ -6,14 +6,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from atpid_sim.contact.spec import ElasticSpec
 from atpid_sim.scene.ceiling import ControlledCeiling
 from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SweepExcitation
-
-if TYPE_CHECKING:
-    from atpid_sim.scene.model import Scene
+from atpid_sim.scene.model import SceneValues
 
 #: Largest support amplitude in use [m]: the thesis goes to 0.08 m.
 LARGEST_AMPLITUDE = 0.2
@@ -50,13 +48,13 @@ def _shown(value: float) -> str:
     return f"{float(f'{value:.4g}'):.10g}" if 1e-3 <= abs(value) < 1e6 else f"{value:.4g}"
 
 
-def warnings_of(scene: Scene) -> list[str]:
+def warnings_of(scene: SceneValues) -> list[str]:
     """Return one line for each unusual value of the scene: key, value, usual range."""
     quantities = (*_structure(scene), *_contact(scene), *_excitation(scene), *_ceiling(scene), *_measurement(scene))
     return [line for quantity in quantities if (line := quantity.warning()) is not None]
 
 
-def _structure(scene: Scene) -> Iterator[Quantity]:
+def _structure(scene: SceneValues) -> Iterator[Quantity]:
     critical = 2.0 * math.sqrt(scene.beam.stiffness * scene.total_mass)
     volume = 4.0 / 3.0 * math.pi * scene.grain.radius**3
     heavy = f"a grain of {1e3 * scene.grain_mass:.4g} g and {1e3 * scene.grain.radius:.4g} mm radius"
@@ -72,13 +70,13 @@ def _structure(scene: Scene) -> Iterator[Quantity]:
         yield Quantity("gravity", scene.gravity, 1.0, 30.0, "m/s^2")
 
 
-def _contact(scene: Scene) -> Iterator[Quantity]:
+def _contact(scene: SceneValues) -> Iterator[Quantity]:
     if isinstance(scene.contact, ElasticSpec):
         modulus = scene.contact.young_modulus
         yield Quantity("contact.young_modulus", modulus, 1e4, 1.3e12, "Pa", "rubber 1e6, steel 2.1e11")
 
 
-def _excitation(scene: Scene) -> Iterator[Quantity]:
+def _excitation(scene: SceneValues) -> Iterator[Quantity]:
     excitation = scene.excitation
     if isinstance(excitation, FreeExcitation):
         yield Quantity("excitation.free.deflection", abs(excitation.free.deflection), 0.0, 1.0, "m", _MILLIMETRES)
@@ -94,7 +92,7 @@ def _excitation(scene: Scene) -> Iterator[Quantity]:
         )  # fmt: skip
 
 
-def closed_amplitude(scene: Scene, amplitude: float) -> float:
+def closed_amplitude(scene: SceneValues, amplitude: float) -> float:
     """Return the beam's steady amplitude [m] with the damper closed: one mass, support amplitude [m]."""
     omega = 2.0 * math.pi * scene.frequency_hz
     beam, damping = scene.beam, scene.beam.damping * omega
@@ -102,7 +100,7 @@ def closed_amplitude(scene: Scene, amplitude: float) -> float:
     return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
 
 
-def _largest_amplitude(scene: Scene) -> float:
+def _largest_amplitude(scene: SceneValues) -> float:
     excitation = scene.excitation
     if isinstance(excitation, SweepExcitation):
         return excitation.sweep.amplitude
@@ -112,7 +110,7 @@ def _largest_amplitude(scene: Scene) -> float:
     return given if isinstance(given, float) else max(amplitude for _, amplitude in given)
 
 
-def _ceiling(scene: Scene) -> Iterator[Quantity]:
+def _ceiling(scene: SceneValues) -> Iterator[Quantity]:
     ceiling, heights = scene.ceiling, scene.ceiling.heights
     speeds = [abs(h1 - h0) / (t1 - t0) for (t0, h0), (t1, h1) in pairwise(heights)]
     highest = max(height for _, height in heights)
@@ -125,7 +123,7 @@ def _ceiling(scene: Scene) -> Iterator[Quantity]:
         yield Quantity("ceiling, largest speed", max(speeds), 0.0, 5.0, "m/s")
 
 
-def _measurement(scene: Scene) -> Iterator[Quantity]:
+def _measurement(scene: SceneValues) -> Iterator[Quantity]:
     amplitude, laser = _largest_amplitude(scene), scene.sensors.laser
     if isinstance(scene.excitation, HarmonicExcitation):
         begin, end = scene.steady_window

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from atpid_sim.scene.loading import scene_from_mapping
-from atpid_sim.scene.model import Scene
+from atpid_sim.scene.scene import Scene, scene_from_mapping
 
 _STANDARD: dict[str, object] = {
     "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_sim simulate`: one scene, its result as a table or as JSON, its motion as a file or a picture."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from atpid_common import output
+from atpid_sim.display import working
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
+from atpid_sim.simulation.integration import FIDELITIES
+from atpid_sim.simulation.simulate import Result, Trajectory, simulate, trajectory
+
+_UNITS = {"amplitude": "m", "undamped_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s"}
+_DRIVEN = (
+    "amplitude", "undamped_amplitude", "efficiency", "reproducible", "spread", "motion", "impacts", "resonance",
+    "fidelity", "left_out", "error_estimate", "energy_residual", "steps", "wall_s", "result",
+)  # fmt: skip
+#: The amplitude in a window of a decay depends on the window: the decrement is what it is measured by.
+_DECAY = (
+    "decrement", "undamped_decrement", "decrement_error", "impacts", "resonance", "fidelity", "left_out",
+    "energy_residual", "steps", "wall_s", "result",
+)  # fmt: skip
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("scene", metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
+    parser.add_argument(
+        "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="fidelity level; default: cheapest that fits"
+    )
+    parser.add_argument(
+        "--rtol", type=tolerance, default=None, metavar="R", help="relative tolerance of the integration"
+    )
+    parser.add_argument("--height", type=float, metavar="H", help="a fixed ceiling at H [m] in place of the scene's")
+    parser.add_argument("--series", type=Path, metavar="FILE", help="write the motion here: .csv, or .npz with impacts")
+    parser.add_argument("--rate", type=_rate, metavar="HZ", help="of --series; default: the scene's laser, or 1000 Hz")
+    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw beam, ceiling and grain here")
+    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the scene and print its result; return 0. Raises SceneError, OutputError, NumericalFailure."""
+    scene = load_scene(args.scene)
+    if args.height is not None:
+        scene = scene.with_(height=args.height)
+    _check_files(args)
+    with working("simulating (the first time the kernels are compiled, a minute or two)"):
+        try:
+            result = _simulate(scene, args.fidelity, args.rtol)
+        except NumericalFailure as error:
+            raise NumericalFailure(f"{error}{scene.hint()}") from None
+        _write_files(args, scene)
+    if args.json:
+        print(json.dumps(result.to_json(), allow_nan=False))
+    else:
+        _show(args.scene, scene, result)
+    return 0
+
+
+def tolerance(text: str) -> float:
+    """Return a relative tolerance; raise argparse's error where it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 1e-13 <= value <= 1e-1:
+        raise argparse.ArgumentTypeError(f"given {text}; allowed is a number from 1e-13 to 0.1")
+    return value
+
+
+def _rate(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 1e-3 <= value <= 1e7:
+        raise argparse.ArgumentTypeError(f"given {text}; allowed is a number of hertz from 0.001 to 1e7")
+    return value
+
+
+def _simulate(scene: Scene, fidelity: str, rtol: float | None) -> Result:
+    try:
+        return simulate(scene, fidelity, rtol)
+    except ValueError as error:
+        # a fidelity that cannot take the scene is a user's error, not a defect of the program
+        raise error if isinstance(error, SceneError) else SceneError(str(error)) from None
+
+
+def _check_files(args: argparse.Namespace) -> None:
+    from atpid_sim.simulation.series import check_series_name
+
+    if args.series is not None:
+        check_series_name(args.series)
+        output.file(args.series, "--series")
+    if args.picture is not None:
+        output.file(args.picture, "--picture")
+
+
+def _write_files(args: argparse.Namespace, scene: Scene) -> None:
+    if args.series is None and args.picture is None:
+        return
+    from atpid_sim.simulation.series import draw, write_series
+
+    def motion(rate: float, fidelity: str = args.fidelity, height: float | None = None) -> Trajectory:
+        return trajectory(scene, rate, fidelity, args.rtol, height)
+
+    if args.series is not None:
+        write_series(motion(args.rate or scene.sensors.laser.rate), args.series)
+    if args.picture is not None:
+        rate, diameter = 100.0 * scene.frequency_hz, 2.0 * scene.grain.radius
+        draw(scene, motion(rate), motion(rate, "simplified", diameter), args.picture)
+
+
+def _show(name: str, scene: Scene, result: Result) -> None:
+    values = result.to_json()
+    table = Table(title=name, show_header=False)
+    for key in _DECAY if isinstance(scene.excitation, FreeExcitation) else _DRIVEN:
+        if values[key] is not None:
+            table.add_row(key, _text(key, values[key]), _UNITS.get(key, ""))
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console.print(table)
+    if result.spread is not None and result.undamped_amplitude > 0.0:
+        least, most = (100.0 * (1.0 - result.spread[k] / result.undamped_amplitude) for k in (2, 0))
+        console.print(f"not reproducible: single runs give an efficiency of {least:.0f} to {most:.0f} %")
+    for line in result.warnings:
+        console.print(f"warning: {line}")
+    for line in scene.decisive_defaults():
+        console.print(f"default: {line}")
+
+
+def _text(key: str, value: Any) -> str:
+    if key == "spread":
+        least, median, largest = value
+        return f"{least:.4g} to {largest:.4g}, median {median:.4g}"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_sim sweep`: the standard task at many heights on all cores: simulations a second, worst ledger."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from atpid_sim.commands.simulate import tolerance
+from atpid_sim.display import counting
+from atpid_sim.simulation.batch import cores
+from atpid_sim.studies.sweep import standard_task, sweep
+
+#: Heights at most: their results fill the memory from there on.
+_MOST_POINTS = 100_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "--points", type=_count, default=2000, metavar="N", help="heights from 0.02 to 0.4 m; default 2000"
+    )
+    parser.add_argument("--rtol", type=tolerance, default=1e-6, metavar="R", help="relative tolerance; default 1e-6")
+
+
+def _count(text: str) -> int:
+    """Return a number of heights; raise argparse's error where it is none."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if not 1 <= value <= _MOST_POINTS:
+        raise argparse.ArgumentTypeError(f"given {text}; allowed is a whole number from 1 to {_MOST_POINTS}")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the sweep and print one JSON object; return 0. Raises NumericalFailure."""
+    with counting("heights", args.points) as count:
+        done = sweep(standard_task(0.01, 0.1, 0.2), 0.02, 0.4, args.points, args.rtol, count)
+    best = min(done.results, key=lambda result: result.amplitude)
+    told = {
+        "points": args.points,
+        "cores": cores(),
+        "wall_s": done.wall_s,
+        "simulations_per_second": done.rate,
+        "integration_ms": 1e3 * sum(result.wall_s for result in done.results) / len(done.results),
+        "largest_energy_residual": done.residual,
+        "best_height": done.heights[done.results.index(best)],
+        "best_amplitude": best.amplitude,
+    }
+    print(json.dumps(told, indent=1))
+    return 0

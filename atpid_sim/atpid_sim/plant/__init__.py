@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated plant: one integration continued block by block, and what its sensors measure."""

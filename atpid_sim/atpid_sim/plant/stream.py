@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant as a stream of blocks: integer ticks, one block per call, sensors at rates of their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, gcd, isfinite
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_common.errors import InputError
+from atpid_sim.plant.instrument import Instrument, accelerometer_of, laser_of
+from atpid_sim.scene import Scene
+
+Array = NDArray[np.float64]
+
+#: No rate two sensors have in common may be faster than this [Hz]; beyond it the rates are simply incommensurable.
+_FASTEST = 1_000_000
+
+#: A sample closer to the end than this share of the time lies beyond the end.
+_ROUNDING = 1e-12
+
+
+class StreamError(InputError):
+    """Sensor rates that have no common clock, or a block after the last."""
+
+
+class PlantLike(Protocol):
+    """What a stream needs of `atpid_sim.plant.plant.Plant`."""
+
+    @property
+    def height(self) -> float:
+        """Height of the ceiling now [m]."""
+        ...
+
+    def advance(self, duration_ticks: int, rate: float, target: float, speed: float) -> Any:
+        """Advance by ticks of 1/rate [s], the ceiling moving toward target [m] at speed [m/s]; return a PlantBlock."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What one device read during one block."""
+
+    instrument: Instrument
+    rate: float  # [Hz]
+    first_index: int
+    data: Array  # (n_scans, n_channels), SI, NaN where saturated
+
+
+@dataclass(frozen=True)
+class StreamBlock:
+    """One block: the readings, the laser's always first, and the truth at the laser's instants."""
+
+    number: int
+    first_index: int  # of the laser's first scan
+    scans: int  # of the laser
+    readings: tuple[Reading, ...]
+    truth: Any  # PlantBlock at `truth_stride` ticks a laser scan
+    truth_stride: int
+
+    def truth_series(self, name: str) -> Array:
+        """Return one exact series (scans,) at the laser's instants: support, beam, grain or ceiling [m]."""
+        series: Array = np.ascontiguousarray(getattr(self.truth, name)[:: self.truth_stride])
+        return series
+
+
+class Stream:
+    """Cuts a scene's run into blocks of whole samples of every sensor; the last one may be shorter."""
+
+    def __init__(self, scene: Scene, plant: PlantLike) -> None:
+        """Prepare the first block; raise StreamError where the sensors' rates have no common clock."""
+        self._scene, self._plant = scene, plant
+        self.laser = laser_of(scene)
+        second = accelerometer_of(scene)
+        self.instruments = (self.laser, second) if second else (self.laser,)
+        self.rate = common_rate([item.sensor.rate for item in self.instruments])
+        self._strides = {item.device: round(self.rate / item.sensor.rate) for item in self.instruments}
+        stride = self._strides["laser"]
+        self.ticks_per_block = max(1, round(scene.recording.block * scene.sensors.laser.rate)) * stride
+        # a faster sensor must not read beyond the end, where nothing drives the support any more
+        whole = max(1, round(scene.duration * scene.sensors.laser.rate)) * stride
+        self.ticks = min(whole, samples_before(scene.duration, self.rate))
+        self.blocks = ceil(self.ticks / self.ticks_per_block)
+        self.block_seconds = self.ticks_per_block / self.rate
+        self._next = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last block has been computed."""
+        return self._next >= self.blocks
+
+    @property
+    def height(self) -> float:
+        """Height of the ceiling now [m]."""
+        return self._plant.height
+
+    @property
+    def computed_ticks(self) -> int:
+        """Ticks of 1/rate [s] computed so far."""
+        return min(self._next * self.ticks_per_block, self.ticks)
+
+    @property
+    def computed_scans(self) -> int:
+        """Laser scans computed so far."""
+        return -(-self.computed_ticks // self._strides["laser"])
+
+    def advance(self, target: float, speed: float) -> StreamBlock:
+        """Compute the next block while the ceiling goes toward `target` [m] at `speed` [m/s], 0 to hold.
+
+        Raises StreamError after the last block, and what the plant raises.
+        """
+        if self.finished:
+            raise StreamError(f"the run of {self._scene.duration:g} s is over: its {self.blocks} blocks are computed")
+        number, first = self._next, self._next * self.ticks_per_block
+        ticks = min(self.ticks_per_block, self.ticks - first)
+        if self._scene.ceiling.kind != "controlled":
+            target, speed = self._own_ceiling((first + ticks) / self.rate, ticks / self.rate)
+        elif isfinite(target):
+            # a real position sensor may read a closed ceiling a little too low; the grain holds the ceiling up
+            target = max(target, 2.0 * self._scene.grain.radius)
+        truth = self._plant.advance(ticks, self.rate, target, speed)
+        self._next += 1
+        readings = tuple(self._read(item, number, first, truth) for item in self.instruments)
+        laser = readings[0]
+        return StreamBlock(number, laser.first_index, len(laser.data), readings, truth, self._strides["laser"])
+
+    def _own_ceiling(self, end: float, duration: float) -> tuple[float, float]:
+        """Target [m] and speed [m/s] where the scene itself, and no controller, moves the ceiling."""
+        times, heights = zip(*self._scene.ceiling.heights, strict=True)
+        target = float(np.interp(end, times, heights))
+        return target, abs(target - self._plant.height) / duration
+
+    def _read(self, instrument: Instrument, number: int, first: int, truth: Any) -> Reading:
+        stride = self._strides[instrument.device]
+        names = {"laser": ("support", "beam"), "accelerometer": ("beam_acceleration",)}[instrument.device]
+        signals = np.stack([np.asarray(getattr(truth, name))[::stride] for name in names], axis=1)
+        return Reading(instrument, instrument.sensor.rate, first // stride, instrument.read(number, signals))
+
+
+def common_rate(rates: list[float]) -> float:
+    """Return the slowest rate [Hz] that is a whole multiple of every one of `rates`; raise StreamError if none."""
+    exact = [Fraction(rate).limit_denominator(1000) for rate in rates]
+    common = exact[0]
+    for rate in exact[1:]:
+        common = Fraction(_lcm(common.numerator * rate.denominator, rate.numerator * common.denominator),
+                          common.denominator * rate.denominator)  # fmt: skip
+    if common > _FASTEST:
+        given = ", ".join(f"{rate:g}" for rate in rates)
+        raise StreamError(
+            f"sensors: given rates {given} Hz; allowed: rates with a common multiple up to {_FASTEST} Hz; round one"
+        )
+    return float(common)
+
+
+def _lcm(a: int, b: int) -> int:
+    return a // gcd(a, b) * b
+
+
+def samples_before(end: float, rate: float) -> int:
+    """Return how many samples at `rate` [Hz], the first at zero, lie before `end` [s]; at least one."""
+    return max(1, ceil(end * rate * (1.0 - _ROUNDING)))
+
+
+def stamp_ns(start_ns: int, index: int, rate: float) -> int:
+    """Return the instant [ns] of sample `index` at `rate` [Hz] after `start_ns`, rounded once, exact for any index."""
+    exact = Fraction(index * 1_000_000_000) / Fraction(rate)
+    return start_ns + round(exact)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scene: read from a YAML file or a mapping, checked, changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from atpid_sim.scene.errors import SceneError
+from atpid_sim.scene.explain import decimal_comma, explained, shown
+from atpid_sim.scene.model import SceneValues, plain
+from atpid_sim.scene.plausibility import warnings_of
+from atpid_sim.scene.yaml12 import read_yaml
+
+
+class Scene(SceneValues):
+    """One run: structure, contact, excitation, ceiling and how long (docs/scenes.md)."""
+
+    def warnings(self) -> list[str]:
+        """Return one line for each value that is possible but unusual: key, value, usual range (`plausibility`)."""
+        return warnings_of(self)
+
+    def hint(self) -> str:
+        """Return the unusual values as the end of an error's line; empty where there are none."""
+        found = [line.partition(" is unusual")[0] for line in self.warnings()]
+        return f"; unusual in the scene: {'; '.join(found)}" if found else ""
+
+    def with_(self, *, height: float | None = None, mass_fraction: float | None = None, **changes: Any) -> Scene:
+        """Return a validated copy with some values changed.
+
+        `height` [m] puts a ceiling that stands still there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
+        replace that value in its block; any other name is a key of the scene itself (duration, ceiling={...}, ...).
+        Raises SceneError as loading does.
+        """
+        mapping = self.to_mapping()
+        if height is not None:
+            mapping["ceiling"] = {"height": float(height)}
+        if mass_fraction is not None:
+            mapping["grain"]["mass_fraction"] = float(mass_fraction)
+        for key in ("amplitude", "frequency"):
+            if key in changes:
+                mapping["excitation"][key] = plain(changes.pop(key))
+        mapping.update(plain(changes))
+        return scene_from_mapping(mapping, source="changed scene")
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read, check and return the scene in the YAML file `path`; raise SceneError in one line where it cannot be."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}; give the path of a scene file") from None
+    except UnicodeDecodeError:
+        raise SceneError(f"{path}: is not text; give a scene, a YAML file in UTF-8") from None
+    return scene_from_mapping(read_yaml(text, str(path)), source=str(path), folder=file.parent)
+
+
+def scene_from_mapping(mapping: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
+    """Check and return the scene in `mapping`; `source` names it in errors, relative paths start from `folder`."""
+    if not isinstance(mapping, Mapping):
+        wanted = ", ".join(Scene.model_fields)
+        raise SceneError(f"{source}: given {shown(mapping)}; allowed: a mapping with the keys {wanted}")
+    if comma := decimal_comma(mapping):
+        raise SceneError(f"{source}: {comma}")
+    try:
+        return Scene.model_validate(dict(mapping), context={"folder": folder})
+    except ValidationError as error:
+        raise SceneError(f"{source}: {explained(error.errors(include_url=False))}") from None

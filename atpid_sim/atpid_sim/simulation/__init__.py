@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of a scene: integration, choice of the fidelity level, energy, reproducibility."""

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a scene to a run of the engine: one object for every caller."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.contact.laws import IMPACT
+from atpid_sim.engine import columns, drive
+from atpid_sim.engine.row_loop import Fidelity, integrate
+from atpid_sim.engine.state import State
+from atpid_sim.kernel_inputs import Contact, contact_of, system_of
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.scene import FreeExcitation, Scene
+from atpid_sim.simulation.energy import Ledger, ledger_of
+from atpid_sim.simulation.excitation import frequency_at, support_rows
+from atpid_sim.system import System
+
+Array = NDArray[np.float64]
+
+#: Names of the fidelity levels, from the cheapest to the most complete.
+FIDELITIES = ("simplified", "impact", "soft")
+
+#: Loosest relative tolerance of the integrator: beyond, a step's error is the size of what it computes.
+LOOSEST = 0.1
+
+#: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
+_TOLERANCE_SHARE = 0.3
+
+#: Steps any run may take, hundreds of times those of the standard task, and more for every cycle of beam or drive,
+#: eight times those of the standard task: no run is endless, a hard case still ends, and so does a very long one.
+_STEPS = 5_000_000
+_STEPS_PER_CYCLE = 1_000
+
+#: Share of the static deflection, or of the grain's radius, below which a displacement is negligible.
+_NEGLIGIBLE = 1e-8
+
+_NO_SAMPLES = np.zeros((columns.SAMPLE_ROWS, 0))
+_NO_IMPACTS = np.zeros((0, columns.IMPACT_COLUMNS))
+
+
+class Observation(NamedTuple):
+    """What a run records; the arrays are filled in place."""
+
+    window: tuple[float, float] = (math.inf, math.inf)  # in which the range of the beam is taken: row ends [s]
+    first: float = 0.0  # instant of the first sample [s]
+    period: float = 1.0  # of the samples [s]
+    samples: Array = _NO_SAMPLES  # (SAMPLE_ROWS, n)
+    impacts: Array = _NO_IMPACTS  # (capacity, IMPACT_COLUMNS)
+
+
+NO_OBSERVATION = Observation()
+
+
+def sample_series(count: int) -> Array:
+    """Return an empty series for `count` samples."""
+    return np.zeros((columns.SAMPLE_ROWS, count))
+
+
+def impact_log(capacity: int) -> Array:
+    """Return an empty log for `capacity` impacts."""
+    return np.zeros((capacity, columns.IMPACT_COLUMNS))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that has reached its end: its first and last state, what was observed, and its energy ledger."""
+
+    first: State
+    last: State
+    observation: Observation
+    ledger: Ledger
+
+    @property
+    def amplitude(self) -> float:
+        """Half peak-to-peak of the beam in the window [m]."""
+        return self.last.amplitude
+
+    @property
+    def samples(self) -> Array:
+        """The samples written (SAMPLE_ROWS, k)."""
+        return self.observation.samples[:, : self.last.n[columns.SAMPLE]]
+
+    @property
+    def impacts(self) -> Array:
+        """The impacts logged (k, IMPACT_COLUMNS)."""
+        return self.observation.impacts[: self.last.n[columns.IMPACTS]]
+
+
+class Integration:
+    """A scene's system at one fidelity and tolerance: advances states through drive tables."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        fidelity: str,
+        rtol: float | None = None,
+        mass: float | None = None,
+        table: Array | None = None,
+    ) -> None:
+        """Prepare the integration of a scene.
+
+        rtol: relative tolerance of the integrator, by default that of the scene (`rtol_of`). mass: what moves at the
+        fidelity simplified [kg], by default beam and grain where the ceiling stays closed, else the beam. table: that
+        of the whole scene, where the caller has it already. Raises ValueError for an unknown fidelity, a tolerance out
+        of range, or fidelity soft and a law without a force.
+        """
+        if fidelity not in FIDELITIES:
+            raise ValueError(f"fidelity {fidelity!r}: allowed are {', '.join(FIDELITIES)}")
+        self.rtol = rtol_of(scene) if rtol is None else float(rtol)
+        if not 0.0 < self.rtol <= LOOSEST:
+            raise ValueError(f"rtol: given {self.rtol:g}; allowed: above 0 and at most {LOOSEST:g}")
+        self.scene, self.fidelity = scene, fidelity
+        self.system: System = system_of(scene)
+        self.contact: Contact = contact_of(scene)
+        if fidelity == "soft" and self.contact.law == IMPACT:
+            raise ValueError(
+                "fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law"
+            )
+        self._table = table
+        self._fidelity = int(Fidelity[fidelity.upper()])
+        self._mass = _moving_mass(scene) if mass is None else mass
+        self._fastest = _fastest(scene)
+
+    @cached_property
+    def table(self) -> Array:
+        """The drive table of the whole scene, with row ends at the steady window."""
+        return drive_table(self.scene, self.scene.steady_window) if self._table is None else self._table
+
+    @property
+    def step_limit(self) -> int:
+        """Steps a run of the whole scene may take before it ends as STEP_BUDGET."""
+        return self._limit(self.scene.duration)
+
+    def _limit(self, duration: float) -> int:
+        return _STEPS + int(_STEPS_PER_CYCLE * duration * self._fastest)
+
+    def initial_state(self, disturbance: float = 0.0) -> State:
+        """Return the state at time zero, see `initial_state`."""
+        return initial_state(self.scene, disturbance)
+
+    def warm_up(self) -> None:
+        """Compile the engine, or load it from the cache, so that a timed run does neither."""
+        self.advance(State.resting(0.0, 0.0), np.zeros((0, columns.DRIVE_COLUMNS)), limit=1)
+
+    def advance(
+        self, state: State, table: Array, observation: Observation = NO_OBSERVATION, limit: int | None = None
+    ) -> Outcome:
+        """Advance a state in place from its time to the end of a drive table; return how that ended.
+
+        limit: steps it may take, by default as many as its duration allows.
+        """
+        if limit is None:
+            limit = self._limit(table[-1, columns.END] - table[0, columns.START])
+        law, parameters = self.contact
+        seen = observation
+        return Outcome(
+            integrate(
+                self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, state.y, state.n,
+                seen.window, (seen.first, seen.period), seen.samples, seen.impacts, limit,
+            )
+        )  # fmt: skip
+
+    def run(self, observation: Observation = NO_OBSERVATION, table: Array | None = None, limit: int | None = None,
+            disturbance: float = 0.0) -> Run:  # fmt: skip
+        """Integrate from the initial state through a table, by default that of the scene.
+
+        Raises NumericalFailure with outcome, time and state where the run does not reach its end.
+        """
+        rows = self.table if table is None else table
+        state = self.initial_state(disturbance)
+        first = state.copy()
+        outcome = self.advance(state, rows, observation, self.step_limit if limit is None else limit)
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(
+                f"{outcome.sentence} (at {state.time:.6f} s: beam {state.beam:.6g} m, "
+                f"grain {state.grain:.6g} m above its rest, {state.steps} steps)"
+            )
+        return Run(first, state, observation, self.ledger(first, state, rows))
+
+    def ledger(self, first: State, last: State, table: Array) -> Ledger:
+        """Return the energy ledger between two states of a run through `table`."""
+        return ledger_of(self.system, self.contact, table, first, last)
+
+
+def rtol_of(scene: Scene) -> float:
+    """Return the relative tolerance at which the integrator meets the amplitude error that a scene asks for."""
+    return min(_TOLERANCE_SHARE * scene.tolerance, LOOSEST)
+
+
+def is_closed(scene: Scene) -> bool:
+    """Return whether the ceiling holds the grain during the whole run."""
+    diameter = 2.0 * scene.grain.radius
+    return max(height for _, height in scene.ceiling.heights) <= diameter * (1.0 + 1e-9)
+
+
+def initial_state(scene: Scene, disturbance: float = 0.0) -> State:
+    """Return the state at time zero: at rest under the weight, or released from a deflection (equations 3.41, 3.42).
+
+    disturbance: relative change of the beam's first displacement, for judging reproducibility.
+    """
+    excitation = scene.excitation
+    deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else 0.0
+    beam = deflection - scene.static_deflection
+    size = abs(beam) if beam != 0.0 else scene.grain.radius
+    return State.resting(beam + disturbance * size, 0.0)
+
+
+def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:
+    """Return the drive table (rows, columns) of a scene, with row ends also at the given times [s]."""
+    rows = drive.cut(support_rows(scene), [t for t in edges if 0.0 < t < scene.duration])
+    return drive.with_ceiling(rows, scene.ceiling.heights)
+
+
+def negligible_displacement(scene: Scene) -> float:
+    """Return the amplitude [m] below which a beam is at rest: the vibration of a grain set down on it is smaller."""
+    return _NEGLIGIBLE * max(scene.static_deflection, scene.grain.radius)
+
+
+def undamped_amplitude(scene: Scene, table: Array | None = None) -> float:
+    """Return the half peak-to-peak of the closed damper in the steady window [m]: beam and grain as one mass."""
+    closed = Integration(scene, "simplified", mass=scene.total_mass)
+    state = closed.initial_state()
+    closed.advance(state, closed.table if table is None else table, Observation(scene.steady_window))
+    return state.amplitude
+
+
+def _moving_mass(scene: Scene) -> float:
+    """Return the one mass of the fidelity simplified [kg]: beam and grain where closed, else the beam."""
+    return scene.total_mass if is_closed(scene) else scene.beam.mass
+
+
+def _fastest(scene: Scene) -> float:
+    """Return the highest frequency of beam and drive [Hz]."""
+    tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
+    return max([scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone))])

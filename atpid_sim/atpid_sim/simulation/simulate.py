@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`simulate`: one scene from start to end, with the truth about its result."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.outcome import Outcome
+from atpid_sim.scene import FreeExcitation, Scene
+from atpid_sim.simulation import reproducibility
+from atpid_sim.simulation.decay import largest_decrement
+from atpid_sim.simulation.energy import Ledger
+from atpid_sim.simulation.fidelity import Choice, choose
+from atpid_sim.simulation.integration import (
+    Integration,
+    Observation,
+    Run,
+    drive_table,
+    impact_log,
+    sample_series,
+    undamped_amplitude,
+)
+from atpid_sim.simulation.motion import classify
+
+#: Impacts logged of one run.
+_LOG = 20_000
+
+#: Samples a period from which the kind of motion is read.
+_STROBES = 64
+
+#: Samples a period from which the peaks of a free decay are read: each is within 1e-5 of the true one.
+_DECAY_SAMPLES = 800.0
+
+
+@dataclass(frozen=True)
+class Result:
+    """One run: the beam's amplitude in the steady window, what it rests on, and how far to trust it."""
+
+    amplitude: float  # half peak-to-peak of the beam in the window [m]
+    undamped_amplitude: float  # the same with the damper closed [m]
+    efficiency: float  # 1 - amplitude / undamped_amplitude [-]
+    motion: str  # closed, sticking, mixed, optimal, irregular, no_ceiling
+    impacts: int
+    floor_impacts: int
+    ceiling_impacts: int
+    fidelity: str
+    rtol: float
+    left_out: str  # what the chosen fidelity leaves out, in words
+    error_estimate: float  # relative, of the amplitude: numerical and model error together
+    reproducible: bool
+    spread: tuple[float, float, float] | None  # least, median, largest amplitude [m] where it is not reproducible
+    energy_residual: float  # relative
+    ledger: Ledger
+    steps: int
+    wall_s: float  # the integration alone, compiled [s]
+    result: str  # the outcome, a sentence
+    resonance: float = math.nan  # natural frequency of beam and grain as one mass [Hz]
+    decrement: float = math.nan  # of a free decay: largest ratio of successive upper peaks [-]; else NaN
+    undamped_decrement: float = math.nan  # the same with the damper closed [-]
+    decrement_error: float = math.nan  # relative, by a hundredth of the tolerance [-]
+    warnings: tuple[str, ...] = ()  # unusual values of the scene
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain numbers and text; NaN as None."""
+        plain: dict[str, Any] = _finite(asdict(self))
+        return plain
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling [m]; impacts (k, 3)."""
+
+    time: NDArray[np.float64]
+    support: NDArray[np.float64]
+    beam: NDArray[np.float64]
+    beam_velocity: NDArray[np.float64]
+    beam_acceleration: NDArray[np.float64]
+    grain: NDArray[np.float64]
+    ceiling: NDArray[np.float64]
+    impacts: NDArray[np.float64]  # time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+
+
+def simulate(
+    scene: Scene,
+    fidelity: str = "auto",
+    rtol: float | None = None,
+    height: float | None = None,
+    check: bool = True,
+) -> Result:
+    """Run a scene and return its result.
+
+    `height` [m] replaces the ceiling by one that stands still there. With `check` the run is repeated with a finer
+    tolerance and a disturbed start, which gives the error estimate and tells whether the amplitude is reproducible.
+    Raises NumericalFailure, naming time and state, where the run does not end as it should, and SceneError where a
+    controller moves the ceiling and no height is given.
+    """
+    scene = _with_height(scene, height)
+    table = drive_table(scene, scene.steady_window)
+    undamped = undamped_amplitude(scene, table)
+    choice = choose(scene, fidelity, undamped=undamped)
+    integration = Integration(scene, choice.fidelity, rtol, table=table)
+    integration.warm_up()
+    run, wall = _steady(integration)
+    amplitude, last = run.amplitude, run.last
+    verdict = reproducibility.judge(integration, amplitude, last.steps) if check else reproducibility.unchecked()
+    return Result(
+        amplitude=amplitude,
+        undamped_amplitude=undamped,
+        efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
+        motion=classify(scene, last, run.samples, amplitude),
+        impacts=last.floor_impacts + last.ceiling_impacts,
+        floor_impacts=last.floor_impacts,
+        ceiling_impacts=last.ceiling_impacts,
+        fidelity=choice.fidelity,
+        rtol=integration.rtol,
+        left_out=choice.left_out,
+        error_estimate=verdict.error + choice.model_error,
+        reproducible=verdict.reproducible,
+        spread=verdict.spread,
+        energy_residual=run.ledger.residual,
+        ledger=run.ledger,
+        steps=last.steps,
+        wall_s=wall,
+        result=Outcome.DONE.sentence,
+        resonance=scene.natural_frequency_hz,
+        warnings=tuple(scene.warnings()),
+        **_decay(scene, choice.fidelity, integration.rtol),
+    )
+
+
+def trajectory(
+    scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None, height: float | None = None
+) -> Trajectory:
+    """Run a scene and return its motion at i / rate [s], `rate` in Hz, over the whole run.
+
+    `fidelity`, `rtol` and `height` [m] as in `simulate`. Raises NumericalFailure and SceneError as that does.
+    """
+    scene = _with_height(scene, height)
+    integration = Integration(scene, choose(scene, fidelity).fidelity, rtol)
+    count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
+    observation = Observation(period=1.0 / rate, samples=sample_series(count), impacts=impact_log(_LOG))
+    run = integration.run(observation, drive_table(scene))
+    support, beam, velocity, acceleration, grain, ceiling = run.samples
+    times = np.arange(len(beam)) / rate
+    return Trajectory(times, support, beam, velocity, acceleration, grain, ceiling, run.impacts)
+
+
+def _with_height(scene: Scene, height: float | None) -> Scene:
+    changed = scene if height is None else scene.with_(height=height)
+    changed.require_prescribed_ceiling()
+    return changed
+
+
+def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
+    """Return what a free decay is measured by; nothing for any other excitation."""
+    if not isinstance(scene.excitation, FreeExcitation):
+        return {}
+
+    def largest(fidelity: str, rtol: float, height: float | None = None) -> float:
+        motion = trajectory(scene, _DECAY_SAMPLES * scene.natural_frequency_hz, fidelity, rtol, height)
+        return largest_decrement(motion.beam + scene.static_deflection)
+
+    found = largest(fidelity, rtol)
+    return {
+        "decrement": found,
+        "undamped_decrement": largest("simplified", rtol, 2.0 * scene.grain.radius),
+        "decrement_error": abs(largest(fidelity, max(1e-2 * rtol, 1e-12)) / found - 1.0),
+    }
+
+
+def _finite(value: Any) -> Any:
+    """Return the same with None for every number that is not finite."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _steady(integration: Integration) -> tuple[Run, float]:
+    """Return a run that samples the steady window, and the time it took [s]."""
+    begin, end = integration.scene.steady_window
+    period = 1.0 / (_STROBES * integration.scene.frequency_hz)
+    samples = sample_series(min(100_000, int((end - begin) / period)))
+    observation = Observation((begin, end), begin, period, samples, impact_log(_LOG))
+    begun = time.perf_counter()
+    run = integration.run(observation)
+    return run, time.perf_counter() - begun
+
+
+__all__ = ["Choice", "Result", "Trajectory", "simulate", "trajectory"]

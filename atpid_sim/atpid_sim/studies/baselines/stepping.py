@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runge-Kutta over one drive row, adaptive or with fixed steps, compiled: the methods of the thesis."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from atpid_sim.engine.columns import END, START
+from atpid_sim.kernel import kernel
+from atpid_sim.studies.baselines.rhs import BEAM, BEAM_VELOCITY, GRAIN, GRAIN_VELOCITY, INPUT, WORK, drive_at, powers
+
+
+@kernel
+def _slope(tau, y, q, k, i):  # type: ignore[no-untyped-def]
+    """Write the slope of y (6,) to row i of k (s, 6)."""
+    x, v, z, w = y[BEAM], y[BEAM_VELOCITY], y[GRAIN], y[GRAIN_VELOCITY]
+    k[i, BEAM], k[i, GRAIN] = v, w
+    k[i, BEAM_VELOCITY], k[i, GRAIN_VELOCITY], k[i, INPUT], k[i, WORK] = powers(x, v, z, w, drive_at(tau, q), q)
+
+
+@kernel
+def _attempt(tau, h, y, q, a, c, b, k, new):  # type: ignore[no-untyped-def]
+    """Fill the slopes k (s, 6), k[0] given, and leave y + h b k in `new`."""
+    for i in range(1, b.shape[0]):
+        for j in range(4):
+            total = 0.0
+            for m in range(i):
+                total += a[i, m] * k[m, j]
+            new[j] = y[j] + h * total
+        _slope(tau + c[i] * h, new, q, k, i)
+    for j in range(6):
+        total = 0.0
+        for m in range(b.shape[0]):
+            total += b[m] * k[m, j]
+        new[j] = y[j] + h * total
+
+
+@kernel
+def _error(h, y, new, k, d, rtol, atol):  # type: ignore[no-untyped-def]
+    """Largest error of the step over what is allowed; the integrals do not count."""
+    worst = 0.0
+    for j in range(4):
+        total = 0.0
+        for m in range(d.shape[0]):
+            total += d[m] * k[m, j]
+        ratio = abs(h * total) / (atol + rtol * max(abs(y[j]), abs(new[j])))
+        if not ratio <= worst:
+            worst = ratio
+    return worst
+
+
+@kernel
+def adaptive_row(q, a, c, b, d, order, rtol, atol, longest, y, h, budget, kept, fill):  # type: ignore[no-untyped-def]
+    """Integrate y (6,) through the row packed in q (24,) with error control.
+
+    Return (next step, steps tried, points kept).
+
+    The pair: stages a (s, s), nodes c, weights b, error weights d (s,), order. No step is longer than `longest` [s];
+    after `budget` steps it stops. Step ends go to `kept` (n, 5) from row `fill` on: t, x, v, acceleration, grain.
+    """
+    k = np.zeros((b.shape[0], 6))
+    new = np.zeros(6)
+    tau, length, tried = 0.0, q[END] - q[START], 0
+    _slope(tau, y, q, k, 0)
+    fill = _keep(kept, fill, q[START], y, k)
+    while tau < length and tried < budget:
+        h = min(h, longest)
+        last = tau + h >= length * (1.0 - 1e-15)
+        step = length - tau if last else h
+        _attempt(tau, step, y, q, a, c, b, k, new)
+        worst = _error(step, y, new, k, d, rtol, atol)
+        tried += 1
+        if not worst <= 1.0:
+            h = step * (max(0.2, 0.9 * worst ** (-1.0 / order)) if math.isfinite(worst) else 0.2)
+            continue
+        tau = length if last else tau + step
+        y[:] = new
+        _slope(tau, y, q, k, 0)
+        fill = _keep(kept, fill, q[START] + tau, y, k)
+        grown = step * min(5.0, 0.9 * max(worst, 1e-10) ** (-1.0 / order))
+        h = max(h, grown) if last else grown
+    return h, tried, fill
+
+
+@kernel
+def classical_row(q, step, y, stride, kept, fill):  # type: ignore[no-untyped-def]
+    """Integrate y (6,) through the row packed in q (24,) in equal steps of about `step` [s].
+
+    Return (steps, points kept).
+
+    The classical method of fourth order, written out: its stages need no table. Every `stride`-th point is kept.
+    """
+    length = q[END] - q[START]
+    count = max(1, math.ceil(length / step - 1e-9))
+    h = length / count
+    x, v, z, w, given, work = y
+    start = drive_at(0.0, q)
+    for i in range(count):
+        middle, end = drive_at((i + 0.5) * h, q), drive_at((i + 1) * h, q)
+        a1, g1, i1, p1 = powers(x, v, z, w, start, q)
+        if i % stride == 0 and fill < kept.shape[0]:
+            kept[fill, 0], kept[fill, 1], kept[fill, 2], kept[fill, 3], kept[fill, 4] = q[START] + i * h, x, v, a1, z
+            fill += 1
+        v2, w2 = v + 0.5 * h * a1, w + 0.5 * h * g1
+        a2, g2, i2, p2 = powers(x + 0.5 * h * v, v2, z + 0.5 * h * w, w2, middle, q)
+        v3, w3 = v + 0.5 * h * a2, w + 0.5 * h * g2
+        a3, g3, i3, p3 = powers(x + 0.5 * h * v2, v3, z + 0.5 * h * w2, w3, middle, q)
+        v4, w4 = v + h * a3, w + h * g3
+        a4, g4, i4, p4 = powers(x + h * v3, v4, z + h * w3, w4, end, q)
+        x += h * (v + 2.0 * (v2 + v3) + v4) / 6.0
+        z += h * (w + 2.0 * (w2 + w3) + w4) / 6.0
+        v += h * (a1 + 2.0 * (a2 + a3) + a4) / 6.0
+        w += h * (g1 + 2.0 * (g2 + g3) + g4) / 6.0
+        given += h * (i1 + 2.0 * (i2 + i3) + i4) / 6.0
+        work += h * (p1 + 2.0 * (p2 + p3) + p4) / 6.0
+        start = end
+    y[BEAM], y[BEAM_VELOCITY], y[GRAIN], y[GRAIN_VELOCITY], y[INPUT], y[WORK] = x, v, z, w, given, work
+    if fill < kept.shape[0]:
+        a1, _g, _i, _p = powers(x, v, z, w, start, q)
+        kept[fill, 0], kept[fill, 1], kept[fill, 2], kept[fill, 3], kept[fill, 4] = q[END], x, v, a1, z
+        fill += 1
+    return count, fill
+
+
+@kernel
+def _keep(kept, fill, t, y, k):  # type: ignore[no-untyped-def]
+    """Write time, x, v, acceleration and grain to row `fill` while there is space; return the next row."""
+    if fill < kept.shape[0]:
+        x, v, z = y[BEAM], y[BEAM_VELOCITY], y[GRAIN]
+        kept[fill, 0], kept[fill, 1], kept[fill, 2], kept[fill, 3], kept[fill, 4] = t, x, v, k[0, BEAM_VELOCITY], z
+        fill += 1
+    return fill

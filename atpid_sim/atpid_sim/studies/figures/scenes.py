@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of docs/scenes.md, read off the models that check a scene.
+
+python -m atpid_sim.studies.figures.scenes
+"""
+
+from __future__ import annotations
+
+from atpid_sim.fields import Block
+from atpid_sim.scene import Scene, ceiling, contact, excitation
+from atpid_sim.scene.excitation import FreeDecay, Series, Sweep
+from atpid_sim.scene.sensors import Recording, Sensor, Sensors
+from atpid_sim.scene.structure import Beam, Grain
+
+_PARTS: dict[str, list[type[Block]]] = {
+    "The scene": [Scene],
+    "`beam`": [Beam],
+    "`grain`": [Grain],
+    "`contact`: one of": list(contact.VARIANTS.values()),
+    "`excitation`: one of": [*excitation.VARIANTS.values(), FreeDecay, Sweep, Series],
+    "`ceiling`: one of": list(ceiling.VARIANTS.values()),
+    "`sensors`": [Sensors, Sensor],
+    "`recording`": [Recording],
+}
+
+
+def schema_tables() -> str:
+    """Return one Markdown table per block: key, whether it may be left out, meaning."""
+    lines: list[str] = []
+    for title, models in _PARTS.items():
+        lines += [f"### {title}", ""]
+        for model in models:
+            if len(models) > 1:
+                lines += [f"**{_title(model)}.** {_first_line(model)}", ""]
+            lines += ["| key | needed | meaning |", "|---|---|---|", *_rows(model), ""]
+    return "\n".join(lines).strip()
+
+
+def _rows(model: type[Block]) -> list[str]:
+    rows = []
+    for name, field in model.model_fields.items():
+        needed = "yes" if field.is_required() else "no"
+        meaning = field.description or f"`{_title(model)}`"
+        if needed == "no" and "default" not in meaning and not isinstance(field.default, Block):
+            meaning += f"; default: {'none' if field.default is None else field.default}"
+        rows.append(f"| `{field.alias or name}` | {needed} | {meaning} |")
+    return rows + [f"| `{name}` | instead | {meaning} |" for name, meaning in model.alternatives.items()]
+
+
+def _title(model: type[Block]) -> str:
+    law = model.model_fields.get("law")
+    if law is not None:
+        return str(law.annotation).rpartition("[")[2].strip("]'\"")
+    return model.__name__.removesuffix("Ceiling").removesuffix("Excitation")
+
+
+def _first_line(model: type[Block]) -> str:
+    return (model.__doc__ or "").strip().splitlines()[0]
+
+
+if __name__ == "__main__":
+    print(schema_tables())

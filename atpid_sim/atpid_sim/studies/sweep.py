@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.simulation.batch import simulate_many
+from atpid_sim.simulation.simulate import Result
+
+
+class Sweep(NamedTuple):
+    """Results over heights (n,) [m], what it took, and the worst ledger."""
+
+    heights: list[float]
+    results: list[Result]
+    wall_s: float
+    residual: float  # largest, relative
+
+    @property
+    def rate(self) -> float:
+        """Return simulations a second."""
+        return len(self.heights) / self.wall_s
+
+
+def sweep(
+    scene: Scene,
+    lowest: float,
+    highest: float,
+    count: int,
+    rtol: float | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Sweep:
+    """Simulate a scene at `count` heights [m], each once, on all cores.
+
+    A ceiling that moves goes to the height in its last ramp, one that stands still stands there. `progress` is called
+    with the number done after each. Raises SceneError
+    where a controller moves the ceiling, ValueError for less than one height.
+    """
+    if count < 1:
+        raise ValueError(f"count: given {count}; allowed: at least 1 height")
+    heights = np.linspace(lowest, highest, count).tolist()
+    scenes = [_opened(scene, height) for height in heights]
+    simulate_many(scenes[:1], "soft", rtol, check=False)  # compiles, or loads what was compiled
+    begin = time.perf_counter()
+    results = simulate_many(scenes, "soft", rtol, check=False, progress=progress)
+    wall = time.perf_counter() - begin
+    return Sweep(heights, results, wall, max(abs(result.energy_residual) for result in results))
+
+
+def _opened(scene: Scene, height: float) -> Scene:
+    scene.require_prescribed_ceiling()
+    if len(scene.ceiling.heights) == 1:
+        return scene.with_(height=height)
+    (_, closed), *_, (start, _), (end, _) = [(0.0, scene.ceiling.heights[0][1]), *scene.ceiling.heights[-2:]]
+    return scene.with_(ceiling={"closed": closed, "open": height, "start": start, "end": end})
+
+
+def thesis_range(count: int, seed: int) -> list[Scene]:
+    """Return random systems: A = 2 to 80 mm, grain 2.5 to 30 %, opening to 0.02 to 1 m; else the standard task."""
+    rng = np.random.default_rng(seed)
+    scenes = []
+    for _ in range(count):
+        amplitude = float(np.exp(rng.uniform(np.log(0.002), np.log(0.08))))
+        fraction, height = float(rng.uniform(0.025, 0.3)), float(rng.uniform(0.02, 1.0))
+        scenes.append(standard_task(amplitude, fraction, height))
+    return scenes
+
+
+def standard_task(amplitude: float, fraction: float, height: float) -> Scene:
+    """Return the standard bench for 16 s, closed until 6 s, open from 7 s on."""
+    return scene_from_mapping(
+        {
+            "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
+            "grain": {"mass_fraction": fraction, "radius": 0.0085},
+            "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
+            "excitation": {"amplitude": amplitude, "frequency": "resonance"},
+            "ceiling": {"closed": 0.017, "open": height, "start": 6.0, "end": 7.0},
+            "gravity": 9.81,
+            "duration": 16.0,
+            "steady_window": [14.0, 16.0],
+            "tolerance": 1e-6,
+        }
+    )
+
+
+__all__ = ["Sweep", "standard_task", "sweep", "thesis_range"]

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Random systems of the thesis's range: what is called reproducible is right, and what is not is flagged."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from atpid_sim.cli import main
+from atpid_sim.engine import columns
+from atpid_sim.engine.state import State
+from atpid_sim.outcome import Outcome
+from atpid_sim.scene import Scene, load_scene
+from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.integration import initial_state
+from atpid_sim.simulation.simulate import Result, simulate
+from atpid_sim.studies.sweep import standard_task, thesis_range
+
+SCENES = Path(__file__).parents[2] / "scenes"
+SYSTEMS = 60
+
+#: Results, each with the amplitudes [m] at two finer tolerances.
+Runs = list[tuple[Result, list[float]]]
+
+
+@pytest.fixture(scope="module")
+def runs() -> Runs:
+    def one(scene: Scene) -> tuple[Result, list[float]]:
+        return simulate(scene, "soft", rtol=1e-6), [
+            simulate(scene, "soft", rtol=rtol, check=False).amplitude for rtol in (1e-10, 1e-11)
+        ]
+
+    return [answer for _, answer in on_all_cores(one, thesis_range(SYSTEMS, seed=1))]
+
+
+@pytest.mark.slow
+def test_what_is_called_reproducible_is_right(runs: Runs) -> None:
+    errors = [abs(result.amplitude / fine[1] - 1.0) for result, fine in runs if result.reproducible]
+    assert len(errors) > SYSTEMS / 3
+    assert max(errors) <= 0.005
+
+
+@pytest.mark.slow
+def test_what_no_tolerance_reproduces_is_flagged(runs: Runs) -> None:
+    chaotic = [result for result, fine in runs if abs(fine[0] / fine[1] - 1.0) > 1e-3]
+    assert len(chaotic) > SYSTEMS / 10
+    for result in chaotic:
+        assert not result.reproducible
+        assert result.spread is not None
+        assert result.spread[0] <= result.spread[1] <= result.spread[2]
+        assert result.spread[0] <= result.amplitude <= result.spread[2]
+
+
+def test_a_chaotic_transient_needs_the_whole_ensemble() -> None:
+    """System 110 ends on one amplitude in nine starts of ten: three checks would mostly miss the other."""
+    scene = thesis_range(111, seed=1)[110]
+    result = simulate(scene, "soft", rtol=1e-6)
+    assert not result.reproducible
+    assert result.error_estimate > 1e-3
+    assert result.spread is not None
+    assert result.spread[2] > 1.005 * result.spread[0]
+
+
+def test_a_check_that_fails_leaves_the_error_unknown() -> None:
+    """Rubber pressed to within its radius: the finer runs end as OVERLAP_TOO_DEEP."""
+    scene = standard_task(0.05, 0.1, 0.3).with_(
+        contact={"law": "tsuji", "young_modulus": 21342898.9672, "poisson_ratio": 0.2, "damping_ratio": 0.3},
+        ceiling={"height": 0.3},
+    )  # fmt: skip
+    result = simulate(scene, "soft", rtol=1e-4)
+    assert math.isnan(result.error_estimate)
+    assert not result.reproducible
+    printed = json.loads(json.dumps(result.to_json(), allow_nan=False))
+    assert printed["error_estimate"] is None
+    assert len(printed["spread"]) == 3
+
+
+def test_a_nan_in_a_spread_is_none() -> None:
+    assert Result.to_json(replace(simulate(standard_task(0.01, 0.1, 0.2), check=False), spread=(math.nan, 1.0, 2.0)))[
+        "spread"
+    ] == [None, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("start", [6.0, 40.0, 120.0])
+def test_a_disturbance_remains_until_the_ceiling_opens(start: float) -> None:
+    """In the closed damper a disturbed start decays; a drive that is larger by 1e-7 stays larger."""
+    scene = standard_task(0.01, 0.1, 0.35).with_(
+        contact={"law": "impact", "restitution": 0.146},
+        duration=start + 10.0, steady_window=[start + 8.0, start + 10.0],
+        ceiling={"closed": 0.017, "open": 0.35, "start": start, "end": start + 1.0},
+    )  # fmt: skip
+    result = simulate(scene)
+    assert not result.reproducible
+    assert result.spread is not None
+    assert result.spread[2] > 1.1 * result.spread[0]
+
+
+def test_a_beam_without_weight_is_disturbed_too() -> None:
+    scene = standard_task(0.004, 0.1, 0.3).with_(
+        contact={"law": "impact", "restitution": 0.146}, excitation={"amplitude": 0.004, "frequency": 5.2},
+        gravity=1e-12, ceiling={"height": 0.3},
+    )  # fmt: skip
+    assert not simulate(scene).reproducible
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 0.02, 0.1])
+def test_a_loose_tolerance_does_not_make_chaos_reproducible(rtol: float) -> None:
+    assert not simulate(standard_task(0.01, 0.1, 0.2).with_(ceiling={"height": 1000.0}), "soft", rtol).reproducible
+
+
+@pytest.mark.parametrize("rtol", [0.0, -1e-6, math.nan, math.inf, 0.2])
+def test_a_tolerance_that_is_none_is_refused(rtol: float) -> None:
+    for fidelity in ("soft", "impact", "simplified"):
+        with pytest.raises(ValueError, match=r"rtol: given .*; allowed: above 0 and at most 0.1"):
+            simulate(standard_task(0.01, 0.1, 0.2), fidelity, rtol)
+
+
+@pytest.mark.slow
+def test_every_ledger_closes(runs: Runs) -> None:
+    assert max(abs(result.energy_residual) for result, _ in runs) <= 1e-6
+
+
+def test_an_amplitude_of_nan_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "nan.yaml"
+    path.write_text((SCENES / "standard.yaml").read_text().replace("amplitude: 0.01", "amplitude: .nan"))
+    assert main(["simulate", str(path), "--json"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "amplitude" in error
+
+
+def not_finite(scene: Scene, disturbance: float = 0.0) -> State:
+    state = initial_state(scene, disturbance)
+    state.y[columns.BEAM] = math.nan
+    return state
+
+
+RUBBER = {"law": "tsuji", "young_modulus": 1e4, "poisson_ratio": 0.2, "damping_ratio": 0.3}
+FAILURES: dict[Outcome, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
+    Outcome.NOT_FINITE: ({}, {"initial_state": not_finite}),
+    Outcome.STEP_BUDGET: ({}, {"Integration.step_limit": property(lambda _: 100)}),
+    Outcome.OVERLAP_TOO_DEEP: ({"contact": RUBBER}, {}),
+}
+
+
+@pytest.mark.parametrize("outcome", FAILURES)
+def test_not_finite_budget_and_overlap_are_named(
+    outcome: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes, replaced = FAILURES[outcome]
+    path = tmp_path / "scene.yaml"
+    path.write_text(standard_task(0.05, 0.1, 0.3).with_(**changes).to_yaml())
+    for name, other in replaced.items():
+        monkeypatch.setattr(f"atpid_sim.simulation.integration.{name}", other)
+    assert main(["simulate", str(path), "--fidelity", "soft", "--json"]) == 3
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {outcome.sentence} (at ")
+    assert error.count("\n") == 1
+
+
+def test_the_reference_value_to_eight_digits() -> None:
+    standard = load_scene(SCENES / "standard.yaml")
+    assert simulate(standard, "soft", rtol=1e-11, check=False).amplitude == pytest.approx(0.0456498937, rel=1e-8)
+
+
+def test_auto_at_a_percent_takes_the_level_impact() -> None:
+    result = simulate(load_scene(SCENES / "standard.yaml").with_(tolerance=1e-2))
+    assert result.fidelity == "impact"
+    assert "contacts" in result.left_out
+    assert np.isclose(result.amplitude, 0.0456498937, rtol=1e-2)
+
+
+def test_a_beam_that_stands_still_is_reproducible() -> None:
+    scene = load_scene(SCENES / "standard.yaml").with_(excitation={"amplitude": 0.0, "frequency": "resonance"})
+    result = simulate(scene)
+    assert result.amplitude < 1e-10
+    assert result.reproducible
+    assert result.motion == "sticking"
