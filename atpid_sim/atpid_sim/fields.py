@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the blocks of a scene are made of: numbers, points, paths, and how a variant is told by its keys."""
+"""What the blocks of a scene are made of: numbers, points, paths, and how the keys select a variant."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pydantic_core.core_schema import ValidationInfo
 
 
 class Block(BaseModel):
-    """One block of a scene: frozen, and without keys it does not know."""
+    """One block of a scene: frozen, and without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
     #: Keys that may be given in place of others, and their meaning: converted before the block is validated.
@@ -132,7 +132,7 @@ def by_key(keys: Mapping[str, str], hint: str) -> Discriminator:
     def tag(value: Any) -> str | None:
         if isinstance(value, Mapping):
             return next((name for key, name in keys.items() if key in value), None)
-        # a model that is validated again (copies): its kind says which one it is
+        # a model that is validated again (copies): `kind` names its variant
         return f"<{value.kind}>" if hasattr(value, "kind") else None
 
     return Discriminator(tag, custom_error_type="no_variant", custom_error_message=hint)

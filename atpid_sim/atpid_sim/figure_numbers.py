@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers a picture shows, kept inside its PNG: so that a test can tell whether it still says what is computed."""
+"""The numbers a picture shows, kept inside its PNG: so that a test can compare it with what is computed now."""
 
 from __future__ import annotations
 

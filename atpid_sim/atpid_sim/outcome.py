@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a run can end: each outcome is a sentence a person can act on."""
+"""Outcomes of a run; each has a sentence with the cause and what to do."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from atpid_common.errors import NumericalError
 
 
 class Outcome(IntEnum):
-    """The outcome of one integration; `sentence` says it in words."""
+    """The outcome of one integration; `sentence` describes it."""
 
     DONE = 0
     STEP_BUDGET = 1
@@ -37,4 +37,4 @@ _SENTENCES = {
 
 
 class NumericalFailure(NumericalError):  # noqa: N818  a failure is what it is
-    """A run that ended in anything but DONE, with what is needed to find out why."""
+    """A run that ended in anything but DONE; the message states the cause."""

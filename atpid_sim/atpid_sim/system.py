@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two masses, the spring and the weight: what every kernel is given."""
+"""Masses, spring, damper and weight: the parameters of every kernel."""
 
 from __future__ import annotations
 

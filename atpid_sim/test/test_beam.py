@@ -134,7 +134,7 @@ def test_an_undamped_beam_at_resonance_grows_linearly_to_the_last_digits() -> No
 
 
 @pytest.mark.parametrize("damping", [30.0, 1e4, 1e8])
-def test_a_strongly_damped_beam_creeps_home(damping: float) -> None:
+def test_a_strongly_damped_beam_returns_to_rest(damping: float) -> None:
     still = np.array([0.0, 1e3, *[0.0] * 10])
     arc = arc_from(MASS, STIFFNESS, damping, 0.0, still, 0.0, 0.1, 0.0)
     decay = 0.5 * damping / MASS
@@ -162,7 +162,7 @@ def ramped(damping: float, frequency: Any, height: float, duration: float) -> Sc
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-12, 1e-7])
-def test_every_rung_carries_an_undamped_beam_at_resonance(damping: float) -> None:
+def test_every_fidelity_integrates_an_undamped_beam_at_resonance(damping: float) -> None:
     scene = ramped(damping, NATURAL / (2.0 * math.pi), 0.5, 2.0)
     soft = simulate(scene, "soft", 1e-8, check=False)
     assert soft.amplitude == pytest.approx(0.0785433765, rel=1e-5)  # LSODA, undamped
@@ -192,7 +192,7 @@ def test_a_slow_drive_and_a_strong_damper_cost_nothing(damping: float) -> None:
     assert abs(result.energy_residual) < 1e-6
 
 
-def test_a_beam_alone_leaves_the_grain_where_it_was() -> None:
+def test_a_beam_alone_does_not_move_the_grain() -> None:
     table = drive_table(STANDARD)
     integration = Integration(STANDARD, "simplified")
     state = integration.initial_state()

@@ -118,8 +118,8 @@ def test_a_free_decay_is_measured_by_its_decrement(capsys: pytest.CaptureFixture
 
 def test_the_motion_is_written_and_can_drive_another_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, arrays, picture = tmp_path / "new" / "run.csv", tmp_path / "run.npz", tmp_path / "run.png"
-    asked = ["simulate", STANDARD, "--series", str(table), "--rate", "500", "--picture", str(picture)]
-    assert main(asked) == 0
+    command = ["simulate", STANDARD, "--series", str(table), "--rate", "500", "--picture", str(picture)]
+    assert main(command) == 0
     header, *rows = table.read_text().splitlines()
     assert header.split(",")[:3] == ["time", "support_displacement", "beam_displacement"]
     assert len(rows) == 8001
@@ -184,7 +184,7 @@ def test_a_command_that_does_not_parse_is_status_two(arguments: list[str]) -> No
     assert main(arguments) == 2
 
 
-def test_a_rung_that_cannot_take_the_scene_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fidelity_that_cannot_take_the_scene_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "hard.yaml"
     scene.write_text(
         Path(STANDARD)

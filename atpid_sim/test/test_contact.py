@@ -113,7 +113,7 @@ def test_a_linear_law_given_by_its_restitution_has_it_in_the_damper() -> None:
     assert restitution_of(law, 1.0, 1.0) == pytest.approx(0.4, rel=1e-12)
 
 
-def test_speed_moves_restitution_as_the_thesis_says() -> None:
+def test_restitution_depends_on_speed_as_in_the_thesis() -> None:
     """Section 3.1: it rises with speed for Lee-Herrmann, falls for Kuwabara-Kono, stays for the others."""
     speeds = np.geomspace(1e-3, 10.0, 9)
     mass = reduced_mass(system_of(SCENE))

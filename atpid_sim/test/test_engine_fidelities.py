@@ -111,7 +111,7 @@ def test_tsuji_restitution_is_the_published_one_at_every_speed() -> None:
 
 @pytest.mark.parametrize("fidelity", ["soft", "impact"])
 @pytest.mark.parametrize("contact", LAWS, ids=NAMES)
-def test_energy_closes_and_contacts_only_take(contact: dict[str, Any], fidelity: str) -> None:
+def test_energy_closes_and_contacts_only_dissipate(contact: dict[str, Any], fidelity: str) -> None:
     # an elastic grain without play never comes to rest between instantaneous impacts: leave it some
     closed = 0.02 if contact["law"] == "hertz" else 0.017
     scene = scene_of(contact, ceiling={"closed": closed, "open": 0.15, "start": 0.4, "end": 0.6}, duration=2.0)

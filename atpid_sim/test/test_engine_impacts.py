@@ -33,7 +33,7 @@ def test_a_ceiling_closes_at_any_speed(elastic: bool) -> None:
         assert abs(result.energy_residual) < 1e-6
 
 
-def test_a_closed_ceiling_holds_the_grain() -> None:
+def test_a_grain_sticks_in_a_closed_damper() -> None:
     scene = standard_task(0.01, 0.1, 0.2).with_(
         ceiling={"profile": [[0.0, 0.2], [7.0, 0.2], [7.183, 0.017]]}, tolerance=1e-2
     )

@@ -83,6 +83,6 @@ def test_two_runs_cannot_make_the_same_map(scene: Scene, tmp_path: Path) -> None
             build_map(scene, [0.01, 0.02], [0.1], out)
 
 
-def test_a_map_that_cannot_be_written_is_said_before_the_work(scene: Scene, tmp_path: Path) -> None:
+def test_a_map_that_cannot_be_written_is_refused_before_the_work(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(MapError, match="cannot be written"):
         build_map(scene, [0.01, 0.02], [0.1], tmp_path / "none" / "map.npz")

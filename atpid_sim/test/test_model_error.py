@@ -57,7 +57,7 @@ def test_what_is_stated_is_seldom_exceeded(fidelity: str, stated: Callable[[Scen
     shares = np.array([share for _, (sound, share) in on_all_cores(one, drawn(fidelity == "simplified")) if sound])
     assert len(shares) > SYSTEMS / 3
     assert np.mean(shares <= 1.0) >= 0.85
-    assert np.median(shares) > 0.01  # a bound far above every error would tell nothing
+    assert np.median(shares) > 0.01  # a bound far above every error would be useless
 
 
 def test_the_standard_task_states_little_more_than_it_costs() -> None:
@@ -78,7 +78,7 @@ def test_auto_does_not_take_impacts_for_rubber() -> None:
     assert choose(with_modulus(2.1e5, **closed)).fidelity == "soft"
 
 
-def test_where_nothing_moves_nothing_is_promised() -> None:
+def test_where_nothing_moves_no_error_is_stated() -> None:
     still = STANDARD.with_(excitation={"amplitude": 0.0, "frequency": "resonance"}, gravity=0.0)
     assert impact_error(still) == closed_error(still) == 1.0
     assert choose(still).fidelity == "soft"

@@ -121,7 +121,7 @@ def test_a_sweep_has_no_closed_form() -> None:
 
 
 @pytest.mark.parametrize("name", ["closed_damper", "thesis_4_3", "free_decay"])
-def test_the_engine_s_rung_agrees(name: str) -> None:
+def test_the_engine_agrees(name: str) -> None:
     """The compiled level is written with sines and rows, this closed form with complex numbers."""
     loaded = load_scene(SCENES / f"{name}.yaml").with_(height=0.017)
     assert simulate(loaded, "simplified", check=False).amplitude == pytest.approx(undamped_amplitude(loaded), rel=1e-9)

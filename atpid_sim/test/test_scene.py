@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes: what loads, what is refused and how it is said."""
+"""Scenes: what loads, what is refused and with which message."""
 
 from __future__ import annotations
 

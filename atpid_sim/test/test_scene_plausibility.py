@@ -48,14 +48,14 @@ def test_the_shipped_scenes_are_usual_but_for_the_heavy_grains(name: str) -> Non
 )
 def test_an_unusual_value_is_named(changes: dict[str, Any], line: str) -> None:
     warnings = STANDARD.with_(**changes).warnings()
-    assert [said for said in warnings if said.startswith(line)], warnings
-    assert all("\n" not in said for said in warnings)
+    assert [warning for warning in warnings if warning.startswith(line)], warnings
+    assert all("\n" not in warning for warning in warnings)
 
 
 def test_a_ceiling_that_a_controller_moves_too_fast(tmp_path: Path) -> None:
     ceiling = {"closed": 0.017, "range": [0.017, 17.0], "speed": 300.0, "controller": "direct"}
     warnings = STANDARD.with_(ceiling=ceiling).warnings()
-    assert [said.split(":")[0] for said in warnings] == ["ceiling, largest height", "ceiling.speed"]
+    assert [warning.split(":")[0] for warning in warnings] == ["ceiling, largest height", "ceiling.speed"]
 
 
 def test_no_excitation_no_gravity_are_usual() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measured series: what is read, where it begins, and what is said of a file that is none."""
+"""Measured series: what is read, where it begins, and the error for a file that is none."""
 
 from __future__ import annotations
 

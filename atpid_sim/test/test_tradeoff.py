@@ -61,12 +61,12 @@ def test_the_answers_name_the_quickest_that_stays_within_the_error() -> None:
     assert millionth["odeint"] is None
 
 
-def test_a_finer_run_that_says_it_failed_does_not_count_against_the_coarser() -> None:
+def test_a_finer_run_that_reports_failure_does_not_count_against_the_coarser() -> None:
     (percent, *_) = answers([*POINTS, point("lsoda", 1e-10, 2.0, math.nan)])
     assert percent["lsoda"] == 1e-4
 
 
-def test_the_tightest_error_is_one_that_both_keep_to() -> None:
+def test_the_tightest_error_is_one_that_both_meet() -> None:
     (both,) = tightest(POINTS)
     assert (both["of"], both["error"], both["run"], both["lsoda"]) == ("lsoda", 5e-7, "soft, rtol 1e-06", 1e-7)
     (theirs,) = tightest([*POINTS, point("soft", 1e-8, 6e-3, 1e-9)])
@@ -74,7 +74,7 @@ def test_the_tightest_error_is_one_that_both_keep_to() -> None:
     assert tightest(POINTS[:3]) == []
 
 
-def test_the_table_says_in_words_what_is_missing() -> None:
+def test_the_table_names_what_is_missing() -> None:
     rough = [*POINTS[:3], point("lsoda", 1e-4, 0.1, 2e-5)]
     assert "not reached: 2.0e-05 at its finest run" in _answer(answers(rough)[2])
     assert "not run" in _answer(answers(rough)[2])
@@ -103,7 +103,7 @@ def test_a_baseline_is_not_charged_for_how_its_motion_is_sampled() -> None:
     assert _error_as_read(result, reference, converged) < 2e-7
 
 
-def test_rungs_converge_to_the_reference() -> None:
+def test_fidelities_converge_to_the_reference() -> None:
     reference = reference_of(SHORT)
     assert reference.agreement < 1e-8
     assert reference.spread is None

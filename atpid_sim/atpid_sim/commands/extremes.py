@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         (folder / "extremes.md").write_text(text, encoding="utf-8")
     print(text)
     if broken:
-        raise NumericalFailure(f"{len(broken)} of {len(cases)} runs broke a promise; the first: {broken[0]}")
+        raise NumericalFailure(f"{len(broken)} of {len(cases)} runs broke a guarantee; the first: {broken[0]}")
     return 0
 
 
@@ -102,5 +102,5 @@ def _markdown(cases: list[Case], summary: dict[str, Any]) -> str:
             f"| {fidelity} | {law} | {len(chosen)} | {len(done)} | {deep} | "
             f"{len(chosen) - len(done) - deep} | {most} | {middle} |"
         )
-    said = [f"- {key}: {value}" for key, value in summary.items() if key != "broken"]
-    return "\n".join([*lines, "", *said, *(f"- BROKEN: {text}" for text in summary["broken"]), ""])
+    totals = [f"- {key}: {value}" for key, value in summary.items() if key != "broken"]
+    return "\n".join([*lines, "", *totals, *(f"- BROKEN: {text}" for text in summary["broken"]), ""])

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     with counting("heights", args.points) as count:
         done = sweep(standard_task(0.01, 0.1, 0.2), 0.02, 0.4, args.points, args.rtol, count)
     best = min(done.results, key=lambda result: result.amplitude)
-    told = {
+    result = {
         "points": args.points,
         "cores": cores(),
         "wall_s": done.wall_s,
@@ -49,5 +49,5 @@ def run(args: argparse.Namespace) -> int:
         "best_height": done.heights[done.results.index(best)],
         "best_amplitude": best.amplitude,
     }
-    print(json.dumps(told, indent=1))
+    print(json.dumps(result, indent=1))
     return 0

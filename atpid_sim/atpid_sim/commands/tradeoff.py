@@ -18,8 +18,8 @@ from atpid_sim.scene import load_scene
 from atpid_sim.studies.tradeoff import (
     LSODA,
     OURS,
-    PATIENCE,
     REFERENCE,
+    TIME_LIMIT,
     Point,
     Reference,
     answers,
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--patience",
         type=float,
-        default=PATIENCE,
+        default=TIME_LIMIT,
         metavar="S",
         help="a method slower than this [s] stops getting finer",
     )
@@ -188,7 +188,7 @@ def _draw(name: str, reference: Reference, points: list[Point], path: Path) -> N
 
 
 def _known(reference: Reference) -> float:
-    """Return how well the reference's amplitude is known, relative: an error below says nothing."""
+    """Return the relative uncertainty of the reference's amplitude: smaller errors are not resolved."""
     if reference.spread is None:
         return max(reference.agreement, REFERENCE)
     return max((reference.spread[2] - reference.spread[0]) / reference.amplitude, REFERENCE)

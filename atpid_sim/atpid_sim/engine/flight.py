@@ -112,7 +112,7 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):  # ty
                 flying = FREE
                 continue
             step, held = _overlapped_step(law, p, y[DEEPEST], overlap, closing, acceleration, jerk, longest)
-            # at the very instant of detachment the force is zero to within rounding: first go a hundredth of the way
+            # at the instant of detachment the force is zero to within rounding: first cross a hundredth of the overlap
             least = min(1e-2 * overlap / abs(closing) if closing != 0.0 else longest, 1e-6 * stride)
             if tau == begin:
                 held = False

@@ -39,7 +39,7 @@ _NO_CLEARANCE = 1e-5
 #: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
 _NO_SPEED = 1e-9
 
-#: Impacts at one and the same instant after which the grain sticks: bounces have died within the clock's rounding.
+#: Impacts at one and the same instant after which the grain sticks: its bounces are shorter than the clock resolves.
 _COLLAPSE = 50
 
 #: Bounces below this share of the beam's displacement are low.
@@ -48,7 +48,7 @@ _LOW = 1e-8
 
 @kernel
 def begin_impact_row(y, n, segment):  # type: ignore[no-untyped-def]
-    """At a row's start: a ceiling that has changed its velocity is left or hit, whichever follows."""
+    """At a row's start: a ceiling that has changed its velocity departs from the grain or hits it."""
     if n[MODE] == ON_CEILING and y[GRAIN_VELOCITY] - y[BEAM_VELOCITY] != segment[CEILING_VELOCITY]:
         n[MODE] = FREE
 
@@ -110,7 +110,7 @@ def stick(y, n, segment, tau, until, system, control, view, out):  # type: ignor
     x, v, a, jerk, snap = snap_bounded_at(arc, tau, until)
     pressing = side * (a + system.gravity)
     least = 1e-9 * stride
-    # a first step is made in any case: whether the wall presses at the very impact is a matter of rounding
+    # a first step is made in any case: whether the wall presses at the instant of impact depends on rounding
     while (pressing >= 0.0 or tau == begin or held) and tau < until and steps_used(n) < control.budget:
         n[CONTACT_STEPS] += 1
         longest = min(stride, until - tau)

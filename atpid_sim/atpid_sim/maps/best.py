@@ -50,7 +50,8 @@ _HOPELESS = 1.08
 #: Heights tried between the best of the grid and the one below it.
 _BETWEEN = 4
 
-#: Wells whose clearances differ by this factor are far apart: a ceiling on its way from one to the other meets rumble.
+#: Wells whose clearances differ by this factor are far apart: between them the ceiling passes heights of
+#: irregular motion.
 _FAR = 1.1
 
 Job = TypeVar("Job")
@@ -87,7 +88,7 @@ def best_height(
     """Return the best height for a support amplitude [m]. Raises NumericalFailure where a run fails.
 
     hysteresis: where there are several wells far apart, the lowest is kept unless another is better by more than this
-    share; with 0 the deepest is taken. A map keeps to one well, because it is read between its points.
+    share; with 0 the deepest is taken. A map follows one well, because it is interpolated between its points.
     limits: lowest and highest height allowed [m]; approaches: paths by which the ceiling may come to a height.
     """
     search = Search(damper, amplitude, limits, approaches, mapper)
@@ -123,7 +124,7 @@ def promising(values: list[float]) -> list[int]:
 
 
 class Search:
-    """Rates heights at one amplitude and remembers what it found."""
+    """Rates heights at one amplitude and keeps the results."""
 
     def __init__(
         self,

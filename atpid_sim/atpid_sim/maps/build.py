@@ -65,7 +65,7 @@ def build_map(
         for point, values in computed:
             known[point] = values
             if journal:
-                journal.note(point, values)
+                journal.record(point, values)
             report(sum(p in known for p in wanted), len(wanted))
         made = _assemble(wide, heavy, known, identity, tolerance)
         if journal and out is not None:
@@ -80,7 +80,7 @@ def map_tolerance(scene: Scene) -> float:
 
 
 def _silent(done: int, total: int) -> None:
-    """Say nothing."""
+    """Report no progress."""
 
 
 def _compute(scene: Scene, points: list[Point], tolerance: float, workers: int | None) -> Iterable[tuple[Point, Any]]:

@@ -17,7 +17,7 @@ from atpid_sim.maps.response import DamperResponse
 from atpid_sim.scene import Scene, scene_from_mapping
 
 #: How long a scheduler may take to answer [s].
-_PATIENCE = 10.0
+_CONNECT_TIMEOUT = 10.0
 
 
 def on_cluster(
@@ -25,11 +25,11 @@ def on_cluster(
 ) -> Iterator[tuple[Point, dict[str, Any]]]:
     """Yield (point, values) as the workers of the scheduler at `address` deliver them.
 
-    Raises MapError where dask is not installed, nobody answers, or a point fails on every worker that tried it.
+    Raises MapError where dask is not installed, no scheduler answers, or a point fails on every worker that tried it.
     """
     distributed = _distributed()
     try:
-        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise MapError(
             f"--scheduler: given {address}; no Dask scheduler answers there ({type(error).__name__}); "
@@ -44,7 +44,7 @@ def on_cluster(
             try:
                 yield futures[future], future.result()
             except distributed.scheduler.KilledWorker:
-                lost = f"--scheduler: every worker that computed {futures[future]} died; see their logs"
+                lost = f"--scheduler: every worker that computed {futures[future]} exited; see their logs"
                 raise MapError(lost) from None
 
 

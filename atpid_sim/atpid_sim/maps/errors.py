@@ -7,4 +7,4 @@ from atpid_common.errors import InputError
 
 
 class MapError(InputError):
-    """A map that cannot be made, read or used as asked; one line: what was given, what is allowed, what to do."""
+    """A map that cannot be made, read or used; one line: what was given, what is allowed, what to do."""

@@ -47,7 +47,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True)
 class MapEntry:
-    """What a map says of one excitation."""
+    """The entry of a map for one excitation."""
 
     height: float  # [m]
     amplitude: float  # half peak-to-peak of the beam there [m]
@@ -95,8 +95,8 @@ class HeightMap:
         diameter = 2.0 * float(self.identity["grain.radius"])
         clearances = np.maximum([left[0] - diameter, right[0] - diameter], _TINY)
         height = diameter + float(clearances[0] ** (1.0 - share) * clearances[1] ** share)
-        swing, efficiency = (1.0 - share) * left[1:] + share * right[1:]
-        return MapEntry(height, float(swing), float(efficiency))
+        response, efficiency = (1.0 - share) * left[1:] + share * right[1:]
+        return MapEntry(height, float(response), float(efficiency))
 
     def covers(self, lowest: float, highest: float, mass_fraction: float) -> bool:
         """Return whether every support amplitude from `lowest` to `highest` [m] can be looked up."""
@@ -207,7 +207,7 @@ class HeightMap:
         )
 
     def _between(self, fraction: float) -> tuple[float, int]:
-        """Share of the way from the row below to the next, in the logarithm, and the row below."""
+        """Fraction of the interval from the row below to the next, in the logarithm, and the row below."""
         rows = self.mass_fractions
         lowest, highest = float(rows[0]), float(rows[-1])
         if not (lowest - _SAME_FRACTION <= fraction <= highest + _SAME_FRACTION) or math.isnan(fraction):

@@ -18,7 +18,7 @@ Point = tuple[float, float]  # mass fraction [-], amplitude [m]
 
 
 class Journal:
-    """A file beside the map. Its first line says what the points are computed for; a torn last line is dropped."""
+    """A file beside the map. Its first line identifies system and settings; an incomplete last line is dropped."""
 
     def __init__(self, out: Path, purpose: Mapping[str, Any]) -> None:
         """Open or begin the journal of the map `out`; raise MapError where it is another's or in use."""
@@ -51,7 +51,7 @@ class Journal:
         """Close the file, which stays for the next attempt unless `finish` was called."""
         self._file.close()
 
-    def note(self, point: Point, values: Mapping[str, Any]) -> None:
+    def record(self, point: Point, values: Mapping[str, Any]) -> None:
         """Put one point on the disk."""
         self._append({"point": list(point), **values})
         self.points[point] = dict(values)

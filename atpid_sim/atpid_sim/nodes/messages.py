@@ -34,7 +34,7 @@ def handshake_truth(height: float) -> PlantTruth:
 
 
 def truth_message(block: StreamBlock, start_ns: int, frame_id: str) -> PlantTruth:
-    """Return what the plant knows about one block."""
+    """Return the true motion and energies of one block."""
     laser, truth = block.readings[0], block.truth
     message = PlantTruth()
     message.header.stamp = time_of(stamp_ns(start_ns, block.first_index, laser.rate))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated stand: publishes what the sensors of a scene's plant read, and moves its ceiling as the motor says."""
+"""The simulated stand: publishes what the sensors of a scene's plant read; its ceiling follows the motor's reports."""
 
 from __future__ import annotations
 
@@ -220,7 +220,7 @@ class PlantNode(Node):
     def _summary(self) -> str:
         simulated = self.stream.computed_ticks / self.stream.rate
         if self._lockstep:
-            # nothing of the machine's speed: two runs with the same seed say the same
+            # nothing of the machine's speed: two runs with the same seed give the same messages
             return f"{simulated:g} s simulated in {self.stream.blocks} blocks"
         return f"{simulated:g} s in real time; at worst {1e3 * self._worst_lag:.0f} ms behind the clock"
 
@@ -255,7 +255,7 @@ class PlantNode(Node):
         return [diagnostic_status(self, "simulated plant", level, message, values, "simulated plant")]
 
     def close(self) -> None:
-        """Stop the timers; a plant has nothing else to put in order."""
+        """Stop the timers; a plant has nothing else to release."""
         self._handshake.cancel()
         self._pace_timer.cancel()
         self._recorder.cancel()

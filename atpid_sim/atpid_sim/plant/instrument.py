@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a sensor makes of the plant's exact signals: white noise of its own, and nothing readable outside its range."""
+"""Sensors of the plant's exact signals: white noise of each, NaN outside the range."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Instrument:
-    """One simulated device: which channels it reads, every how many ticks, and how badly."""
+    """One simulated device: which channels it reads, every how many ticks, and with how much noise."""
 
     device: str
     channels: tuple[str, ...]

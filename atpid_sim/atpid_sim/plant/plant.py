@@ -32,7 +32,7 @@ class PlantError(InputError):
 
 @dataclass(frozen=True)
 class PlantBlock:
-    """What happened in one block: series (n,) at the block's sample instants, and the ledger since the start."""
+    """One block: series (n,) at the block's sample instants, and the ledger since the start."""
 
     time: Array  # [s]
     support: Array  # displacement [m]
@@ -154,7 +154,7 @@ class Plant:
         )
 
     def _fail(self, outcome: Outcome, table: Array) -> None:
-        """Raise NumericalFailure with time and state, and remember it."""
+        """Raise NumericalFailure with time and state, at this and every later call."""
         state = self._state
         self.height = drive.ceiling_height(table, state.time)
         self._failure = (

@@ -53,7 +53,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class StreamBlock:
-    """One block: the readings, the laser's always first, and the truth at the laser's instants."""
+    """One block: the readings, the laser's always first, and the true motion at the laser's instants."""
 
     number: int
     first_index: int  # of the laser's first scan

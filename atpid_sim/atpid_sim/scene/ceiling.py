@@ -111,7 +111,7 @@ class ControlledCeiling(Block):
 
     @property
     def heights(self) -> Heights:
-        """((t [s], h [m]), ...) as long as no controller says otherwise: closed."""
+        """((t [s], h [m]), ...) until a controller commands another height: closed."""
         return ((0.0, self.closed),)
 
 

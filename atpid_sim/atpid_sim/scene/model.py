@@ -91,7 +91,7 @@ class SceneValues(Block):
         return self.total_mass * self.gravity / self.beam.stiffness
 
     def require_prescribed_ceiling(self) -> None:
-        """Raise SceneError where a controller moves the ceiling: a single run has none to ask for a height."""
+        """Raise SceneError where a controller moves the ceiling: a single run has no controller."""
         if isinstance(self.ceiling, ControlledCeiling):
             raise SceneError(
                 f"ceiling: given one that a controller moves ({self.ceiling.controller}); allowed in a single run: one "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fidelity level of a run: the one asked for, or with `auto` the cheapest that meets the scene's tolerance."""
+"""The fidelity level of a run: the one given, or with `auto` the cheapest that meets the scene's tolerance."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class _Motion(NamedTuple):
 
 
 def unchecked() -> Verdict:
-    """Return the verdict of an unchecked run: error unknown, and not called reproducible."""
+    """Return the verdict of an unchecked run: error unknown, and not reported as reproducible."""
     return Verdict(float("nan"), False, None)
 
 
@@ -74,8 +74,8 @@ def judge(integration: Integration, amplitude: float, steps: int) -> Verdict:
 
     A run whose amplitude changes by more than a thousandth (or twenty tolerances, up to a hundredth) is not
     reproducible: it gets the spread of an ensemble beside its error. Where the motions diverge on the way and converge
-    again, as after a chaotic transient, whether they do so in time is a matter of chance: then the whole ensemble has
-    to agree. A finer run that does not reach its end leaves the error unknown.
+    again, as after a chaotic transient, whether they do so in time is random: then the whole ensemble has to
+    agree. A finer run that does not reach its end leaves the error unknown.
     """
     limit = max(_LEAST, min(_TOLERANCES * integration.rtol, _MOST_ALLOWED))
     again = _Repetition(integration, amplitude, steps)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`simulate`: one scene from start to end, with the truth about its result."""
+"""`simulate`: one scene from start to end: amplitude, error estimate, energy, reproducibility."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _DECAY_SAMPLES = 800.0
 
 @dataclass(frozen=True)
 class Result:
-    """One run: the beam's amplitude in the steady window, what it rests on, and how far to trust it."""
+    """One run: the beam's amplitude in the steady window, how it was computed, error estimate, reproducibility."""
 
     amplitude: float  # half peak-to-peak of the beam in the window [m]
     undamped_amplitude: float  # the same with the damper closed [m]
@@ -96,7 +96,7 @@ def simulate(
     """Run a scene and return its result.
 
     `height` [m] replaces the ceiling by one that stands still there. With `check` the run is repeated with a finer
-    tolerance and a disturbed start, which gives the error estimate and tells whether the amplitude is reproducible.
+    tolerance and a disturbed start, which gives the error estimate and shows whether the amplitude is reproducible.
     Raises NumericalFailure, naming time and state, where the run does not end as it should, and SceneError where a
     controller moves the ceiling and no height is given.
     """

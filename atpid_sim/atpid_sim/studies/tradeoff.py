@@ -31,7 +31,7 @@ _ENSEMBLE = tuple(float(d) for d in np.linspace(-1e-6, 1e-6, 64))
 #: Points a period at which trajectories are compared.
 _POINTS = 64
 #: A method that took longer than this at one tolerance is not run at finer ones [s].
-PATIENCE = 5.0
+TIME_LIMIT = 5.0
 _REPEATS = 15
 
 SOFT = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 3e-7, 1e-7, 1e-8, 1e-9, 1e-10)
@@ -118,7 +118,7 @@ def reference_of(scene: Scene) -> Reference:
     return Reference(amplitude, agreement, spread, times, series[columns.S_BEAM])
 
 
-def measure(scene: Scene, reference: Reference, patience: float = PATIENCE) -> Iterator[Point]:
+def measure(scene: Scene, reference: Reference, time_limit: float = TIME_LIMIT) -> Iterator[Point]:
     """Yield one point after another: the fidelity levels, then each baseline from loose to fine until too slow."""
     if complete_fidelity(scene) == "soft":
         for rtol in SOFT:
@@ -133,7 +133,7 @@ def measure(scene: Scene, reference: Reference, patience: float = PATIENCE) -> I
             except BaselineError:
                 return
             yield point
-            if point.time_s > patience:
+            if point.time_s > time_limit:
                 break
 
 
@@ -185,7 +185,7 @@ def _quickest(points: list[Point], target: float) -> Point | None:
 
 
 def _best(points: list[Point]) -> float | None:
-    """Return the smallest error that a method keeps to; None where none gave a result."""
+    """Return the smallest error that a method meets; None where none gave a result."""
     return min((kept for p in points if math.isfinite(kept := _kept(p, points))), default=None)
 
 

@@ -17,7 +17,7 @@ from atpid_sim.studies.baselines import stepping, tableaux
 from atpid_sim.studies.baselines.problem import POINTS, Array, BaselineError, Problem, Solution
 from atpid_sim.studies.baselines.rhs import slope
 
-#: Absolute over relative tolerance [m, m/s]: resolves an overlap of 0.1 mm as finely as a displacement of 0.1 m asks.
+#: Absolute over relative tolerance [m, m/s]: resolves an overlap of 0.1 mm as finely as a displacement of 0.1 m.
 _ABSOLUTE = 1e-3
 #: Step limits of a run: of compiled loops, and of loops that call back into Python.
 _COMPILED_LIMIT = 50_000_000

@@ -20,7 +20,7 @@ from atpid_sim.system import System
 
 Array = NDArray[np.float64]
 
-#: Points a period at which a motion is kept in the window; see `peaks.between` for the error that leaves.
+#: Points a period at which a motion is kept in the window; see `peaks.between` for the error.
 POINTS = 64
 
 
@@ -80,7 +80,7 @@ class Solution:
 
 
 def problem_of(scene: Scene) -> Problem:
-    """Return the scene as a problem. Raises BaselineError for a law whose force needs more than overlap and rate."""
+    """Return the scene as a problem. Raises BaselineError for a force of more than overlap and velocity."""
     contact = contact_of(scene)
     if contact.law == IMPACT or HYSTERETIC[contact.law]:
         raise BaselineError(f"contact.law: given {scene.contact.law!r}; allowed: a law whose force needs no memory")

@@ -45,7 +45,7 @@ def run_baseline(scene: Scene, method: str, tolerance: float) -> BaselineResult:
 
     The absolute tolerance is 1e-3 of the relative one, in SI units. The scene's controller is not run: a controlled
     ceiling stays closed. Raises BaselineError for an unknown method, or a law whose force is not one of overlap and
-    rate alone (impact, walton_braun).
+    velocity alone (impact, walton_braun).
     """
     if method not in BASELINES:
         raise BaselineError(f"method: given {method!r}; allowed: {', '.join(BASELINES)}")

@@ -40,7 +40,7 @@ _LABELS = {
     "walton_braun": "Walton-Braun",
 }
 
-#: Laws of the same constant restitution, and the marker each is told by.
+#: Laws of the same constant restitution, and the marker of each.
 _CONSTANT = {"impact": "o", "linear": "s", "tsuji": "D", "walton_braun": "^"}
 
 

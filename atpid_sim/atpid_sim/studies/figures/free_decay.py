@@ -36,7 +36,7 @@ class Measurement(NamedTuple):
     within: float | None  # relative; None where one impact near the equilibrium decides
 
 
-#: The thesis's text on figures 2.9-2.19. It says "above 3" for 30 % of grain.
+#: The thesis's text on figures 2.9-2.19. It gives "above 3" for 30 % of grain.
 MEASURED = (
     Measurement(0.1, 0.017, 1.31, 0.01),
     Measurement(0.025, 0.05, 1.345, 0.03),
