@@ -64,8 +64,8 @@ class Running:
         self.commands = dict(commands_of(folder / "parameters.yaml"))
         self.nodes = Processes(self.commands.items(), folder)
 
-    def until(self, happened: Callable[[], object], patience: float = 100.0) -> None:
-        deadline = time.monotonic() + patience
+    def until(self, happened: Callable[[], object], timeout: float = 100.0) -> None:
+        deadline = time.monotonic() + timeout
         while not happened():
             assert time.monotonic() < deadline, "it did not happen"
             self.executor.spin_once(timeout_sec=0.05)

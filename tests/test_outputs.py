@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What cannot be written is one line and status 2, for whoever runs it, and before the work."""
+"""What cannot be written is one line and status 2, for every user, and before the work."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from atpid_sim.cli import main as sim
 from atpid_sim.maps import HeightMap
 from atpid_sim.studies.figures import contact, free_decay
 
-#: A folder in which nobody can make anything, root included.
+#: A folder in which no user can make anything, root included.
 NOWHERE = "/proc/nowhere"
 READINGS = "position,volts\n-0.1,1\n0,3\n0.1,5\n0.12,5.4\n0.05,4\n-0.05,2\n0.02,3.4\n"
 MAP = ["map", "scenes/standard.yaml", "--amplitudes", "0.01:0.02:2", "--mass-fractions", "0.1"]

@@ -77,8 +77,8 @@ def ros() -> Iterator[SingleThreadedExecutor]:
     rclpy.try_shutdown()
 
 
-def spin_until(executor: SingleThreadedExecutor, met: Callable[[], bool], patience: float = 100.0) -> None:
-    deadline = time.monotonic() + patience
+def spin_until(executor: SingleThreadedExecutor, met: Callable[[], bool], timeout: float = 100.0) -> None:
+    deadline = time.monotonic() + timeout
     while not met():
         assert time.monotonic() < deadline, "what the test waits for did not happen"
         executor.spin_once(timeout_sec=0.05)

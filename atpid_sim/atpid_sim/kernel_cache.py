@@ -9,7 +9,6 @@ them. Other functions, those of the user's own programs included, are kept where
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 from numba import config
 from numba.core.caching import InTreeCacheLocator
 
-from atpid_common.cache import cache_root
+from atpid_common.cache import cache_root, content_key
 
 #: Folder of the cache for each source file.
 _FOLDERS: dict[str, str] = {}
@@ -42,26 +41,19 @@ class SharedCacheLocator(InTreeCacheLocator):  # type: ignore[misc]
 
 
 def share_cache(name: str, sources: Iterable[Path]) -> None:
-    """Keep the compiled functions of these modules in `<cache>/<name>-<digest>`; to be called before they are imported.
+    """Keep the compiled functions of these modules in `<cache>/<name>-<key of their contents>`.
 
-    `<cache>` is NUMBA_CACHE_DIR where that is set, else the project's folder in the user's cache.
+    To be called before they are imported. `<cache>` is NUMBA_CACHE_DIR where that is set, else the project's folder in
+    the user's cache.
     """
     files = sorted(sources)
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_root()) / f"{name}-{digest(files)}"
+    key = content_key(Path(os.path.commonpath(files)), files)
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_root()) / f"{name}-{key}"
     _FOLDERS.update({str(path): str(folder / path.parent.name) for path in files})
     ours = f"{__name__}.{SharedCacheLocator.__name__}"
     others = config.CACHE_LOCATOR_CLASSES or _NUMBAS_OWN
     if ours not in others.split(","):
         config.CACHE_LOCATOR_CLASSES = f"{ours},{others}"
-
-
-def digest(files: Iterable[Path]) -> str:
-    """Return 16 hex digits of the names and contents of the files."""
-    total = hashlib.sha256()
-    for path in files:
-        total.update(path.name.encode())
-        total.update(path.read_bytes())
-    return total.hexdigest()[:16]
 
 
 #: Packages with kernels, and the modules from which these take decorators, outcomes and parameters.

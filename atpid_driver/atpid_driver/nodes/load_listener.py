@@ -49,7 +49,7 @@ class Tally:
 
     @property
     def lost(self) -> int:
-        """Scans that did not arrive, whoever lost them."""
+        """Scans that did not arrive, lost anywhere on their way."""
         return self.next_index - self.scans
 
 

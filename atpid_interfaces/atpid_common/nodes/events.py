@@ -46,6 +46,6 @@ class EventPublisher:
     def publish_handshake(self) -> None:
         """Publish the handshake's event, from a publisher of its own: many of them must not displace what is kept."""
         if self._of_handshake is None:
-            # created after the other one, and announced after it: whoever receives from this one has found both
+            # created after the other one, and announced after it: a node that receives from this one has found both
             self._of_handshake = self._node.create_publisher(Event, "events", STATUS)
         self._of_handshake.publish(empty_event())

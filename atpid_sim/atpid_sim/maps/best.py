@@ -168,7 +168,7 @@ class Search:
     def rate(self, heights: Iterable[float], hysteresis: float = 0.0, limit: float = math.inf) -> dict[float, float]:
         """Return {height: rating [m]}: the worst amplitude, with a surcharge where the approaches disagree.
 
-        What turns out hopeless beside the others, or exceeds `limit`, is infinite.
+        What exceeds the others by far, or exceeds `limit`, is infinite.
         """
         left = sorted(heights)
         rated = dict.fromkeys(left, math.inf)
