@@ -24,6 +24,8 @@ from atpid_control.graph.domain import own_domain
 from atpid_control.graph.parts import write_parameters
 from atpid_control.graph.processes import NodeProcess, Processes
 
+pytestmark = pytest.mark.slow
+
 STEADY = {"duration": 90.0, "steady_window": [80.0, 90.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [90.0, 0.015]]}
 SHORT = {"duration": 12.0, "steady_window": [8.0, 12.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [12.0, 0.015]]}
 

@@ -15,6 +15,8 @@ from atpid_driver.motor import IdentityError, LimitsError, LinkError, Mode, NotR
 from atpid_driver.motor import session as session_module
 from atpid_driver.motor.serial_actuator import SerialActuator
 
+pytestmark = pytest.mark.slow
+
 
 class Rig:
     """The actuator and what really happens at the stand."""
