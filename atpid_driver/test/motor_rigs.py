@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
-from atpid_driver.motor import MotorSettings
+from atpid_driver.motor.settings import MotorSettings
 
 SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, "speed": 0.3}
 

@@ -22,9 +22,8 @@ from atpid_driver.acquisition.errors import (
     NotStreamingError,
     SetupRefusedError,
     StreamLostError,
-    WrongDeviceError,
 )
-from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition.protocol import Block, Device, Identity
 from atpid_driver.acquisition.settings import LabJackSettings
 
 DUMMY_VOLTS = -9999.0
@@ -79,21 +78,16 @@ def skew_s(rate: float, channels: int) -> tuple[float, ...]:
     return tuple(step * position for position in range(channels))
 
 
-class LabJackAcquisition:
+class LabJackAcquisition(Device):
     """One T7. See Acquisition for what each call promises."""
 
     def __init__(self, settings: LabJackSettings) -> None:
-        self._settings = settings
+        self._settings: LabJackSettings = settings
         self._ljm: Any = None
         self._handle: int | None = None
         self._rate: float | None = None
         self._next = 0
         self._dropped = 0
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
-        return tuple(channel.name for channel in self._settings.channels)
 
     def open(self) -> Identity:
         """Connect over `connection` and check the serial number."""
@@ -101,16 +95,15 @@ class LabJackAcquisition:
         self._ljm = load_ljm(settings.library)
         self._handle = self._find()
         serial = self._call("getHandleInfo", self._handle)[2]
-        if settings.serial not in (0, serial):
-            self.close()
-            raise WrongDeviceError(f"the T7 has serial number {serial}, expected {settings.serial}: set `serial`")
+        self._check_serial("the T7 has", serial)
         return Identity("labjack", serial)
 
     def start(self) -> float:
         """Write the set-up registers and start streaming; return the actual rate."""
         settings = self._settings
         self._configure()
-        addresses = self._call("namesToAddresses", len(settings.channels), self._terminals())[0]
+        terminals = [channel.terminal for channel in settings.channels]
+        addresses = self._call("namesToAddresses", len(terminals), terminals)[0]
         arguments = (self._handle, settings.scans_per_block, len(addresses), addresses, settings.rate)
         rate = self._call("eStreamStart", *arguments)
         self._rate, self._next, self._dropped = float(rate), 0, 0
@@ -147,9 +140,6 @@ class LabJackAcquisition:
         self._rate = None
         self._call_ignoring(GONE | STOPPED_ALREADY, "close")
         self._handle = None
-
-    def _terminals(self) -> list[str]:
-        return [channel.terminal for channel in self._settings.channels]
 
     def _find(self) -> int:
         """Open the T7 asked for; failing that any T7, so that a wrong one is distinguished from none."""

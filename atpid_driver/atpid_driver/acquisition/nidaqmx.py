@@ -19,9 +19,8 @@ from atpid_driver.acquisition.errors import (
     NotStreamingError,
     SetupRefusedError,
     StreamLostError,
-    WrongDeviceError,
 )
-from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition.protocol import Block, Device, Identity
 from atpid_driver.acquisition.settings import Channel, NiSettings
 
 BUFFER_SECONDS = 10.0
@@ -56,11 +55,11 @@ def load_nidaqmx(path: str = "") -> Any:
     return package
 
 
-class NiAcquisition:
+class NiAcquisition(Device):
     """One continuous task on one module. See Acquisition for what each call promises."""
 
     def __init__(self, settings: NiSettings) -> None:
-        self._settings = settings
+        self._settings: NiSettings = settings
         self._nidaqmx: Any = None
         self._link: Any = None
         self._task: Any = None
@@ -68,31 +67,18 @@ class NiAcquisition:
         self._running = False
         self._next = 0
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
-        return tuple(channel.name for channel in self._settings.channels)
-
     def open(self) -> Identity:
         """Read the module's type and serial number, and check the latter."""
         settings = self._settings
         self._nidaqmx = load_nidaqmx(settings.library)
         model, serial = self._guard(self._identify)
-        if settings.serial not in (0, serial):
-            self.close()
-            raise WrongDeviceError(
-                f"{settings.device} is a {model} with serial number {serial}, expected {settings.serial}: set `serial`"
-            )
+        self._check_serial(f"{settings.device} is a {model} with", serial)
         return Identity(model.replace(" ", "-").lower(), serial)
 
     def start(self) -> float:
         """Make the task, start it and return the rate the module coerced the one asked for to."""
         self.stop()
         return float(self._guard(self._start))
-
-    def skew(self) -> tuple[float, ...]:
-        """Return zeros: one converter for each channel, sampling at once."""
-        return (0.0,) * len(self._settings.channels)
 
     def read(self) -> Block:
         """Wait in DAQmx for the next block, paced by the module's clock."""
@@ -129,7 +115,8 @@ class NiAcquisition:
         if not self._settings.grpc:
             return None
         if self._link is None:
-            grpc: Any = importlib.import_module("grpc")
+            import grpc  # here: only a module on another PC needs it
+
             self._link = grpc.insecure_channel(self._settings.grpc)
         return self._nidaqmx.GrpcSessionOptions(self._link, "")
 

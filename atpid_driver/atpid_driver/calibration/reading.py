@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common import output
-from atpid_driver.acquisition import Acquisition, backend_names, create
+from atpid_driver.acquisition import Acquisition
+from atpid_driver.acquisition.registry import create
+from atpid_driver.acquisition.registry import names as backend_names
 from atpid_driver.calibration.fit import COLUMNS
 from atpid_driver.calibration.model import CalibrationError
 

@@ -18,7 +18,7 @@ class SteppedHost:
         """Disconnect the serial port and let the board start."""
         self.emulator = emulator
         self.sequence = 0
-        emulator.unplug()
+        emulator.do("unplug")
         emulator.run(BOOT_TIME)
         emulator.received()
 

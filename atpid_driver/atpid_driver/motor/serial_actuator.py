@@ -11,7 +11,7 @@ from concurrent.futures import TimeoutError
 from contextlib import suppress
 from math import isfinite, isnan
 
-from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
+from atpid_driver.motor.ceiling_actuator import Identity, Mode, Reading
 from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError
 from atpid_driver.motor.faults import LINK_FAULTS, in_words
 from atpid_driver.motor.link import Job, Link
@@ -26,15 +26,10 @@ class SerialActuator:
 
     def __init__(self, settings: MotorSettings) -> None:
         """Keep `settings`; nothing is opened before `connect`."""
-        self._settings = settings
+        self.limits = settings.limits  # which lie inside the firmware's
         self._link = Link(settings)
         self._active = False
         self._recovery: Job | None = None
-
-    @property
-    def limits(self) -> Limits:
-        """Limits in force: the parameters', which lie inside the firmware's."""
-        return self._settings.limits
 
     def connect(self, now: int) -> Identity:
         """Open the port and request the identity until the board answers; the link then reconnects by itself."""
@@ -91,8 +86,7 @@ class SerialActuator:
         self._link.stop()
 
     def _arming(self) -> Job:
-        homed = self._link.reading.homed
-        return Job((("ARM", ()),) if homed else (("ARM", ()), ("HOME", ())))
+        return Job((("ARM", ()),) if self._link.reading.homed else (("ARM", ()), ("HOME", ())))
 
     def _recover(self, reading: Reading, goal: float) -> None:
         """Arm and home again on a fresh height after a lost link; never without a command, never after another fault.

@@ -7,8 +7,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from atpid_common.nodes.diagnostics import status as diagnostic_status
-from atpid_driver.acquisition import Identity, Status
-from atpid_driver.calibration import Counts
+from atpid_driver.acquisition import Identity
+from atpid_driver.acquisition.reader import Status
+from atpid_driver.calibration.convert import Counts
 
 
 def status_message(
@@ -21,32 +22,27 @@ def status_message(
     last_error: str,
 ) -> DiagnosticStatus:
     """Return level, one line, and the figures; hardware_id is the device's serial number, "none": not connected."""
-    level, message = _judge(status, state, lost_lately, last_error or status.last_error)
-    values = {
+    last_error = last_error or status.last_error
+    level, message = DiagnosticStatus.OK, f"streaming at {status.rate:g} Hz" if status.streaming else state
+    if last_error:
+        level, message = DiagnosticStatus.ERROR, last_error
+    elif lost_lately:
+        level, message = DiagnosticStatus.WARN, f"{lost_lately} scans lost in the last second"
+    values: dict[str, object] = {
         "state": state,
         "rate [Hz]": f"{status.rate:.6f}",
-        "next index": str(status.next_index),
-        "backlog [scans]": str(status.backlog),
-        "queued [blocks]": str(status.queued),
-        "dropped [scans]": str(status.dropped),
-        "interruptions": str(status.interruptions),
+        "next index": status.next_index,
+        "backlog [scans]": status.backlog,
+        "queued [blocks]": status.queued,
+        "dropped [scans]": status.dropped,
+        "interruptions": status.interruptions,
         "clock drift [ppm]": f"{status.drift_ppm:.2f}",
         "clock offset [s]": f"{status.offset_s:.6f}",
-        "last error": last_error or status.last_error or "none",
+        "last error": last_error or "none",
     }
     for channel, count in counts.items():
-        values[f"{channel} broken loop [samples]"] = str(count.broken_loop)
-        values[f"{channel} out of range [samples]"] = str(count.out_of_range)
-        values[f"{channel} missing [samples]"] = str(count.missing)
+        values[f"{channel} broken loop [samples]"] = count.broken_loop
+        values[f"{channel} out of range [samples]"] = count.out_of_range
+        values[f"{channel} missing [samples]"] = count.missing
     hardware_id = str(identity.serial) if identity else "none"
     return diagnostic_status(node, "acquisition", level, message, values, hardware_id)
-
-
-def _judge(status: Status, state: str, lost_lately: int, last_error: str) -> tuple[bytes, str]:
-    if last_error:
-        return DiagnosticStatus.ERROR, last_error
-    if lost_lately:
-        return DiagnosticStatus.WARN, f"{lost_lately} scans lost in the last second"
-    if not status.streaming:
-        return DiagnosticStatus.OK, state
-    return DiagnosticStatus.OK, f"streaming at {status.rate:g} Hz"

@@ -14,8 +14,11 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.share import share_folder
-from atpid_driver.acquisition import Settings, SetupRefusedError, backend, backend_names
-from atpid_driver.calibration import Calibration, check_channels, load
+from atpid_driver.acquisition import Settings, SetupRefusedError
+from atpid_driver.acquisition.registry import backend
+from atpid_driver.acquisition.registry import names as backend_names
+from atpid_driver.calibration.convert import check_channels
+from atpid_driver.calibration.model import Calibration, load
 
 TYPES = Parameter.Type
 _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}

@@ -13,12 +13,11 @@ from pathlib import Path
 import yaml
 
 from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
-from atpid_driver.nodes.load_listener import INNER_STATUS
 from atpid_driver.standins import build, environment
 
 LASER, ACCELEROMETER = "sensors/laser", "sensors/accelerometer"
 DRIVERS = {"labjack_node": LASER, "ni_node": ACCELEROMETER}
-RECORDER = "recorder_node"
+RECORDER, INNER_STATUS = "recorder_node", "recorder/inner_status"
 STOP_S = 10.0
 AXES = "xyz"
 

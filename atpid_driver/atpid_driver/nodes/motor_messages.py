@@ -10,7 +10,8 @@ from std_msgs.msg import Header
 
 from atpid_common.latency import Latencies
 from atpid_common.nodes.diagnostics import status
-from atpid_driver.motor import CeilingActuator, Mode, Reading, in_words
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode, Reading
+from atpid_driver.motor.faults import in_words
 
 _LEVELS = {
     Mode.UNCONFIGURED: DiagnosticStatus.ERROR,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from math import isfinite, isnan, nan
 from typing import Any
 
@@ -26,18 +27,11 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.supervision import Supervision
-from atpid_driver.motor import (
-    CommandStaleError,
-    HeightRefusedError,
-    Mode,
-    MotorError,
-    NotReadyError,
-    Reading,
-    SimulatedActuator,
-    actuator_of,
-    in_words,
-)
-from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT
+from atpid_driver.motor.ceiling_actuator import Mode, Reading
+from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
+from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT, in_words
+from atpid_driver.motor.registry import actuator_of
+from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
 from atpid_driver.nodes.motor_messages import state_of, status_of
@@ -77,37 +71,27 @@ class MotorNode(DeviceNode):
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
         self._latencies = Latencies()
         self._open_topics()
-        self._start_timers()
-        actuator = self._actuator
-        if isinstance(actuator, SimulatedActuator) and not actuator.placed:
-            self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
-
-    def _open_topics(self) -> None:
-        lockstep = self.settings.lockstep
-        self._events = EventPublisher(self)
-        timeout = self.settings.stale_timeout
-        self._supervision = Supervision(
-            self, self._events.publish, self._statuses, timeout, self._on_silence, enabled=not lockstep
-        )
-        self._supervision.stale.watch(COMMANDS, "the ceiling stays where it is")
-        self._supervision.follow_events()
-        qos = self._supervision.qos
-        self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
-        self.create_subscription(
-            CeilingCommand,
-            COMMANDS,
-            self._on_command,
-            LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH,
-            event_callbacks=qos.subscription(COMMANDS),
-        )
-        self.create_service(Trigger, "~/rearm", self._on_rearm)
-
-    def _start_timers(self) -> None:
         self.create_timer(1.0, self._check_duplicates)
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period)
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start)
+        actuator = self._actuator
+        if isinstance(actuator, SimulatedActuator) and not actuator.placed:
+            self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
+
+    def _open_topics(self) -> None:
+        lockstep, timeout = self.settings.lockstep, self.settings.stale_timeout
+        self._events = EventPublisher(self)
+        publish = self._events.publish
+        self._supervision = Supervision(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
+        self._supervision.stale.watch(COMMANDS, "the ceiling stays where it is")
+        self._supervision.follow_events()
+        qos = self._supervision.qos
+        self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
+        depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
+        self.create_subscription(CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
+        self.create_service(Trigger, "~/rearm", self._on_rearm)
 
     # -- lifecycle ---------------------------------------------------------------------------------------------------
 
@@ -160,18 +144,15 @@ class MotorNode(DeviceNode):
     def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
         self._initial = None
         try:
-            self._check_active(command.height)
+            if not self._active:
+                text = f"ceiling height {command.height:g} m refused: the motor node is {self._state_and_remedy()}"
+                raise NotReadyError(text)
             self._check_fresh(info)
             self._actuator.move(command.height, command.sequence, self._now())
         except MotorError as error:
             self._refuse(command, error)
         else:
             self._last_refused = None
-
-    def _check_active(self, height: float) -> None:
-        """Refuse a height in a state of the node in which it does not move; the text names the transition needed."""
-        if not self._active:
-            raise NotReadyError(f"ceiling height {height:g} m refused: the motor node is {self._state_and_remedy()}")
 
     def _check_fresh(self, info: dict[str, int]) -> None:
         """Refuse a command that waited in the queue longer than `command_timeout`."""
@@ -250,14 +231,11 @@ class MotorNode(DeviceNode):
         return [status_of(self, self._actuator, reading, self._last_error, self._latencies)]
 
     def _check_duplicates(self) -> None:
-        found = self._duplicates.check()
-        if found is not None:
-            self._publish_event(found.severity, Event.DUPLICATE, nan, found.text)
-            if found.severity == Event.ALARM:
-                self._withdraw()
-
-    def _withdraw(self) -> None:
-        if self._active:
+        if (found := self._duplicates.check()) is None:
+            return
+        severity, text = found
+        self._publish_event(severity, Event.DUPLICATE, nan, text)
+        if severity == Event.ALARM and self._active:
             self.trigger_deactivate()
             if self.settings.autostart:
                 self._starter = self.create_timer(RETRY, self._start)
@@ -287,10 +265,7 @@ class MotorNode(DeviceNode):
         return self._stamp if self.settings.lockstep else time.monotonic_ns()
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node as a process of its own; return the exit status."""
-    return run_node(MotorNode, args)
-
+main = partial(run_node, MotorNode)
 
 if __name__ == "__main__":
     sys.exit(main())

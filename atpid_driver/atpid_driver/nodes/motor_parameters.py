@@ -9,7 +9,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row, declare
-from atpid_driver.motor import BACKENDS, MotorSettings
+from atpid_driver.motor.registry import BACKENDS
+from atpid_driver.motor.settings import MotorSettings
 
 TYPES = Parameter.Type
 INITIAL_HEIGHT = (
@@ -17,7 +18,7 @@ INITIAL_HEIGHT = (
     "simulated plant stands"
 )
 TABLE = (
-    Row("backend", TYPES.STRING, "what moves the ceiling", choices=tuple(BACKENDS)),
+    Row("backend", TYPES.STRING, "what moves the ceiling", choices=BACKENDS),
     Row("lowest", TYPES.DOUBLE, "lowest ceiling height, the grain's diameter", "m", 0.0, 10.0),
     Row("highest", TYPES.DOUBLE, "highest ceiling height", "m", 0.0, 10.0),
     Row("speed", TYPES.DOUBLE, "constant travelling speed", "m/s", 0.0, 100.0),

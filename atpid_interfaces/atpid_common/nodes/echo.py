@@ -13,7 +13,7 @@ import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from atpid_common.cli import guarded
+from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.command_node import command_node
@@ -91,12 +91,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("topic", help="name of the topic")
     parser.add_argument("--field", default="", help="a field of the message, a.b for one inside another")
     parser.add_argument("--once", action="store_true", help="end after the first message")
-
-    def run() -> int:
-        given = parser.parse_args(argv)
-        return echo(given.topic, given.field, given.once)
-
-    return guarded(run)
+    parser.set_defaults(run=lambda given: echo(given.topic, given.field, given.once))
+    return run_parsed(lambda: parser, argv)
 
 
 if __name__ == "__main__":

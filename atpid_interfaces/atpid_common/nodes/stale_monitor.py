@@ -8,7 +8,7 @@ clock; a loop in lockstep has no use for it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from atpid_interfaces.msg import Event
@@ -46,7 +46,7 @@ class StaleMonitor:
     """Monitors topics of a node; a timer for each, which every message sets back."""
 
     def __init__(
-        self, node: Node, publish: Publish, timeout: float, changed: Callable[[], None], *, enabled: bool = True
+        self, node: Node, publish: Publish, timeout: float, changed: Callable[[], None], *, enabled: bool
     ) -> None:
         """Monitor nothing yet.
 
@@ -74,8 +74,10 @@ class StaleMonitor:
         the next, where it is known [s]; three missing messages are silence where that is longer than the time-out.
         """
         topic = self._topics[name]
-        if topic.timer is None or self._belongs_to_ended_run(stamp_ns):
+        if topic.timer is None:
             return
+        if self._ended_ns is not None and (stamp_ns is None or stamp_ns <= self._ended_ns + SAME_INSTANT):
+            return  # of the run that has ended
         self._ended_ns = None
         silence, topic.last = time.monotonic() - topic.last, time.monotonic()
         topic.waited = False
@@ -112,21 +114,12 @@ class StaleMonitor:
 
     def status(self) -> DiagnosticStatus:
         """Return the status "NODE: inputs"."""
-        now, stale = time.monotonic(), self.stale
-        text = f"no messages on {', '.join(stale)}" if stale else "all inputs arrive or are not expected"
-        return status(
-            self._node,
-            "inputs",
-            DiagnosticStatus.STALE if stale else DiagnosticStatus.OK,
-            text,
-            {f"{topic.name} age [s]": f"{now - topic.last:.2f}" for topic in self._received()},
-        )
-
-    def _belongs_to_ended_run(self, stamp_ns: int | None) -> bool:
-        return self._ended_ns is not None and (stamp_ns is None or stamp_ns <= self._ended_ns + SAME_INSTANT)
-
-    def _received(self) -> Iterable[_Topic]:
-        return (topic for topic in self._topics.values() if topic.last)
+        now = time.monotonic()
+        ages = {f"{topic.name} age [s]": f"{now - topic.last:.2f}" for topic in self._topics.values() if topic.last}
+        if self.stale:
+            text = f"no messages on {', '.join(self.stale)}"
+            return status(self._node, "inputs", DiagnosticStatus.STALE, text, ages)
+        return status(self._node, "inputs", DiagnosticStatus.OK, "all inputs arrive or are not expected", ages)
 
     def _expired(self, topic: _Topic) -> None:
         assert topic.timer is not None
