@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from atpid_common.nodes.parameters import Row
 from atpid_control.nodes import identifier_parameters, selector_parameters
 from atpid_driver.acquisition.registry import BUILT_IN, backend
-from atpid_driver.nodes import motor_parameters
+from atpid_driver.nodes import motor_interface
 from atpid_driver.nodes.acquisition_parameters import COMMON, Use, rows_of
 
 CONFIGURED = {
@@ -25,7 +25,7 @@ CONFIGURED = {
 #: Sections of the page.
 TABLES = {
     **{node: table for node, (table, _) in CONFIGURED.items()},
-    "motor_node": motor_parameters.TABLE,
+    "motor_node": motor_interface.TABLE,
     "acquisition_node": (*Use().rows(), *COMMON),
     **{f"Backend {name}": rows_of(backend(name).settings) for name in BUILT_IN},
 }

@@ -20,8 +20,7 @@ from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
 
-Commands = Mapping[str, tuple[str, str]]
-"""Name of each command: (module, what it does)."""
+Commands = Mapping[str, tuple[str, str]]  # Name of each command: (module, what it does)
 
 
 def run_commands(package: str, description: str, commands: Commands, argv: Sequence[str] | None = None) -> int:

@@ -86,8 +86,7 @@ class LabJackAcquisition(Device):
         self._ljm: Any = None
         self._handle: int | None = None
         self._rate: float | None = None
-        self._next = 0
-        self._dropped = 0
+        self._next = self._dropped = 0
 
     def open(self) -> Identity:
         """Connect over `connection` and check the serial number."""

@@ -8,6 +8,8 @@ sensitivity belongs to its calibration file, in one place (docs/decisions/0019-a
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -71,21 +73,43 @@ class NiAcquisition(Device):
         """Read the module's type and serial number, and check the latter."""
         settings = self._settings
         self._nidaqmx = load_nidaqmx(settings.library)
-        model, serial = self._guard(self._identify)
+        with self._named_errors():
+            system: Any = importlib.import_module("nidaqmx.system")
+            device = system.Device(settings.device, grpc_options=self._options())
+            model, serial = device.product_type, int(device.serial_num)
         self._check_serial(f"{settings.device} is a {model} with", serial)
         return Identity(model.replace(" ", "-").lower(), serial)
 
     def start(self) -> float:
         """Make the task, start it and return the rate the module coerced the one asked for to."""
         self.stop()
-        return float(self._guard(self._start))
+        settings = self._settings
+        readers: Any = importlib.import_module("nidaqmx.stream_readers")
+        with self._named_errors():
+            self._task = self._nidaqmx.Task(grpc_options=self._options())
+            for channel in settings.channels:
+                self._add(channel)
+            self._task.timing.cfg_samp_clk_timing(
+                settings.rate,
+                sample_mode=self._nidaqmx.constants.AcquisitionType.CONTINUOUS,
+                samps_per_chan=max(int(BUFFER_SECONDS * settings.rate), 4 * settings.scans_per_block),
+            )
+            self._task.start()
+            self._reader = readers.AnalogMultiChannelReader(self._task.in_stream)
+            self._reader.verify_array_shape = False
+            self._running, self._next = True, 0
+            return float(self._task.timing.samp_clk_rate)
 
     def read(self) -> Block:
         """Wait in DAQmx for the next block, paced by the module's clock."""
         if not self._running:
             raise NotStreamingError("no block can be read: start the stream first")
+        scans = self._settings.scans_per_block
+        columns = np.empty((len(self._settings.channels), scans))
         try:
-            columns, backlog = self._guard(self._read)
+            with self._named_errors():
+                self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
+                backlog = int(self._task.in_stream.avail_samp_per_chan)
         except AcquisitionError:
             self._running = False
             raise
@@ -99,7 +123,8 @@ class NiAcquisition(Device):
         if task is None:
             return
         try:
-            self._guard(task.close)
+            with self._named_errors():
+                task.close()
         except AcquisitionError:
             task._handle = None  # so that its finaliser does not warn about a task that the module has lost already
 
@@ -120,28 +145,6 @@ class NiAcquisition(Device):
             self._link = grpc.insecure_channel(self._settings.grpc)
         return self._nidaqmx.GrpcSessionOptions(self._link, "")
 
-    def _identify(self) -> tuple[str, int]:
-        system: Any = importlib.import_module("nidaqmx.system")
-        device = system.Device(self._settings.device, grpc_options=self._options())
-        return device.product_type, int(device.serial_num)
-
-    def _start(self) -> float:
-        settings, constants = self._settings, self._nidaqmx.constants
-        readers: Any = importlib.import_module("nidaqmx.stream_readers")
-        self._task = self._nidaqmx.Task(grpc_options=self._options())
-        for channel in settings.channels:
-            self._add(channel)
-        self._task.timing.cfg_samp_clk_timing(
-            settings.rate,
-            sample_mode=constants.AcquisitionType.CONTINUOUS,
-            samps_per_chan=max(int(BUFFER_SECONDS * settings.rate), 4 * settings.scans_per_block),
-        )
-        self._task.start()
-        self._reader = readers.AnalogMultiChannelReader(self._task.in_stream)
-        self._reader.verify_array_shape = False
-        self._running, self._next = True, 0
-        return float(self._task.timing.samp_clk_rate)
-
     def _add(self, channel: Channel) -> None:
         settings, constants = self._settings, self._nidaqmx.constants
         terminal = f"{settings.device}/{channel.terminal}"
@@ -159,17 +162,12 @@ class NiAcquisition(Device):
             **limits,
         )
 
-    def _read(self) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.float64]], int]:
-        scans = self._settings.scans_per_block
-        columns = np.empty((len(self._settings.channels), scans))
-        self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
-        return columns, int(self._task.in_stream.avail_samp_per_chan)
-
-    def _guard(self, call: Any) -> Any:
-        """Call into nidaqmx; raise its errors as an AcquisitionError: one line, the code, what to do."""
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        """Raise nidaqmx's errors as an AcquisitionError: one line, the code, what to do."""
         errors = self._nidaqmx.errors
         try:
-            return call()
+            yield
         except errors.DaqNotFoundError:
             raise LibraryMissingError(MISSING_RUNTIME) from None
         except errors.RpcError as error:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -76,6 +77,7 @@ class Device:
     """What the built-in backends share: names of channels that are sampled at once, the check of the serial number."""
 
     _settings: Settings
+    close: Callable[[], None]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -85,10 +87,6 @@ class Device:
     def skew(self) -> tuple[float, ...]:
         """Return zeros: each channel has a converter of its own, and all sample at once."""
         return (0.0,) * len(self._settings.channels)
-
-    def close(self) -> None:
-        """Release the device; no error if it is not open or already gone."""
-        raise NotImplementedError
 
     def _check_serial(self, found: str, serial: int) -> None:
         """Close and raise WrongDeviceError where `serial`, that of the device `found`, is not the one asked for."""

@@ -40,13 +40,11 @@ class Status:
     """A snapshot of the state of the stream, for diagnostics."""
 
     streaming: bool = False
-    rate: float = float("nan")
-    """Actual scan rate [Hz]."""
+    rate: float = float("nan")  # actual scan rate [Hz]
     next_index: int = 0
     dropped: int = 0
     backlog: int = 0
-    queued: int = 0
-    """Blocks read and not yet taken."""
+    queued: int = 0  # blocks read and not yet taken
     interruptions: int = 0
     last_error: str = ""
     offset_s: float = float("nan")
@@ -79,8 +77,7 @@ class Reader:
         self._drift = DriftMeter()
         self._started = (0, 0.0)  # wall clock [ns] and steady clock [s] when the stream was last started
         self._origin_s = 0.0  # steady clock at index 0 of the first stream [s]
-        self.clock: HardwareClock | None = None
-        """None until the first block."""
+        self.clock: HardwareClock | None = None  # None until the first block
         self._thread = threading.Thread(target=self._run, name=f"acquisition {identity}", daemon=True)
 
     def start(self) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from atpid_driver.acquisition.errors import DeviceMissingError, NotStreamingError, StreamLostError
-from atpid_driver.acquisition.protocol import Block, Device, Identity, Volts
+from atpid_driver.acquisition.protocol import Block, Device, Identity
 from atpid_driver.acquisition.settings import SimulatedSettings
 
 SERIAL = 1
@@ -22,8 +22,7 @@ class Faults:
 
     plugged: bool = True
     serial: int = SERIAL
-    drop: int = 0
-    """Scans to lose from the next block on."""
+    drop: int = 0  # scans to lose from the next block on
 
 
 class SimulatedAcquisition(Device):
@@ -33,8 +32,7 @@ class SimulatedAcquisition(Device):
         self._settings: SimulatedSettings = settings
         self.faults = faults if faults is not None else Faults()
         self._started: float | None = None
-        self._next = 0
-        self._dropped = 0
+        self._next = self._dropped = 0
         self._pause = threading.Event()
 
     def open(self) -> Identity:
@@ -62,7 +60,9 @@ class SimulatedAcquisition(Device):
             self._started = None
             raise StreamLostError("simulated device was unplugged")
         self._next = last
-        volts = self._waveform(first, last)
+        time_s = np.arange(first, last)[:, None] / settings.rate
+        phase = np.arange(len(settings.channels)) * np.pi / 4.0
+        volts = settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)
         lost = min(self.faults.drop, len(volts))
         volts[:lost] = np.nan
         self.faults.drop -= lost
@@ -77,9 +77,3 @@ class SimulatedAcquisition(Device):
     def close(self) -> None:
         """Close; there is nothing to release."""
         self._started = None
-
-    def _waveform(self, first: int, last: int) -> Volts:
-        settings = self._settings
-        time_s = np.arange(first, last)[:, None] / settings.rate
-        phase = np.arange(len(settings.channels)) * np.pi / 4.0
-        return settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)

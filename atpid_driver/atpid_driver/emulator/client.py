@@ -40,19 +40,13 @@ class SteppedHost:
 
     def state(self) -> StateReply:
         """Return the state without a heartbeat."""
-        reply = self.request("STATE")
-        if not isinstance(reply, StateReply):
-            raise ProtocolError(f"STATE was refused: {reply}")
-        return reply
+        return self._state("STATE", 0.01)
 
     def beat(self, seconds: float) -> StateReply:
         """Advance by `seconds` with a heartbeat every 0.1 s; return the last state."""
-        reply: Reply | None = None
-        for _ in range(max(1, round(seconds / BEAT_TIME))):
-            reply = self.request("BEAT", seconds=BEAT_TIME)
-        if not isinstance(reply, StateReply):
-            raise ProtocolError(f"BEAT was refused: {reply}")
-        return reply
+        for _ in range(max(1, round(seconds / BEAT_TIME)) - 1):
+            self.request("BEAT", seconds=BEAT_TIME)
+        return self._state("BEAT", BEAT_TIME)
 
     def make_ready(self) -> StateReply:
         """Identify, arm and home. Raises `ProtocolError` if the board ends up anywhere but at rest and homed."""
@@ -63,3 +57,9 @@ class SteppedHost:
             if state.homed:
                 return state
         raise ProtocolError(f"homing did not end: {state}")
+
+    def _state(self, word: str, seconds: float) -> StateReply:
+        reply = self.request(word, seconds=seconds)
+        if not isinstance(reply, StateReply):
+            raise ProtocolError(f"{word} was refused: {reply}")
+        return reply

@@ -25,7 +25,6 @@ class SerialActuator:
     """A ceiling behind a serial port."""
 
     def __init__(self, settings: MotorSettings) -> None:
-        """Keep `settings`; nothing is opened before `connect`."""
         self.limits = settings.limits  # which lie inside the firmware's
         self._link = Link(settings)
         self._active = False

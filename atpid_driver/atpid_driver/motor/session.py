@@ -50,11 +50,8 @@ class Session:
     """One session with the firmware; not safe for threads, one owner only."""
 
     def __init__(self, port: Port) -> None:
-        """Begin at sequence 0; the first request is number 1."""
         self._port = port
-        self._sequence = 0
-        self.garbled = 0
-        self.repeated = 0
+        self._sequence = self.garbled = self.repeated = 0
 
     def request(self, word: str, *arguments: int) -> Reply:
         """Return the answer to a command, sent again where none comes: the firmware carries out a repeated frame once.

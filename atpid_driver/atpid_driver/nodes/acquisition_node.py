@@ -21,6 +21,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
+from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
 from atpid_common.nodes.messages import BLOCKS, STATES, doubles, time_of
@@ -30,7 +31,6 @@ from atpid_driver.acquisition import Identity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
 from atpid_driver.acquisition.registry import create
 from atpid_driver.calibration.convert import Counts, block_si
-from atpid_driver.nodes.acquisition_diagnostics import status_message
 from atpid_driver.nodes.acquisition_parameters import Use, settings_of
 from atpid_driver.nodes.device_node import DeviceNode
 
@@ -46,18 +46,18 @@ class AcquisitionNode(DeviceNode):
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened."""
         super().__init__(self.NAME, **kwargs)
-        self.settings = settings_of(self, self.USE)
-        self._device = create(self.settings.backend, self.settings.device)
-        self._blocks = self.create_publisher(SampleBlock, self.settings.topic, BLOCKS)
+        self._settings, self._calibrations = settings_of(self, self.USE)
+        self._device = create(self._settings["backend"], self._settings)
+        self._blocks = self.create_publisher(SampleBlock, self._settings["topic"], BLOCKS)
         self._events = EventPublisher(self)
-        if self.settings.in_loop:
+        if self._settings["in_loop"]:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        expected = self.settings.expect_recorder
+        expected = self._settings["expect_recorder"]
         self._recorder = RecorderWatch(self, self._on_recorder, self._events.publish, expected=expected)
         self._identity: Identity | None = None
         self._reader: Reader | None = None
         self._handshake: Handshake | None = None
-        self._units = [calibration.unit for calibration in self.settings.calibrations]
+        self._units = [calibration.unit for calibration in self._calibrations]
         self._message: SampleBlock | None = None  # published again and again, with other samples; None: nothing yet
         self._reports: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
         self._counts: dict[str, Counts] = {name: Counts() for name in self._device.channels}
@@ -66,7 +66,7 @@ class AcquisitionNode(DeviceNode):
         self.create_timer(1.0, self._each_second, clock=STEADY)
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._attempts, self._backoff = 0, Backoff()
-        if self.settings.autostart:
+        if self._settings["autostart"]:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
 
     # -- lifecycle -------------------------------------------------------------------------------------------------
@@ -76,17 +76,17 @@ class AcquisitionNode(DeviceNode):
         self.get_logger().info(f"connected to {self._identity}: {', '.join(self._device.channels)}")
 
     def _activate(self) -> None:
-        settings = self.settings
-        if not settings.handshake:
+        settings = self._settings
+        if not settings["handshake"]:
             self._stream()
             return
         self._handshake = Handshake(
             self,
             self._publish_handshake,
             self._stream,
-            topics=(settings.topic, *(LOOP_TOPICS if settings.in_loop else ())),
-            answer="ceiling/state" if settings.in_loop else "",
-            recorder=settings.expect_recorder,
+            topics=(settings["topic"], *(LOOP_TOPICS if settings["in_loop"] else ())),
+            answer="ceiling/state" if settings["in_loop"] else "",
+            recorder=settings["expect_recorder"],
         )
         if self._recorder.status is not None:
             self._handshake.on_status(self._recorder.status)
@@ -152,7 +152,7 @@ class AcquisitionNode(DeviceNode):
             return
         for block in reader.take():
             assert reader.clock is not None
-            values, counts = block_si(self.settings.calibrations, block.volts)
+            values, counts = block_si(self._calibrations, block.volts)
             for name, count in zip(self._counts, counts, strict=True):
                 self._counts[name] += count
             stamp = time_of(reader.clock.stamp_ns(block.first_index))
@@ -189,9 +189,31 @@ class AcquisitionNode(DeviceNode):
             self._events.publish(Event.WARNING, Event.DROPPED, text, float(self._lost_lately))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        state = self._state_text()
-        counts = (self._counts, self._lost_lately)
-        return [status_message(self, self._identity, state, self.status, *counts, self._last_error)]
+        state, status = self._state_text(), self.status
+        last_error = self._last_error or status.last_error
+        level, message = DiagnosticStatus.OK, f"streaming at {status.rate:g} Hz" if status.streaming else state
+        if last_error:
+            level, message = DiagnosticStatus.ERROR, last_error
+        elif self._lost_lately:
+            level, message = DiagnosticStatus.WARN, f"{self._lost_lately} scans lost in the last second"
+        values: dict[str, object] = {
+            "state": state,
+            "rate [Hz]": f"{status.rate:.6f}",
+            "next index": status.next_index,
+            "backlog [scans]": status.backlog,
+            "queued [blocks]": status.queued,
+            "dropped [scans]": status.dropped,
+            "interruptions": status.interruptions,
+            "clock drift [ppm]": f"{status.drift_ppm:.2f}",
+            "clock offset [s]": f"{status.offset_s:.6f}",
+            "last error": last_error or "none",
+        }
+        for channel, count in self._counts.items():
+            values[f"{channel} broken loop [samples]"] = count.broken_loop
+            values[f"{channel} out of range [samples]"] = count.out_of_range
+            values[f"{channel} missing [samples]"] = count.missing
+        serial = str(self._identity.serial) if self._identity else "none"
+        return [diagnostic_status(self, "acquisition", level, message, values, serial)]
 
     def _state_text(self) -> str:
         if self._identity is None:

@@ -60,22 +60,11 @@ class Use:
         )
 
 
-@dataclass(frozen=True)
-class NodeSettings:
-    """What the node itself needs; `device` goes to the backend as it is."""
+def settings_of(node: Node, use: Use) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
+    """Declare everything on `node`; return the checked values by name, and the calibration of each channel.
 
-    backend: str
-    topic: str
-    in_loop: bool
-    device: dict[str, object]
-    calibrations: tuple[Calibration, ...]
-    autostart: bool
-    handshake: bool
-    expect_recorder: bool
-
-
-def settings_of(node: Node, use: Use) -> NodeSettings:
-    """Declare everything on `node` and return it checked. Raises ParameterError or DriverError."""
+    `channels` and `scans_per_block` are as the backend takes them. Raises ParameterError or DriverError.
+    """
     values = declare(node, (*use.rows(), *COMMON))
     backends = dict.fromkeys(name for name in (values["backend"], use.backend, "simulated") if name is not None)
     rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
@@ -88,15 +77,10 @@ def settings_of(node: Node, use: Use) -> NodeSettings:
         )
     calibrations = calibrations_of(values)
     check_channels(calibrations, tuple(names))
-    wiring = [
-        {"name": name, "terminal": terminal, "kind": kind}
-        for name, terminal, kind in zip(names, terminals, kinds, strict=True)
-    ]
+    wiring = zip(names, terminals, kinds, strict=True)
+    channels = [{"name": name, "terminal": terminal, "kind": kind} for name, terminal, kind in wiring]
     scans = max(1, round(values["rate"] / values["blocks_per_second"]))
-    own = {key: values[key] for key in ("backend", "topic", "in_loop", "autostart", "handshake", "expect_recorder")}
-    return NodeSettings(
-        **own, device=values | {"channels": wiring, "scans_per_block": scans}, calibrations=calibrations
-    )
+    return values | {"channels": channels, "scans_per_block": scans}, calibrations
 
 
 def rows_of(model: type[Settings]) -> tuple[Row, ...]:

@@ -27,7 +27,6 @@ class DeviceNode(LifecycleNode):
     _release: Callable[[], None]  # in any state
 
     def __init__(self, name: str, **kwargs: Any) -> None:
-        """Begin unconfigured."""
         super().__init__(name, **kwargs)
         self._last_error = ""
         self._may_retry = True  # whether the last transition may succeed later with the same parameters

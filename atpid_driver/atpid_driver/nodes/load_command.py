@@ -38,18 +38,14 @@ class Tally:
     """What arrived on one topic."""
 
     channels: int = 0
-    rate: float = 0.0
-    """[Hz]."""
+    rate: float = 0.0  # [Hz]
     blocks: int = 0
     scans: int = 0
     next_index: int = 0
-    gaps: list[tuple[int, int]] = field(default_factory=list)
-    """(expected index, index that came)."""
+    gaps: list[tuple[int, int]] = field(default_factory=list)  # (expected index, index that came)
     dropped: int = 0
-    backlog: int = 0
-    """Most scans that ever waited in device and driver."""
-    invalid: int = 0
-    """Values that are NaN."""
+    backlog: int = 0  # most scans that ever waited in device and driver
+    invalid: int = 0  # values that are NaN
 
     def add(self, block: SampleBlock) -> None:
         """Count one block."""

@@ -34,8 +34,7 @@ from atpid_driver.motor.registry import actuator_of
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
-from atpid_driver.nodes.motor_messages import state_of, status_of
-from atpid_driver.nodes.motor_parameters import settings_of
+from atpid_driver.nodes.motor_interface import settings_of, state_of, status_of
 from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
 RETRY = 1.0

@@ -38,15 +38,9 @@ class Echo(Node):
             return
         package, message = publishers[0].topic_type.split("/msg/")
         kind = getattr(importlib.import_module(f"{package}.msg"), message)
-        offered = [publisher.qos_profile for publisher in publishers]
-        kept = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
-        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
-        asked = QoSProfile(
-            depth=10,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        )
-        self.create_subscription(kind, self._topic, self._on_message, asked)
+        durability, reliability = DurabilityPolicy.BEST_AVAILABLE, ReliabilityPolicy.BEST_AVAILABLE
+        offered = QoSProfile(depth=10, durability=durability, reliability=reliability)
+        self.create_subscription(kind, self._topic, self._on_message, offered)
         self.subscribed = True
 
     def _on_message(self, message: Any) -> None:

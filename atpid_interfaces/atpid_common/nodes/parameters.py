@@ -20,8 +20,7 @@ from rclpy.parameter import Parameter
 from atpid_common.errors import InputError
 
 T = TypeVar("T")
-Value = Callable[[str], Any]
-"""The value of a parameter by its name."""
+Value = Callable[[str], Any]  # the value of a parameter by its name
 
 
 class Publish(Protocol):
