@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
+from atpid_driver.motor.serial_port import SerialPort
 from atpid_driver.motor.settings import MotorSettings
 
 SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, "speed": 0.3}
@@ -53,7 +54,7 @@ def wait_for(
 
 
 @dataclass
-class ScriptedPort:
+class ScriptedPort(SerialPort):
     """A port with a script of requests and answers; `done` fails on traffic that did not take place."""
 
     script: list[tuple[bytes, bytes]]

@@ -14,14 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_driver.acquisition.errors import (
-    AcquisitionError,
-    DeviceMissingError,
-    LibraryMissingError,
-    NotStreamingError,
-    SetupRefusedError,
-    StreamLostError,
-)
+from atpid_driver.acquisition import errors
 from atpid_driver.acquisition.protocol import Block, Device, Identity
 from atpid_driver.acquisition.settings import Channel, NiSettings
 
@@ -33,15 +26,15 @@ MISSING_RUNTIME = (
     "NI-DAQmx is not installed: install the NI-DAQmx driver from ni.com (`python -m nidaqmx installdriver`), set "
     "`library` to the path of libnidaqmx.so, or set `grpc` to the PC that has the hardware"
 )
-HINTS: dict[int, tuple[type[AcquisitionError], str]] = {
-    -200279: (StreamLostError, "the computer fell behind and samples were overwritten"),
-    -200284: (StreamLostError, "the module sends no samples"),
-    -200088: (StreamLostError, "the task does not exist any more"),
-    -201003: (DeviceMissingError, "the module cannot be reached: check cable and power"),
-    -200324: (DeviceMissingError, "the module is absent: check cable, power and its name in NI MAX"),
-    -200220: (DeviceMissingError, "no module has the name given as `device`: look it up in NI MAX"),
-    -200170: (SetupRefusedError, "a terminal does not exist on the module: an NI-9230 has ai0, ai1, ai2"),
-    -200077: (SetupRefusedError, "the module cannot run at this rate: an NI-9230 takes 12.8 kS/s divided by n"),
+HINTS: dict[int, tuple[type[errors.AcquisitionError], str]] = {
+    -200279: (errors.StreamLostError, "the computer fell behind and samples were overwritten"),
+    -200284: (errors.StreamLostError, "the module sends no samples"),
+    -200088: (errors.StreamLostError, "the task does not exist any more"),
+    -201003: (errors.DeviceMissingError, "the module cannot be reached: check cable and power"),
+    -200324: (errors.DeviceMissingError, "the module is absent: check cable, power and its name in NI MAX"),
+    -200220: (errors.DeviceMissingError, "no module has the name given as `device`: look it up in NI MAX"),
+    -200170: (errors.SetupRefusedError, "a terminal does not exist on the module: an NI-9230 has ai0, ai1, ai2"),
+    -200077: (errors.SetupRefusedError, "the module cannot run at this rate: an NI-9230 takes 12.8 kS/s divided by n"),
 }
 
 
@@ -50,7 +43,7 @@ def load_nidaqmx(path: str = "") -> Any:
     try:
         package = importlib.import_module("nidaqmx")
     except ImportError:
-        raise LibraryMissingError("the package nidaqmx is not installed: pip install nidaqmx[grpc]") from None
+        raise errors.LibraryMissingError("the package nidaqmx is not installed: pip install nidaqmx[grpc]") from None
     if path:
         loader: Any = importlib.import_module("nidaqmx._lib")
         loader.find_library = lambda _name: path
@@ -103,14 +96,14 @@ class NiAcquisition(Device):
     def read(self) -> Block:
         """Wait in DAQmx for the next block, paced by the module's clock."""
         if not self._running:
-            raise NotStreamingError("no block can be read: start the stream first")
+            raise errors.NotStreamingError("no block can be read: start the stream first")
         scans = self._settings.scans_per_block
         columns = np.empty((len(self._settings.channels), scans))
         try:
             with self._named_errors():
                 self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
                 backlog = int(self._task.in_stream.avail_samp_per_chan)
-        except AcquisitionError:
+        except errors.AcquisitionError:
             self._running = False
             raise
         volts = np.ascontiguousarray(columns.T)
@@ -125,7 +118,7 @@ class NiAcquisition(Device):
         try:
             with self._named_errors():
                 task.close()
-        except AcquisitionError:
+        except errors.AcquisitionError:
             task._handle = None  # so that its finaliser does not warn about a task that the module has lost already
 
     def close(self) -> None:
@@ -165,18 +158,18 @@ class NiAcquisition(Device):
     @contextmanager
     def _named_errors(self) -> Iterator[None]:
         """Raise nidaqmx's errors as an AcquisitionError: one line, the code, what to do."""
-        errors = self._nidaqmx.errors
+        theirs = self._nidaqmx.errors
         try:
             yield
-        except errors.DaqNotFoundError:
-            raise LibraryMissingError(MISSING_RUNTIME) from None
-        except errors.RpcError as error:
+        except theirs.DaqNotFoundError:
+            raise errors.LibraryMissingError(MISSING_RUNTIME) from None
+        except theirs.RpcError as error:
             where = self._settings.grpc
-            raise DeviceMissingError(
+            raise errors.DeviceMissingError(
                 f"the gRPC device server at {where} does not answer ({error.description}): start it or correct `grpc`"
             ) from None
-        except errors.DaqError as error:
+        except theirs.DaqError as error:
             code = int(error.error_code)
             text = str(error).splitlines()[0]
-            kind, hint = HINTS.get(code, (StreamLostError, text))
+            kind, hint = HINTS.get(code, (errors.StreamLostError, text))
             raise kind(f"{hint} (NI-DAQmx {code})", code) from None

@@ -13,6 +13,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -181,17 +182,13 @@ def measure(seconds: float, bag: Path | None = None) -> Result:
     listener = Listener(tuple(DRIVERS.values()), behind_recorder=bag is not None, context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(listener)
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            processes = Processes(Path(folder), domain, bag)
-            try:
-                return _stream(executor, listener, processes, seconds)
-            finally:
-                processes.stop((*DRIVERS, RECORDER))
-    finally:
-        executor.shutdown()
-        listener.destroy_node()
-        rclpy.shutdown(context=context)
+    with ExitStack() as ending:
+        ending.callback(rclpy.shutdown, context=context)
+        ending.callback(listener.destroy_node)
+        ending.callback(executor.shutdown)
+        processes = Processes(Path(ending.enter_context(tempfile.TemporaryDirectory())), domain, bag)
+        ending.callback(processes.stop, (*DRIVERS, RECORDER))
+        return _stream(executor, listener, processes, seconds)
 
 
 def _stream(executor: SingleThreadedExecutor, listener: Listener, processes: Processes, seconds: float) -> Result:

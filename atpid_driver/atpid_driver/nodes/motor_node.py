@@ -16,15 +16,15 @@ from math import isfinite, isnan, nan
 from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
 from atpid_common.latency import Latencies
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import nanoseconds_of
+from atpid_common.nodes.messages import nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
@@ -137,8 +137,7 @@ class MotorNode(DeviceNode):
             self._move(command, info)
         reading = self._read()
         if (handshake and reading.ready and self._initial is None) or (self.settings.lockstep and not handshake):
-            header = Header(stamp=command.header.stamp, frame_id=self.get_name())
-            self._publish(reading, header, handshake=handshake)
+            self._publish(reading, command.header.stamp, handshake=handshake)
 
     def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
         self._initial = None
@@ -175,8 +174,7 @@ class MotorNode(DeviceNode):
         reading = self._read()
         if self._initial is not None and self._active and (reading.ready or self._may_recover(reading)):
             self._go_to_initial(self._initial, reading)
-        stamp = self.get_clock().now().to_msg()
-        self._publish(reading, Header(stamp=stamp, frame_id=self.get_name()))
+        self._publish(reading, self.get_clock().now().to_msg())
 
     def _may_recover(self, reading: Reading) -> bool:
         """Whether to recover from a lost link: once a second, so that requests cannot pile up."""
@@ -214,7 +212,8 @@ class MotorNode(DeviceNode):
                 self._publish_event(Event.ALARM, Event.FAULT, reading.height, f"motor off: {in_words(reading.faults)}")
         return reading
 
-    def _publish(self, reading: Reading, header: Header, *, handshake: bool = False) -> None:
+    def _publish(self, reading: Reading, stamp: Time, *, handshake: bool = False) -> None:
+        header = Header(stamp=stamp, frame_id=self.get_name())
         self._states.publish(state_of(reading, header, handshake=handshake))
 
     # -- monitoring --------------------------------------------------------------------------------------------------
@@ -256,7 +255,7 @@ class MotorNode(DeviceNode):
         return f"{label}: {REMEDIES.get(label, 'activate it')}"
 
     def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
-        stamp = Time(nanoseconds=self._stamp).to_msg() if self.settings.lockstep else None
+        stamp = time_of(self._stamp) if self.settings.lockstep else None
         self._events.publish(severity, kind, text, value, stamp)
 
     def _now(self) -> int:
