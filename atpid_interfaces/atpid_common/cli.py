@@ -45,13 +45,21 @@ def run_parsed(make: Callable[[], argparse.ArgumentParser], argv: Sequence[str] 
 def guarded(command: Callable[[], int]) -> int:
     """Return the exit status of `command`: its own, 1 where standard output or error was closed before everything was
     written, 2 for bad input, 3 for a numerical failure, 130 after Ctrl-C.
+
+    An error of the project is reported in one line; any other exception is a defect and keeps its traceback.
     """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # not open, as after `>&-`
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - open as long as the process
     try:
         try:
-            status = _reported(command)
+            status = command()
+        except KeyboardInterrupt as interrupt:
+            print(interrupt if interrupt.args else "interrupted", file=sys.stderr)
+            status = INTERRUPTED
+        except AtpidError as error:
+            print(f"error: {error}", file=sys.stderr)
+            status = error.status
         except SystemExit as leaving:  # argparse has printed its help or a usage line
             status = leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
         # Anything still buffered fails here, where it can be handled, and not at the interpreter's exit.
@@ -62,20 +70,6 @@ def guarded(command: Callable[[], int]) -> int:
             raise
         return BROKEN_PIPE
     return status
-
-
-def _reported(command: Callable[[], int]) -> int:
-    """Run `command`; report an error of the project in one line. Any other exception is a defect of the program and
-    keeps its traceback.
-    """
-    try:
-        return command()
-    except KeyboardInterrupt as interrupt:
-        print(interrupt if interrupt.args else "interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except AtpidError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.status
 
 
 def _discard_closed() -> bool:

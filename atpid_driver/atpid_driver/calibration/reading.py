@@ -41,7 +41,11 @@ def run(arguments: argparse.Namespace) -> int:
             f"position {arguments.position}, seconds {arguments.seconds}: give finite, positive time"
         )
     output.file(arguments.readings, "file")
-    volts = measure(_device(arguments), arguments.seconds)
+    values = {key: getattr(arguments, key) for key in ("device", "grpc", "library", "serial", "rate")}
+    channel = {"name": "reading", "terminal": arguments.terminal, "kind": arguments.kind}
+    scans = max(1, round(arguments.rate / BLOCKS_PER_SECOND))
+    device = create(arguments.backend, values | {"channels": [channel], "scans_per_block": scans})
+    volts = measure(device, arguments.seconds)
     with output.writing(arguments.readings, "file"):
         append(arguments.readings, arguments.position, float(volts.mean()))
     std = float(volts.std(ddof=1)) if len(volts) > 1 else math.nan
@@ -75,10 +79,3 @@ def append(path: Path, position: float, volts: float) -> None:
         if new:
             file.write(",".join(COLUMNS) + "\n")
         file.write(f"{position!r},{volts:.7f}\n")
-
-
-def _device(arguments: argparse.Namespace) -> Acquisition:
-    values = {key: getattr(arguments, key) for key in ("device", "grpc", "library", "serial", "rate")}
-    channel = {"name": "reading", "terminal": arguments.terminal, "kind": arguments.kind}
-    scans = max(1, round(arguments.rate / BLOCKS_PER_SECOND))
-    return create(arguments.backend, values | {"channels": [channel], "scans_per_block": scans})

@@ -1,2 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ceiling's motor: one protocol (`CeilingActuator`), two backends (a simulated ceiling, a serial port)."""
+"""The ceiling's motor: one protocol (`CeilingActuator`), two backends by name (a simulated ceiling, a serial port)."""
+
+from typing import Final
+
+from atpid_driver.motor.ceiling_actuator import CeilingActuator
+from atpid_driver.motor.errors import SettingsError
+from atpid_driver.motor.settings import MotorSettings
+from atpid_driver.motor.simulated import SimulatedActuator
+
+BACKENDS: Final = ("simulated", "serial")
+
+
+def actuator_of(settings: MotorSettings) -> CeilingActuator:
+    """Return the backend named in `settings`; raises `SettingsError` for an unknown name."""
+    if settings.backend not in BACKENDS:
+        raise SettingsError(f"backend {settings.backend!r}: allowed {', '.join(BACKENDS)}")
+    if settings.backend == "simulated":
+        return SimulatedActuator(settings.limits, settings.initial_height)
+    from atpid_driver.motor.serial_actuator import SerialActuator  # here: a simulated bench does not need pyserial
+
+    return SerialActuator(settings)

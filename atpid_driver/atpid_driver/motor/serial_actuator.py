@@ -27,7 +27,6 @@ class SerialActuator:
     def __init__(self, settings: MotorSettings) -> None:
         self.limits = settings.limits  # which lie inside the firmware's
         self._link = Link(settings)
-        self._active = False
         self._recovery: Job | None = None
 
     def connect(self, now: int) -> Identity:
@@ -38,16 +37,16 @@ class SerialActuator:
     def activate(self, now: int) -> None:
         """Arm, clearing faults whose cause is gone, and start homing if the reference is lost."""
         self._link.keep_alive()
-        self._active = self._link.heartbeat = True
+        self._link.heartbeat = True
         try:
             self._do(self._arming())
         except MotorError:
-            self._active = self._link.heartbeat = False
+            self._link.heartbeat = False
             raise
 
     def deactivate(self, now: int) -> None:
         """Stop and disarm: motor off. Where the link fails the firmware does so by itself within 500 ms."""
-        self._active = self._link.heartbeat = False
+        self._link.heartbeat = False
         with suppress(LinkError):
             self._do(Job((("DISARM", ()),)))
 
@@ -81,7 +80,7 @@ class SerialActuator:
 
     def close(self) -> None:
         """Disarm if the board still answers, and release the port."""
-        self._active = self._link.heartbeat = False
+        self._link.heartbeat = False
         self._link.stop()
 
     def _arming(self) -> Job:
@@ -94,7 +93,7 @@ class SerialActuator:
         """
         lost = reading.mode is Mode.DISARMED or (reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS)
         under_way = self._recovery is not None and not self._recovery.done.done()
-        if self._active and lost and isfinite(goal) and not under_way:
+        if self._link.heartbeat and lost and isfinite(goal) and not under_way:
             job = self._arming()
             self._link.submit(job)
             self._recovery = job
@@ -107,7 +106,7 @@ class SerialActuator:
             return "homing; command it again when it is done"
         if reading.faults & ~LINK_FAULTS:
             return f"{in_words(reading.faults)}; remove the cause, then call ~/rearm"
-        return "motor off; armed and homed again first" if self._active else "motor off; activate it"
+        return "motor off; armed and homed again first" if self._link.heartbeat else "motor off; activate it"
 
     def _do(self, job: Job) -> None:
         """Queue `job` and wait for its outcome, at most JOB_TIME."""

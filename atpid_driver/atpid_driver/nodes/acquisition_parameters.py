@@ -97,17 +97,11 @@ def _row(model: type[Settings], name: str, field: FieldInfo) -> Row:
             f"setting {name} of {model.__name__} is no parameter: its type must be bool, int, float, str or Literal"
         )
     default = _TYPE_OF[kind] if field.is_required() else field.default
+    text = field.description or f"of {model.__name__}"
     extra: Mapping[str, Any] = field.json_schema_extra if isinstance(field.json_schema_extra, Mapping) else {}
     bounds = {key: getattr(limit, key) for limit in field.metadata for key in ("ge", "le") if hasattr(limit, key)}
-    return Row(
-        name,
-        default,
-        field.description or f"of {model.__name__}",
-        str(extra.get("unit", "")),
-        bounds.get("ge"),
-        bounds.get("le"),
-        tuple(map(str, choices)),
-    )
+    unit, allowed = str(extra.get("unit", "")), tuple(map(str, choices))
+    return Row(name, default, text, unit, bounds.get("ge"), bounds.get("le"), allowed)
 
 
 def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:

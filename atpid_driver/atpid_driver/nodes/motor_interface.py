@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from math import nan
 
 from atpid_interfaces.msg import CeilingState
@@ -14,9 +15,9 @@ from std_msgs.msg import Header
 from atpid_common.latency import Latencies
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.parameters import Row, declare
+from atpid_driver.motor import BACKENDS
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode, Reading
 from atpid_driver.motor.faults import in_words
-from atpid_driver.motor.registry import BACKENDS
 from atpid_driver.motor.settings import MotorSettings
 
 TYPES = Parameter.Type
@@ -58,20 +59,8 @@ def settings_of(node: Node) -> MotorSettings:
 
 
 def state_of(reading: Reading, header: Header, *, handshake: bool) -> CeilingState:
-    """Return the message of a reading; `handshake` marks an answer to the handshake."""
-    return CeilingState(
-        header=header,
-        handshake=handshake,
-        mode=int(reading.mode),
-        homed=reading.homed,
-        faults=int(reading.faults),
-        fault=in_words(reading.faults),
-        height=reading.height,
-        target=reading.target,
-        velocity=reading.velocity,
-        speed=reading.speed,
-        sequence=reading.sequence,
-    )
+    """Return the message of a reading, whose fields it has; `handshake` marks an answer to the handshake."""
+    return CeilingState(header=header, handshake=handshake, fault=in_words(reading.faults), **asdict(reading))
 
 
 def status_of(

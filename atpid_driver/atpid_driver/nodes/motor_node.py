@@ -27,10 +27,10 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.supervision import Supervision
+from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
 from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT, in_words
-from atpid_driver.motor.registry import actuator_of
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes

@@ -63,9 +63,3 @@ class Feed:
         self._written = self._ring = np.empty(0)  # type: ignore[assignment]
         self._memory.close()
         self.path.unlink(missing_ok=True)
-
-    def __enter__(self) -> Feed:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
