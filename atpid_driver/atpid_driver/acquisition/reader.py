@@ -104,12 +104,8 @@ class Reader:
     def status(self) -> Status:
         """State of the stream now."""
         with self._changed:
-            return replace(
-                self._status,
-                queued=len(self._queue),
-                offset_s=self._drift.offset_s,
-                drift_ppm=self._drift.drift_ppm,
-            )
+            offset_s, drift_ppm = self._drift.offset_s, self._drift.drift_ppm
+            return replace(self._status, queued=len(self._queue), offset_s=offset_s, drift_ppm=drift_ppm)
 
     def _run(self) -> None:
         try:
@@ -167,11 +163,8 @@ class Reader:
             self._place(block, arrival)
         with self._changed:
             self._drift.add(block.next_index / self._status.rate, arrival)
-            block = replace(
-                block,
-                first_index=block.first_index + self._base_index,
-                dropped=block.dropped + self._base_dropped,
-            )
+            first_index, dropped = block.first_index + self._base_index, block.dropped + self._base_dropped
+            block = replace(block, first_index=first_index, dropped=dropped)
             # A full queue makes the device's own, larger buffer wait; only when that overflows are scans lost.
             self._changed.wait_for(lambda: len(self._queue) < self._depth or self._stop.is_set())
             self._queue.append(block)

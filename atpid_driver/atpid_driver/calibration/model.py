@@ -71,11 +71,10 @@ def load(path: Path) -> Calibration:
         return Calibration(**values)
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        given = "nothing" if first["type"] == "missing" else repr(first["input"])
-        if not first["loc"]:
-            raise CalibrationError(f"calibration file {path}: {first['msg']}") from None
-        raise CalibrationError(f"calibration file {path}: {key} was given {given}: {first['msg']}") from None
+        key = ".".join(map(str, first["loc"]))
+        value = "nothing" if first["type"] == "missing" else repr(first["input"])
+        given = f"{key} was given {value}: " if key else ""
+        raise CalibrationError(f"calibration file {path}: {given}{first['msg']}") from None
 
 
 def save(calibration: Calibration, path: Path, comment: str = "") -> None:

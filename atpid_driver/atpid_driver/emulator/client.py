@@ -36,7 +36,9 @@ class SteppedHost:
 
     def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
         """Send bytes, advance by `seconds`, return every frame received."""
-        return [decode(line) for line in self.emulator.exchange(data, seconds).splitlines(keepends=True)]
+        self.emulator.send(data)
+        self.emulator.drain(seconds)
+        return [decode(line) for line in self.emulator.received().splitlines(keepends=True)]
 
     def state(self) -> StateReply:
         """Return the state without a heartbeat."""

@@ -36,8 +36,7 @@ class Emulator:
     """The real firmware on an emulated board, its serial port at `link`; time stops until `run` or `pace`.
 
     `height` [m] is the true initial height of the ceiling, `bootloader` [s] how long the board ignores input after a
-    restart,
-    `reset_on_open` whether opening the port restarts the board, as on a real one.
+    restart, `reset_on_open` whether opening the port restarts the board, as on a real one.
     """
 
     def __init__(
@@ -91,12 +90,6 @@ class Emulator:
     def received(self) -> bytes:
         """Return what the board sent since the last call; empty while a host has the port."""
         return bytes.fromhex(self.command("recv"))
-
-    def exchange(self, data: bytes, seconds: float = 0.01) -> bytes:
-        """Send, wait until the board has received it, advance by `seconds`, return its answers."""
-        self.send(data)
-        self.drain(seconds)
-        return self.received()
 
     def state(self) -> StandState:
         """Return the true state of the stand."""

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import Future
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -132,8 +133,7 @@ class Link:
             self._first.set_exception(error)
 
     def _connect_and_serve(self) -> None:
-        port = SerialPort(self._settings.port, self._settings.baud)
-        try:
+        with closing(SerialPort(self._settings.port, self._settings.baud)) as port:
             session = Session(port)
             while not self._stop.is_set():
                 self._identify(session)
@@ -141,8 +141,6 @@ class Link:
                     self._serve(session)
                 except SessionLostError as error:
                     self._lost(error)
-        finally:
-            port.close()
 
     def _identify(self, session: Session) -> None:
         identity = session.identify(self._settings.identify_timeout, self._stop.is_set)

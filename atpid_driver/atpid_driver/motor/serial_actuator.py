@@ -27,6 +27,7 @@ class SerialActuator:
     def __init__(self, settings: MotorSettings) -> None:
         self.limits = settings.limits  # which lie inside the firmware's
         self._link = Link(settings)
+        self.reports, self.health = self._link.reports, self._link.health
         self._recovery: Job | None = None
 
     def connect(self, now: int) -> Identity:
@@ -69,14 +70,6 @@ class SerialActuator:
         """Return the last state the board reported; this keeps the heartbeat alive."""
         self._link.keep_alive()
         return self._link.reading
-
-    def reports(self) -> list[str]:
-        """Return the events of the link since the last call, one line each."""
-        return self._link.reports()
-
-    def health(self) -> dict[str, str]:
-        """Return identity and counters of the link."""
-        return self._link.health()
 
     def close(self) -> None:
         """Disarm if the board still answers, and release the port."""

@@ -69,8 +69,6 @@ class AcquisitionNode(DeviceNode):
         if self._settings["autostart"]:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
 
-    # -- lifecycle -------------------------------------------------------------------------------------------------
-
     def _configure(self) -> None:
         self._identity = self._device.open()
         self.get_logger().info(f"connected to {self._identity}: {', '.join(self._device.channels)}")
@@ -120,8 +118,6 @@ class AcquisitionNode(DeviceNode):
             self._attempts += 1
         else:
             self._end_starting()
-
-    # -- the stream ------------------------------------------------------------------------------------------------
 
     def _on_state(self, state: CeilingState) -> None:
         if self._handshake is not None:
@@ -173,8 +169,6 @@ class AcquisitionNode(DeviceNode):
         message = SampleBlock(rate=rate, channels=list(channels), units=self._units, skew=skew)
         message.header.frame_id = str(self._identity)
         return message
-
-    # -- monitoring --------------------------------------------------------------------------------------------------
 
     @property
     def status(self) -> Status:

@@ -27,7 +27,7 @@ from rclpy.node import Node
 
 from atpid_common.nodes.handshake import PERIOD, empty
 from atpid_common.nodes.messages import BLOCKS, STATUS
-from atpid_driver.nodes.load_processes import DRIVERS, INNER_STATUS, RECORDER, Processes, processor_s
+from atpid_driver.nodes.load_processes import DRIVERS, INNER_STATUS, RECORDER, Processes
 from atpid_driver.standins import StandinError
 
 START_S, SETTLE_S = 30.0, 10.0
@@ -94,15 +94,14 @@ class Listener(Node):
         """Whether data arrive on every topic."""
         return all(tally.blocks for tally in self.tallies.values())
 
-    @property
-    def blocks(self) -> dict[str, int]:
-        """Blocks that arrived on each topic."""
-        return {topic: tally.blocks for topic, tally in self.tallies.items()}
-
     def recorder(self, field: str) -> dict[str, int]:
         """Return the recorder's count, `received` or `written`, of the blocks on each topic."""
         counts = dict(zip(self._inner.topics, getattr(self._inner, field), strict=True)) if self._inner else {}
         return {topic: int(counts.get(self.resolve_topic_name(topic), 0)) for topic in self.tallies}
+
+    def all_recorded(self) -> bool:
+        """Return whether the recorder has written every block that arrived."""
+        return self.recorder("written") == {topic: tally.blocks for topic, tally in self.tallies.items()}
 
     def _on_status(self, status: RecorderStatus) -> None:
         self._inner = status
@@ -197,13 +196,13 @@ def _stream(executor: SingleThreadedExecutor, listener: Listener, processes: Pro
         raise StandinError(f"{processes.ended()} has ended: see its message above")
     if not listener.streaming:
         raise StandinError(f"no data within {START_S:g} s: is another node running in this ROS domain?")
-    began, before = time.monotonic(), processes.processor_s() | {"listener": processor_s(os.getpid())}
+    began, before = time.monotonic(), processes.processor_s()
     _spin(executor, seconds, lambda: False)
-    elapsed, after = time.monotonic() - began, processes.processor_s() | {"listener": processor_s(os.getpid())}
+    elapsed, after = time.monotonic() - began, processes.processor_s()
     cores = {name: (after[name] - before[name]) / elapsed for name in before}
     processes.stop(tuple(DRIVERS))
     if RECORDER in processes.running:
-        _spin(executor, SETTLE_S, lambda: listener.recorder("written") == listener.blocks)
+        _spin(executor, SETTLE_S, listener.all_recorded)
     recorded = listener.recorder("written") if RECORDER in processes.running else {}
     return Result(elapsed, listener.tallies, cores, recorded)
 

@@ -48,8 +48,9 @@ class Processes:
         return next((name for name, process in self.running.items() if process.poll() is not None), "")
 
     def processor_s(self) -> dict[str, float]:
-        """Return the processor time each has used, all its threads [s]."""
-        return {name: processor_s(process.pid) for name, process in self.running.items()}
+        """Return the processor time each, and the listener in this process, has used [s]."""
+        pids = {name: process.pid for name, process in self.running.items()} | {"listener": os.getpid()}
+        return {name: processor_s(pid) for name, pid in pids.items()}
 
     def stop(self, names: tuple[str, ...]) -> None:
         """Interrupt and await the named processes that still run."""

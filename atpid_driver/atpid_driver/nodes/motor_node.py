@@ -92,8 +92,6 @@ class MotorNode(DeviceNode):
         self.create_subscription(CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
         self.create_service(Trigger, "~/rearm", self._on_rearm)
 
-    # -- lifecycle ---------------------------------------------------------------------------------------------------
-
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
         self._connected = True
@@ -125,8 +123,6 @@ class MotorNode(DeviceNode):
             self.trigger_activate()
         elif self._starter.timer_period_ns < RETRY * 1e9:
             self._starter.timer_period_ns = int(RETRY * 1e9)
-
-    # -- the loop --------------------------------------------------------------------------------------------------
 
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
@@ -215,8 +211,6 @@ class MotorNode(DeviceNode):
     def _publish(self, reading: Reading, stamp: Time, *, handshake: bool = False) -> None:
         header = Header(stamp=stamp, frame_id=self.get_name())
         self._states.publish(state_of(reading, header, handshake=handshake))
-
-    # -- monitoring --------------------------------------------------------------------------------------------------
 
     def _on_silence(self) -> None:
         """Stop a moving ceiling: its target may be out of date. The next command moves it again."""

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
-from atpid_common.nodes.command_node import command_node
+from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import announced
 
 TURN = 0.1  # how soon a signal is noticed [s]

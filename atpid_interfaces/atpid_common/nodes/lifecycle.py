@@ -18,7 +18,7 @@ from rclpy.node import Node
 from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
-from atpid_common.nodes.command_node import command_node
+from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import announced
 
 TRANSITIONS = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The main function of a node that is a process of its own: bad input in one line, Ctrl-C once or twice."""
+"""Nodes as processes of their own, with bad input in one line and Ctrl-C once or twice; and the node of a command."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import cast
+from typing import TypeVar, cast
 
 import rclpy
 import rclpy.logging
@@ -25,6 +25,7 @@ from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.single_instance import claim
 
+N = TypeVar("N", bound=Node)
 #: How soon a signal is noticed at the latest [s].
 TURN = 0.1
 
@@ -105,3 +106,19 @@ def _spin(node: Node, interrupt: Interrupt) -> int:
         executor.spin_once(timeout_sec=TURN)
     executor.shutdown()
     return int(done.result()) if done and done.done() else DONE
+
+
+@contextmanager
+def command_node(make: Callable[[], N]) -> Iterator[tuple[N, SingleThreadedExecutor]]:
+    """Initialise rclpy without signal handlers of its own; yield the node that `make` returns, and its executor."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node, executor = make(), SingleThreadedExecutor()
+        executor.add_node(node)
+        try:
+            yield node, executor
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()

@@ -18,7 +18,7 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE, InputError
-from atpid_common.nodes.command_node import command_node
+from atpid_common.nodes.node_main import command_node
 
 #: How long to wait for the node to be discovered, and for its answer [s].
 TIMEOUT = 10.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from atpid_interfaces.msg import Event
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -21,14 +21,7 @@ from atpid_common.errors import InputError
 
 T = TypeVar("T")
 Value = Callable[[str], Any]  # the value of a parameter by its name
-
-
-class Publish(Protocol):
-    """Publishes an event; see `EventPublisher.publish`."""
-
-    def __call__(self, severity: int, kind: str, text: str, value: float = ...) -> None:
-        """Publish and log it."""
-        ...
+Publish = Callable[[int, str, str, float], None]  # publishes an event: its severity, kind, text and value
 
 
 class ParameterError(InputError):

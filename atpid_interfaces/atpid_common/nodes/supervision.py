@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from math import nan
 from typing import Any
 
 from atpid_interfaces.msg import Event
@@ -118,7 +119,7 @@ class QosMonitor:
             f"`ros2 topic info --verbose {self._node.resolve_topic_name(topic)}` shows both"
         )
         self._incompatible[topic] = text
-        self._publish(Event.WARNING, Event.QOS, text)
+        self._publish(Event.WARNING, Event.QOS, text, nan)
         self._changed()
 
     def _on_missed(self, topic: str, counts: Callable[[], bool], event: Any) -> None:
