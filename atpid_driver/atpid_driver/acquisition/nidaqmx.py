@@ -77,8 +77,8 @@ class NiAcquisition(Device):
         """Make the task, start it and return the rate the module coerced the one asked for to."""
         self.stop()
         settings = self._settings
-        readers: Any = importlib.import_module("nidaqmx.stream_readers")
         with self._named_errors():
+            readers: Any = importlib.import_module("nidaqmx.stream_readers")
             self._task = self._nidaqmx.Task(grpc_options=self._options())
             for channel in settings.channels:
                 self._add(channel)
