@@ -14,8 +14,7 @@ from pydantic import Field
 
 from atpid_sim.contact import hertz
 from atpid_sim.contact.hertz import elastic_force
-from atpid_sim.contact.rebound import hertz_time
-from atpid_sim.contact.rebound_series import LEE_HERRMANN, series_rebound
+from atpid_sim.contact.rebound_series import LEE_HERRMANN, hertz_time, series_rebound
 from atpid_sim.contact.spec import ELASTIC, ElasticSpec
 from atpid_sim.fields import Damping
 from atpid_sim.kernel import kernel

@@ -5,8 +5,6 @@ They are plain integers, which numba compiles to constants: access costs the sam
 (docs/decisions/0008-kernels.md).
 """
 
-from __future__ import annotations
-
 # Drive table, float64 (rows, DRIVE_COLUMNS); local time tau is measured from START.
 (
     START,  # of the row [s]

@@ -22,6 +22,16 @@ def steps_used(n):  # type: ignore[no-untyped-def]
     return n[CONTACT_STEPS] + n[FLIGHT_STEPS] + n[REJECTED]
 
 
+class _Value:
+    """A place of the state vector by name, read as a float; its unit is that of the column."""
+
+    def __init__(self, column: int) -> None:
+        self._column = column
+
+    def __get__(self, state: State, owner: type[State]) -> float:
+        return float(state.y[self._column])
+
+
 @dataclass
 class State:
     """State vector y (STATE_SIZE,) and counters n (COUNTERS,), as named in `columns`; SI units."""
@@ -45,30 +55,11 @@ class State:
         """Return an independent copy."""
         return State(self.y.copy(), self.n.copy())
 
-    @property
-    def time(self) -> float:
-        """Time reached [s]."""
-        return float(self.y[columns.TIME])
-
-    @property
-    def beam(self) -> float:
-        """Displacement of the beam [m]."""
-        return float(self.y[columns.BEAM])
-
-    @property
-    def beam_velocity(self) -> float:
-        """Velocity of the beam [m/s]."""
-        return float(self.y[columns.BEAM_VELOCITY])
-
-    @property
-    def grain(self) -> float:
-        """Displacement of the grain [m]."""
-        return float(self.y[columns.GRAIN])
-
-    @property
-    def grain_velocity(self) -> float:
-        """Velocity of the grain [m/s]."""
-        return float(self.y[columns.GRAIN_VELOCITY])
+    time = _Value(columns.TIME)
+    beam = _Value(columns.BEAM)
+    beam_velocity = _Value(columns.BEAM_VELOCITY)
+    grain = _Value(columns.GRAIN)
+    grain_velocity = _Value(columns.GRAIN_VELOCITY)
 
     @property
     def mode(self) -> int:

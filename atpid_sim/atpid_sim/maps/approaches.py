@@ -9,10 +9,8 @@ from atpid_sim.maps.response import DamperResponse, Path
 
 #: From a damper, a height [m] and a time to settle at the first height [s] to the path of the ceiling.
 Approach = Callable[[DamperResponse, float, float], Path]
-
 #: Duration of slow travels of the ceiling [s]: the thesis's opening time.
 TRAVEL = 1.0
-
 #: Clearance before the ceiling is raised or lowered, as a share of the final one.
 _BELOW, _ABOVE = 0.5, 1.25
 
@@ -52,7 +50,6 @@ def travelled(present: float, speed: float, delay: float = 0.0) -> Approach:
 
 #: All: a height that is good after each of them is good from every previous state.
 ALL_APPROACHES: tuple[Approach, ...] = (raised, lowered, opened, at_once)
-
 #: Approaches of a damper that is closed now.
 FROM_CLOSED: tuple[Approach, ...] = (raised, opened, at_once)
 

@@ -9,7 +9,6 @@ from atpid_sim.scene import HarmonicExcitation, Scene
 
 #: Numbers that differ by less are the same [relative].
 _SAME = 1e-9
-
 #: A frequency given as a number counts as resonance within this share.
 _RESONANCE = 1e-4
 

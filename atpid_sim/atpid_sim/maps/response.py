@@ -19,7 +19,6 @@ from atpid_sim.system import System
 
 Array = NDArray[np.float64]
 Path = tuple[tuple[float, float], ...]
-
 #: Period-to-period variation up to which a motion counts as regular [-].
 _REGULAR = 0.02
 

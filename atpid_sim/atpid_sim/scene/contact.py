@@ -12,20 +12,19 @@ from pydantic import Discriminator, Tag
 
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
-from atpid_sim.fields import Block
 
 
 def _law(value: Any) -> str | None:
     law = value.get("law") if isinstance(value, Mapping) else getattr(value, "law", None)
-    return f"<{law}>" if isinstance(law, str) and f"<{law}>" in VARIANTS else None
+    return f"<{law}>" if law in NAMES else None
 
 
-VARIANTS: dict[str, type[Block]] = {f"<{name}>": law.Spec for name, law in zip(NAMES, LAWS, strict=True)}
+_SPECS = [Annotated[law.Spec, Tag(f"<{name}>")] for name, law in zip(NAMES, LAWS, strict=True)]
 
 if TYPE_CHECKING:
     ContactBlock = ContactSpec
 else:
     ContactBlock = Annotated[
-        functools.reduce(operator.or_, (Annotated[spec, Tag(tag)] for tag, spec in VARIANTS.items())),
+        functools.reduce(operator.or_, _SPECS),
         Discriminator(_law, custom_error_type="no_law", custom_error_message=f"law: one of {', '.join(NAMES)}"),
     ]

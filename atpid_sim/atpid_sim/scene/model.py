@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, Strict, model_validator
@@ -22,7 +21,6 @@ from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
 _STEADY_SHARE = 0.125
-
 #: Samples a block at most: what one message can hold without filling the memory.
 _MOST_A_BLOCK = 1_000_000
 
@@ -111,32 +109,16 @@ class SceneValues(Block):
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what was given, as plain numbers, text, lists and dicts."""
-        given = self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
-        mapping: dict[str, Any] = plain(given)
-        return mapping
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
 
     def to_yaml(self) -> str:
         """Return the scene as YAML; loading it gives the same scene."""
         return write_yaml(self.to_mapping())
 
 
-def plain(value: Any) -> Any:
-    """Return a value, and what it contains, as numbers, text, lists and dicts."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, Block):
-        return plain(value.model_dump(by_alias=True, exclude_unset=True, exclude_none=True))
-    return str(value) if isinstance(value, Path) else value
-
-
 def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     diameter = 2.0 * scene.grain.radius
-    named: dict[str, float] = {}
-    for key in ("height", "closed", "open"):
-        if hasattr(scene.ceiling, key):
-            named[key] = getattr(scene.ceiling, key)
+    named = {key: getattr(scene.ceiling, key) for key in ("height", "closed", "open") if hasattr(scene.ceiling, key)}
     if scene.ceiling.kind == "profile":
         named["profile"] = min(height for _, height in scene.ceiling.heights)
     if isinstance(scene.ceiling, ControlledCeiling):

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
 #: Peaks below this share of the first are noise and rest, not decay.
 _SMALLEST = 0.02
 

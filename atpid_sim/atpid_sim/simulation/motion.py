@@ -12,7 +12,6 @@ from atpid_sim.simulation.integration import Array, is_closed, negligible_displa
 
 #: Change from period to period, relative to the amplitude, above which the motion is irregular (rumble).
 _IRREGULAR = 0.05
-
 #: Share of a period in contact above which the grain sticks (thesis Eq. 4.5: t_c < gamma T / 2 with gamma = 0.1).
 _STICKING = 0.1
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.output import OutputError, writing
-from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_numbers import drawn, light_frames
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import Trajectory
 
 Array = NDArray[np.float64]
-
 #: How many periods of the grain's motion the picture shows.
 _PERIODS = 4.0
 
@@ -51,30 +50,19 @@ def write_series(motion: Trajectory, path: Path) -> None:
             np.savetxt(path, table, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")
 
 
-def draw(scene: Scene, motion: Trajectory, closed: Trajectory | None, path: Path) -> None:
+def draw(scene: Scene, motion: Trajectory, closed: Trajectory, path: Path) -> None:
     """Draw beam, ceiling and the grain's last periods; `closed`: the same beam, damper closed. Raises OutputError."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(3, 1, figsize=(10.0, 9.0), layout="constrained", height_ratios=(3.0, 1.2, 2.2))
-    _beam(axes[0], scene, motion, closed)
-    axes[1].plot(motion.time, motion.ceiling, "C0", linewidth=1.4)
-    axes[1].set(xlim=(0.0, scene.duration), ylim=(0.0, None), ylabel="m", xlabel="time [s]", title="Ceiling height")
-    _grain(axes[2], scene, motion)
-    for panel in axes:
-        panel.grid(alpha=0.3)
-        panel.spines[["top", "right"]].set_visible(False)
-    with writing(path, "--picture"):
-        figure.savefig(path, dpi=150, metadata=metadata_of(figure))
-    pyplot.close(figure)
+    with drawn(path, "--picture", nrows=3, figsize=(10.0, 9.0), height_ratios=(3.0, 1.2, 2.2)) as (_, axes):
+        _beam(axes[0], scene, motion, closed)
+        axes[1].plot(motion.time, motion.ceiling, "C0", linewidth=1.4)
+        axes[1].set(xlim=(0.0, scene.duration), ylim=(0.0, None), ylabel="m", xlabel="time [s]", title="Ceiling height")
+        _grain(axes[2], scene, motion)
+        light_frames(axes)
 
 
-def _beam(axes: Any, scene: Scene, motion: Trajectory, closed: Trajectory | None) -> None:
+def _beam(axes: Any, scene: Scene, motion: Trajectory, closed: Trajectory) -> None:
     rest = scene.static_deflection
-    if closed is not None:
-        axes.plot(closed.time, closed.beam + rest, "0.7", linewidth=0.7, label="damper closed")
+    axes.plot(closed.time, closed.beam + rest, "0.7", linewidth=0.7, label="damper closed")
     axes.plot(motion.time, motion.beam + rest, "C0", linewidth=0.8, label="this scene")
     axes.axvspan(*scene.steady_window, color="0.93", zorder=0, label="steady window")
     axes.set(xlim=(0.0, scene.duration), ylabel="m", title="Beam displacement from rest")

@@ -16,11 +16,10 @@ from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation import reproducibility
 from atpid_sim.simulation.decay import largest_decrement
 from atpid_sim.simulation.energy import Ledger
-from atpid_sim.simulation.fidelity import Choice, choose
+from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import (
     Integration,
     Observation,
-    Run,
     drive_table,
     impact_log,
     sample_series,
@@ -30,10 +29,8 @@ from atpid_sim.simulation.motion import classify
 
 #: Impacts logged of one run.
 _LOG = 20_000
-
 #: Samples a period from which the kind of motion is read.
 _STROBES = 64
-
 #: Samples a period from which the peaks of a free decay are read: each is within 1e-5 of the true one.
 _DECAY_SAMPLES = 800.0
 
@@ -68,7 +65,7 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers and text; NaN as None."""
-        plain: dict[str, Any] = _finite(asdict(self))
+        plain: dict[str, Any] = finite(asdict(self))
         return plain
 
 
@@ -106,9 +103,15 @@ def simulate(
     choice = choose(scene, fidelity, undamped=undamped)
     integration = Integration(scene, choice.fidelity, rtol, table=table)
     integration.warm_up()
-    run, wall = _steady(integration)
-    amplitude, last = run.amplitude, run.last
-    verdict = reproducibility.judge(integration, amplitude, last.steps) if check else reproducibility.unchecked()
+    begin, end = scene.steady_window
+    period = 1.0 / (_STROBES * scene.frequency_hz)
+    samples = sample_series(min(100_000, int((end - begin) / period)))
+    observation = Observation((begin, end), begin, period, samples, impact_log(_LOG))
+    begun = time.perf_counter()
+    run = integration.run(observation)
+    wall = time.perf_counter() - begun
+    amplitude, last = run.last.amplitude, run.last
+    verdict = reproducibility.judge(integration, amplitude, last.steps) if check else reproducibility.UNCHECKED
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,
@@ -174,24 +177,10 @@ def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
     }
 
 
-def _finite(value: Any) -> Any:
-    """Return the same with None for every number that is not finite."""
+def finite(value: Any) -> Any:
+    """Return a value, and what dicts and lists in it contain, with None for every number that is not finite."""
     if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
+        return {key: finite(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):
-        return [_finite(inner) for inner in value]
+        return [finite(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _steady(integration: Integration) -> tuple[Run, float]:
-    """Return a run that samples the steady window, and the time it took [s]."""
-    begin, end = integration.scene.steady_window
-    period = 1.0 / (_STROBES * integration.scene.frequency_hz)
-    samples = sample_series(min(100_000, int((end - begin) / period)))
-    observation = Observation((begin, end), begin, period, samples, impact_log(_LOG))
-    begun = time.perf_counter()
-    run = integration.run(observation)
-    return run, time.perf_counter() - begun
-
-
-__all__ = ["Choice", "Result", "Trajectory", "simulate", "trajectory"]

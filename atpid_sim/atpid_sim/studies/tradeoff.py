@@ -18,11 +18,9 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
-from atpid_sim.studies import peaks
-from atpid_sim.studies.baselines import BASELINES, BaselineError, BaselineResult, run_baseline
+from atpid_sim.studies.baselines import BASELINES, BaselineError, BaselineResult, half_peak_to_peak, run_baseline
 
 Array = NDArray[np.float64]
-
 #: Tolerance of the reference, and of the run it is checked against.
 REFERENCE = 1e-12
 _CONTROL = 1e-11
@@ -94,7 +92,7 @@ class _Timed:
         begin = time.thread_time()
         run = integration.run(observation, table, limit, disturbance)
         wall = time.thread_time() - begin
-        return run.amplitude, run.samples, run.ledger.residual, wall
+        return run.last.amplitude, run.samples, run.ledger.residual, wall
 
 
 def reference_of(scene: Scene) -> Reference:
@@ -233,7 +231,7 @@ def _error_as_read(result: BaselineResult, reference: Reference, converged: _Tim
         return abs(result.amplitude / reference.amplitude - 1.0)
     series = converged.run(times)[1]
     rows = series[[columns.S_BEAM, columns.S_VELOCITY, columns.S_ACCELERATION]]
-    return abs(peaks.half_peak_to_peak(times, *own_rows) - peaks.half_peak_to_peak(times, *rows)) / reference.amplitude
+    return abs(half_peak_to_peak(times, *own_rows) - half_peak_to_peak(times, *rows)) / reference.amplitude
 
 
 def _apart(beam: Array, reference: Reference) -> float:

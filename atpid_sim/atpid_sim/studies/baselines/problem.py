@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from atpid_sim.studies.baselines.rhs import BEAM, GRAIN, pack
 from atpid_sim.system import System
 
 Array = NDArray[np.float64]
-
 #: Points a period at which a motion is kept in the window; see `peaks.between` for the error.
 POINTS = 64
 
@@ -99,4 +98,4 @@ def shortened(problem: Problem) -> Problem:
     rows = problem.rows[:1].copy()
     rows[0, columns.END] = rows[0, columns.START] + 1e-3 * problem.period
     window = rows[0, columns.START], rows[0, columns.END]
-    return Problem(rows, problem.system, problem.contact, window, problem.start, problem.period)
+    return replace(problem, rows=rows, window=window)
