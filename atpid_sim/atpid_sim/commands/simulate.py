@@ -18,7 +18,7 @@ from atpid_sim.display import working
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
 from atpid_sim.simulation.integration import FIDELITIES
-from atpid_sim.simulation.series import check_series_name, draw, write_series
+from atpid_sim.simulation.series import draw, write_series
 from atpid_sim.simulation.simulate import Result, Trajectory, simulate, trajectory
 
 _UNITS = {"amplitude": "m", "undamped_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s"}
@@ -89,8 +89,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_files(args: argparse.Namespace) -> None:
-    if args.series is not None:
-        check_series_name(args.series)
+    if args.series is not None and args.series.suffix.lower() not in (".csv", ".npz"):
+        raise output.OutputError(f"--series: given {args.series}; allowed: a file that ends in .csv or .npz")
     for option in ("series", "picture"):
         if getattr(args, option) is not None:
             output.file(getattr(args, option), f"--{option}")

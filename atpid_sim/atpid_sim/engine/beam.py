@@ -167,10 +167,8 @@ def _envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-d
         return _growing_envelope(arc, q_in, q_out, tau, until, order)
     envelope = math.sqrt(q_in * q_in + q_out * q_out)
     if arc.a1 != 0.0:
-        envelope = (
-            max(envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until))
-            + order * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
-        )
+        last = math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until)
+        envelope = max(envelope, last) + order * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
     return envelope
 
 

@@ -49,10 +49,8 @@ def _initial_motion(y, model, p, segment, diameter, moment):  # type: ignore[no-
     if model.side > 0.0:
         overlap, velocity = -gap, -velocity
     else:
-        overlap, velocity = (
-            gap - (segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * moment.tau - diameter),
-            velocity - segment[at.CEILING_VELOCITY],
-        )
+        overlap = gap - (segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * moment.tau - diameter)
+        velocity = velocity - segment[at.CEILING_VELOCITY]
     overlap = max(0.0, overlap)
     u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
     return Motion(x, v, overlap, velocity, rates_at(model, p, u, w, x, v, overlap, velocity))
@@ -200,12 +198,8 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # t
         error = _weighted_error(model, p, motion, end, errors, deepest, fastest, natural, rest, control, taken)
         detaching = end.rates.force <= 0.0
         # a whole contact inside the first step must be resolved, unless it is too weak to matter
-        missed = (
-            detaching
-            and taken == 0
-            and method == FOURTH_ROOT
-            and motion.velocity * (end_time - tau) > 1e-3 * control.overlap
-        )
+        first = taken == 0 and method == FOURTH_ROOT
+        missed = detaching and first and motion.velocity * (end_time - tau) > 1e-3 * control.overlap
         if missed or not error <= 1.0:
             n[at.REJECTED] += 1
             h = _after_rejection(method, h, error, missed)
@@ -227,7 +221,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # t
                 end = Motion(end.x, end.v, end.overlap, 0.0, end.rates)
         n[at.CONTACT_STEPS] += 1
         elapsed = end_time - tau
-        if taken == 0 and method == FOURTH_ROOT:
+        if first:
             y[at.FIRST_STEP] = h
         taken += 1
         _add_flows(y, model, p, moving, motion.overlap, end.overlap, flows)

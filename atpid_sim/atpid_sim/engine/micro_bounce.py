@@ -29,7 +29,7 @@ def _support_force(y, segment, tau, system):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _closing(y, side, ceiling_velocity):  # type: ignore[no-untyped-def]
+def closing_speed(y, side, ceiling_velocity):  # type: ignore[no-untyped-def]
     """Closing speed of grain and wall [m/s]."""
     if side > 0.0:
         return y[at.BEAM_VELOCITY] - y[at.GRAIN_VELOCITY]
@@ -47,7 +47,7 @@ def only_micro_bounces(y, n, segment, tau, system, share):  # type: ignore[no-un
     size = abs(y[at.BEAM] - rest) + abs(y[at.BEAM_VELOCITY]) / math.sqrt(system.stiffness / system.beam_mass)
     clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
     pressing = side * _support_force(y, segment, tau, system) / system.beam_mass
-    closing = _closing(y, side, segment[at.CEILING_VELOCITY])
+    closing = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     low = clearance <= share * size or (pressing > 0.0 and closing * closing <= 2.0 * pressing * share * size)
     n[at.LOW_HOPS] = n[at.LOW_HOPS] + 1 if low else max(0, n[at.LOW_HOPS] - _OUTWEIGHED)
     return low and n[at.LOW_HOPS] > _LIMIT and pressing > 0.0
@@ -62,7 +62,7 @@ def replace_by_static_contact(y, n, segment, tau, system, law, p):  # type: igno
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
     beam_mass, grain_mass = system.beam_mass, system.grain_mass
-    closing = _closing(y, side, segment[at.CEILING_VELOCITY])
+    closing = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     impulse = beam_mass * grain_mass / (beam_mass + grain_mass) * closing
     push = side * grain_mass / (beam_mass + grain_mass) * _support_force(y, segment, tau, system)
     overlap = static_overlap(law, p, push, 1e-12)

@@ -10,7 +10,7 @@ from atpid_sim.engine.contact_phase import contact
 from atpid_sim.engine.error_control import DEPTH_FLOOR, Control, control_of
 from atpid_sim.engine.flight import flight
 from atpid_sim.engine.impact_phase import begin_impact_row, collide, stick
-from atpid_sim.engine.micro_bounce import only_micro_bounces, replace_by_static_contact
+from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import View, record_extreme
 from atpid_sim.engine.state import steps_used
@@ -33,17 +33,14 @@ class Fidelity(IntEnum):
 def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):  # type: ignore[no-untyped-def]
     """Count a new contact and log its time, wall and closing speed."""
     on_floor = n[at.MODE] == at.ON_FLOOR
-    if on_floor:
-        speed = y[at.BEAM_VELOCITY] - y[at.GRAIN_VELOCITY]
-    else:
-        speed = y[at.GRAIN_VELOCITY] - y[at.BEAM_VELOCITY] - ceiling_velocity
+    side = 1.0 if on_floor else -1.0
     n[at.FLOOR_HITS if on_floor else at.CEILING_HITS] += 1
     if observing:
         n[at.WINDOW_FLOOR if on_floor else at.WINDOW_CEILING] += 1
     if n[at.IMPACTS] < impacts.shape[0]:
         impacts[n[at.IMPACTS], at.E_TIME] = now
-        impacts[n[at.IMPACTS], at.E_WALL] = 1.0 if on_floor else -1.0
-        impacts[n[at.IMPACTS], at.E_SPEED] = speed
+        impacts[n[at.IMPACTS], at.E_WALL] = side
+        impacts[n[at.IMPACTS], at.E_SPEED] = closing_speed(y, side, ceiling_velocity)
         n[at.IMPACTS] += 1
     y[at.DEEPEST] = 0.0
     y[at.BEGUN] = now

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from atpid_sim.maps.response import DamperResponse, Path
 
@@ -15,33 +16,30 @@ TRAVEL = 1.0
 _BELOW, _ABOVE = 0.5, 1.25
 
 
-def at_once(damper: DamperResponse, height: float, rest: float) -> Path:
+def at_once(_damper: DamperResponse, height: float, _rest: float) -> Path:
     """Open the closed damper at once."""
-    del damper, rest
     return ((0.0, height),)
 
 
-def opened(damper: DamperResponse, height: float, rest: float) -> Path:
+def opened(damper: DamperResponse, height: float, _rest: float) -> Path:
     """Open the closed damper slowly."""
-    del rest
     return (0.0, damper.diameter), (TRAVEL, height)
 
 
-def raised(damper: DamperResponse, height: float, rest: float) -> Path:
-    """Come from half the clearance, settled there."""
-    return _passed(damper, height, rest, _BELOW)
+def _passed(damper: DamperResponse, height: float, rest: float, share: float) -> Path:
+    """Come from another clearance, settled there: a share of the final one."""
+    before = damper.diameter + share * (height - damper.diameter)
+    return (0.0, before), (rest, before), (rest + TRAVEL, height)
 
 
-def lowered(damper: DamperResponse, height: float, rest: float) -> Path:
-    """Come from a quarter more clearance, settled there."""
-    return _passed(damper, height, rest, _ABOVE)
+raised: Approach = partial(_passed, share=_BELOW)
+lowered: Approach = partial(_passed, share=_ABOVE)
 
 
 def travelled(present: float, speed: float, delay: float = 0.0) -> Approach:
     """Come from a present height [m], settled there, at a speed [m/s], a delay [s] later."""
 
-    def approach(damper: DamperResponse, height: float, rest: float) -> Path:
-        del damper
+    def approach(_damper: DamperResponse, height: float, rest: float) -> Path:
         start = rest + delay
         return (0.0, present), (start, present), (start + max(abs(height - present) / speed, 1e-6), height)
 
@@ -52,8 +50,3 @@ def travelled(present: float, speed: float, delay: float = 0.0) -> Approach:
 ALL_APPROACHES: tuple[Approach, ...] = (raised, lowered, opened, at_once)
 #: Approaches of a damper that is closed now.
 FROM_CLOSED: tuple[Approach, ...] = (raised, opened, at_once)
-
-
-def _passed(damper: DamperResponse, height: float, rest: float, share: float) -> Path:
-    before = damper.diameter + share * (height - damper.diameter)
-    return (0.0, before), (rest, before), (rest + TRAVEL, height)

@@ -72,7 +72,8 @@ class Plant:
             raise PlantError(self._opened(max(height for _, height in scene.ceiling.heights)))
         self._rows = support_rows(scene)
         self._state = self.integration.initial_state()
-        self._energy_at_start = stored_energy(self.integration.system, self._state, self._support_at(0.0))
+        support = drive.support_displacement(self._rows, 0.0)
+        self._energy_at_start = stored_energy(self.integration.system, self._state, support)
         self._ticks = 0
         self._rate: float | None = None  # [Hz], that of the first advance
         self._failure = ""  # why the integration stopped
@@ -163,7 +164,7 @@ class Plant:
 
     def _block(self, begin: float, end: float, rate: float, table: Array, out: Array, outcome: Outcome) -> PlantBlock:
         state, y = self._state, self._state.y
-        stored = stored_energy(self.integration.system, state, self._support_at(end))
+        stored = stored_energy(self.integration.system, state, drive.support_displacement(self._rows, end))
         stored += contact_energy(self.integration.contact, self.integration.system, state, table)
         return PlantBlock(
             time=begin + np.arange(out.shape[1]) / rate,
@@ -183,6 +184,3 @@ class Plant:
             excitation_frequency=frequency_at(self._scene, end),
             outcome=outcome,
         )
-
-    def _support_at(self, t: float) -> float:
-        return drive.support_displacement(self._rows, t)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_common.output import OutputError, writing
+from atpid_common.output import writing
 from atpid_sim.figure_numbers import drawn, light_frames
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import Trajectory
@@ -19,9 +19,10 @@ Array = NDArray[np.float64]
 _PERIODS = 4.0
 
 
-def columns_of(motion: Trajectory) -> dict[str, Array]:
-    """Return the series (n,), SI, by the names that `excitation.series` and `calibrate-beam` read."""
-    return {
+def write_series(motion: Trajectory, path: Path) -> None:
+    """Write the series (n,), SI, as CSV with a header line or, with the impacts (k, 3), as NPZ. Raises OutputError."""
+    # by the names that `excitation.series` and `calibrate-beam` read
+    columns = {
         "time": motion.time,
         "support_displacement": motion.support,
         "beam_displacement": motion.beam,
@@ -30,17 +31,6 @@ def columns_of(motion: Trajectory) -> dict[str, Array]:
         "grain_displacement": motion.grain,
         "ceiling_height": motion.ceiling,
     }
-
-
-def check_series_name(path: Path) -> None:
-    """Raise OutputError for a file that is neither .csv nor .npz."""
-    if path.suffix.lower() not in (".csv", ".npz"):
-        raise OutputError(f"--series: given {path}; allowed: a file that ends in .csv or .npz")
-
-
-def write_series(motion: Trajectory, path: Path) -> None:
-    """Write the columns as CSV with a header line or, with the impacts (k, 3), as NPZ. Raises OutputError."""
-    columns = columns_of(motion)
     with writing(path, "--series"):
         if path.suffix.lower() == ".npz":
             with path.open("wb") as file:

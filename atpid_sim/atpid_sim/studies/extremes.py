@@ -21,11 +21,10 @@ from atpid_sim.engine import columns, drive
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.engine.dormand_prince import ContactModel
 from atpid_sim.engine.rosenbrock import contact_pace
-from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import Scene, scene_from_mapping
-from atpid_sim.simulation.integration import Array, Integration, Observation
+from atpid_sim.simulation.integration import Integration, Observation
 from atpid_sim.system import reduced_mass
 
 TOLERANCE = 1e-4
@@ -116,10 +115,12 @@ def run_case(seed: int, index: int, fidelity: str) -> Case:
     wall = time.perf_counter() - begin
     ledger = integration.ledger(first, state, table)
     turnover = abs(ledger.input) + ledger.beam_loss + abs(ledger.ceiling_work) + abs(ledger.stored)
+    clearance = drive.ceiling_height(table, state.time) - 2.0 * _RADIUS
+    inside = -_RADIUS <= state.grain - state.beam <= clearance + _RADIUS
     finite = bool(np.isfinite(state.y[: columns.CEILING_WORK + 1]).all())
     return Case(
         index, fidelity, scene.contact.law, outcome, state.steps, limit, wall, abs(ledger.residual),
-        ledger.contact_loss / turnover if turnover > 0.0 else 0.0, finite, _inside(state, table), shortened,
+        ledger.contact_loss / turnover if turnover > 0.0 else 0.0, finite, inside, shortened,
     )  # fmt: skip
 
 
@@ -205,8 +206,3 @@ def _vibration(scene: Scene, pace: float) -> float:
     fastest, natural = contact_pace(model, p, overlap, 0.0)
     duration = _EVENTS * 2.0 * math.pi / natural
     return duration if (fastest - natural) * duration < _FADED else math.inf
-
-
-def _inside(state: State, table: Array) -> bool:
-    clearance = drive.ceiling_height(table, state.time) - 2.0 * _RADIUS
-    return -_RADIUS <= state.grain - state.beam <= clearance + _RADIUS

@@ -7,7 +7,7 @@ import math
 import statistics
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -137,13 +137,13 @@ def measure(scene: Scene, reference: Reference, time_limit: float = TIME_LIMIT) 
 
 def with_front(points: list[Point]) -> list[Point]:
     """Return the points with those marked that no other beats in both time and amplitude error."""
-    marked = []
-    for point in points:
-        beaten = any(
+
+    def beaten(point: Point) -> bool:
+        return any(
             q.time_s <= point.time_s and q.amplitude_error <= point.amplitude_error and q != point for q in points
         )
-        marked.append(Point(**(asdict(point) | {"front": not beaten and math.isfinite(point.amplitude_error)})))
-    return marked
+
+    return [replace(p, front=not beaten(p) and math.isfinite(p.amplitude_error)) for p in points]
 
 
 def answers(points: list[Point]) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ import numpy as np
 from atpid_sim.engine import columns, drive
 from atpid_sim.scene import Scene
 from atpid_sim.studies.baselines.methods import BASELINES
-from atpid_sim.studies.baselines.problem import Array, BaselineError, Problem, Solution, problem_of, shortened
+from atpid_sim.studies.baselines.problem import Array, BaselineError, Problem, problem_of, shortened
 from atpid_sim.studies.baselines.rhs import INPUT, WORK, mechanical_energy
 
 
@@ -55,10 +55,6 @@ def run_baseline(scene: Scene, method: str, tolerance: float) -> BaselineResult:
     begin = time.thread_time()
     solution = run(problem, tolerance)
     wall = time.thread_time() - begin
-    return _result(problem, wall, solution)
-
-
-def _result(problem: Problem, wall: float, solution: Solution) -> BaselineResult:
     every = np.vstack(solution.points) if solution.points else np.zeros((0, 5))
     _, first = np.unique(every[:, 0], return_index=True)
     times, x, v, a, _ = every[first].T
