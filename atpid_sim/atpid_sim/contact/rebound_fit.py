@@ -19,10 +19,10 @@ import math
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebpts1
-from numpy.typing import NDArray
 from scipy.special import digamma
 
 from atpid_sim.kernel import kernel
+from atpid_sim.system import Array
 
 #: Name in `rebound_series`, power a of the overlap in the damping, number of coefficients.
 SERIES = (("LEE_HERRMANN", 0.0, 44), ("KUWABARA_KONO", 0.5, 32))
@@ -121,7 +121,7 @@ def reference(g: float, a: float) -> float:
     return float(log_rebound(g, a))
 
 
-def coefficients(a: float, count: int) -> NDArray[np.float64]:
+def coefficients(a: float, count: int) -> Array:
     """Return the `count` coefficients (count,) [-] of the series that meets r in as many Chebyshev points."""
     points = chebpts1(count)
     damping = [float((1.0 + s) / (1.0 - s)) ** (3.0 - 2.0 * a) for s in points]

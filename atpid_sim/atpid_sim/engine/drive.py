@@ -11,17 +11,16 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import support_at
 from atpid_sim.outcome import NumericalFailure
+from atpid_sim.system import Array
 
 #: No row is longer than this many periods, so that local times, and so phases, keep their digits.
 _PERIODS_PER_ROW = 500.0
 
 Points = Sequence[tuple[float, float]]
-Array = NDArray[np.float64]
 
 
 def harmonic_rows(amplitude: Points, frequency: float, duration: float) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +28,15 @@ def build_map(
     scene: Scene,
     amplitudes: Sequence[float],
     mass_fractions: Sequence[float],
-    out: str | os.PathLike[str] | None = None,
+    out: str | os.PathLike[str],
     progress: Progress | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> HeightMap:
     """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
 
-    With `out` it is also written there, and a run that was killed goes on where it stopped: points lie in a journal
-    beside the file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
+    It is written to `out`, and a run that was killed goes on where it stopped: points lie in a journal beside that
+    file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
     use instead of this machine's cores. A point whose runs fail is NaN in the map, with the reason in `failures`.
     Raises MapError, and NumericalFailure where every point fails.
     """
@@ -45,8 +45,8 @@ def build_map(
     purpose = {"format": FORMAT, "system": identity, "tolerance": tolerance}
     wanted = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
     report = progress or (lambda *_: None)
-    with nullcontext() if out is None else closing(Journal(Path(out), purpose)) as journal:
-        known: dict[Point, dict[str, Any]] = journal.points if journal else {}
+    with closing(Journal(Path(out), purpose)) as journal:
+        known = journal.points
         missing = [point for point in wanted if point not in known]
         report(len(wanted) - len(missing), len(wanted))
         if scheduler is None:
@@ -55,13 +55,11 @@ def build_map(
             computed = on_cluster(scheduler, scene, missing, tolerance)
         for point, values in computed:
             known[point] = values
-            if journal:
-                journal.record(point, values)
+            journal.record(point, values)
             report(sum(p in known for p in wanted), len(wanted))
         made = _assemble(wide, heavy, known, identity, tolerance)
-        if journal and out is not None:
-            made.save(out)
-            journal.finish()
+        made.save(out)
+        journal.finish()
     return made
 
 

@@ -21,8 +21,8 @@ from atpid_common.errors import InputError
 from atpid_common.output import writing
 from atpid_sim.maps.identity import Identity, difference, identity_of
 from atpid_sim.scene import Scene
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 #: Version of the file and of what it calls the best height (docs/selection.md).
 FORMAT = 1
 

@@ -6,12 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.scene import Scene
 from atpid_sim.scene.sensors import Sensor
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from operator import index
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.engine import columns, drive
@@ -19,8 +18,8 @@ from atpid_sim.simulation.energy import contact_energy, stored_energy
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, support_rows
 from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import FIDELITIES, Integration, Observation, is_closed, sample_series
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 #: Closer to its target than this [m] the ceiling has arrived.
 _ARRIVED = 1e-12
 

@@ -9,13 +9,12 @@ from math import ceil, isfinite, lcm
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.plant.instrument import Instrument, accelerometer_of, laser_of
 from atpid_sim.scene import Scene
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 #: No rate two sensors have in common may be faster than this [Hz]; beyond it the rates are simply incommensurable.
 _FASTEST = 1_000_000
 #: A sample closer to the end than this share of the time lies beyond the end.

@@ -14,9 +14,8 @@ from pydantic_core import ErrorDetails
 from atpid_sim.contact.laws import NAMES
 from atpid_sim.fields import Block, variants_of
 from atpid_sim.scene.ceiling import Ceiling
-from atpid_sim.scene.contact import ContactBlock
 from atpid_sim.scene.excitation import Excitation
-from atpid_sim.scene.model import SceneValues
+from atpid_sim.scene.model import ContactBlock, SceneValues
 
 _VARIANTS = {**variants_of(Excitation), **variants_of(Ceiling), **variants_of(ContactBlock)}
 

@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterator
-from typing import Annotated, Any
+import operator
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, Strict, model_validator
+from pydantic import Discriminator, Field, Strict, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from atpid_sim.contact.laws import LAWS, NAMES
+from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
-from atpid_sim.scene.contact import ContactBlock
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation, HarmonicExcitation
 from atpid_sim.scene.sensors import Recording, Sensors
@@ -23,6 +26,23 @@ from atpid_sim.scene.yaml12 import write_yaml
 _STEADY_SHARE = 0.125
 #: Samples a block at most: what one message can hold without filling the memory.
 _MOST_A_BLOCK = 1_000_000
+
+
+def _law(value: Any) -> str | None:
+    law = value.get("law") if isinstance(value, Mapping) else getattr(value, "law", None)
+    return f"<{law}>" if law in NAMES else None
+
+
+_SPECS = [Annotated[law.Spec, Tag(f"<{name}>")] for name, law in zip(NAMES, LAWS, strict=True)]
+
+#: The contact block: one variant per law, as the laws' files describe their keys.
+if TYPE_CHECKING:
+    ContactBlock = ContactSpec
+else:
+    ContactBlock = Annotated[
+        functools.reduce(operator.or_, _SPECS),
+        Discriminator(_law, custom_error_type="no_law", custom_error_message=f"law: one of {', '.join(NAMES)}"),
+    ]
 
 
 def _last_part(duration: float) -> tuple[float, float]:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Series
 from atpid_sim.scene.explain import shown
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 #: Samples below which there is no cubic spline.
 _FEWEST = 4
 #: Shortest time between two samples [s].

@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
+
 #: Peaks below this share of the first are noise and rest, not decay.
 _SMALLEST = 0.02
 

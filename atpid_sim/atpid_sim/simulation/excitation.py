@@ -6,15 +6,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from atpid_sim.engine import columns, drive
 from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation
 from atpid_sim.scene.excitation import Sweep
 from atpid_sim.scene.series import read_series
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 #: Knots a period of a sweep: the cubic spline is then within 2.5e-9 of the amplitude ((2 pi / 200)^4 / 384).
 _KNOTS_A_PERIOD = 200
 #: Knots of a sweep at most: their table and what is computed from it fill 2 GB.

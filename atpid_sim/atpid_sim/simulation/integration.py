@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
@@ -20,9 +19,8 @@ from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation.energy import Ledger, ledger_of
 from atpid_sim.simulation.excitation import frequency_at, support_rows
-from atpid_sim.system import System
+from atpid_sim.system import Array, System
 
-Array = NDArray[np.float64]
 #: Names of the fidelity levels, from the cheapest to the most complete.
 FIDELITIES = ("simplified", "impact", "soft")
 #: Loosest relative tolerance of the integrator: beyond, a step's error is the size of what it computes.

@@ -11,7 +11,8 @@ import numpy as np
 
 from atpid_sim.engine import columns
 from atpid_sim.outcome import Outcome
-from atpid_sim.simulation.integration import Array, Integration, Observation, negligible_displacement, sample_series
+from atpid_sim.simulation.integration import Integration, Observation, negligible_displacement, sample_series
+from atpid_sim.system import Array
 
 #: Finer runs to compare with: share of the tolerance, and disturbance of the first displacement over the amplitude.
 #: They lie below any sensor's resolution; smaller ones would decay in the closed damper before it opens.

@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.output import writing
 from atpid_sim.figure_numbers import drawn, light_frames
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import Trajectory
 
-Array = NDArray[np.float64]
 #: How many periods of the grain's motion the picture shows.
 _PERIODS = 4.0
 

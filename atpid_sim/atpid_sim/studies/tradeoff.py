@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.engine import columns
 from atpid_sim.outcome import NumericalFailure
@@ -19,8 +18,8 @@ from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
 from atpid_sim.studies.baselines import BASELINES, BaselineError, BaselineResult, half_peak_to_peak, run_baseline
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 #: Tolerance of the reference, and of the run it is checked against.
 REFERENCE = 1e-12
 _CONTROL = 1e-11

@@ -32,11 +32,6 @@ the motion is chaotic no tolerance helps: look at `reproducible` and `spread`.
 _TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular (rumble)"}
 
 
-def main() -> int:
-    """Run as a command."""
-    return guarded(_run)
-
-
 def _run() -> int:
     """Assemble the page and copy the pictures beside it."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -60,4 +55,4 @@ def _run() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(guarded(_run))

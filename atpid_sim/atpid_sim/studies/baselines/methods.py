@@ -12,9 +12,10 @@ import numpy as np
 from scipy.integrate import BDF, LSODA, RK45, ODEintWarning, OdeSolver, Radau, odeint
 
 from atpid_sim.engine import columns
-from atpid_sim.studies.baselines.problem import POINTS, Array, BaselineError, Problem, Solution
+from atpid_sim.studies.baselines.problem import POINTS, BaselineError, Problem, Solution
 from atpid_sim.studies.baselines.rhs import slope
 from atpid_sim.studies.baselines.stepping import CASH_KARP, FEHLBERG, Tableau, adaptive_row, classical_row
+from atpid_sim.system import Array
 
 #: Absolute over relative tolerance [m, m/s]: resolves an overlap of 0.1 mm as finely as a displacement of 0.1 m.
 _ABSOLUTE = 1e-3

@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.contact.laws import HYSTERETIC, IMPACT
@@ -16,9 +15,8 @@ from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation.excitation import support_rows
 from atpid_sim.studies.baselines.rhs import BEAM, GRAIN, pack
-from atpid_sim.system import System
+from atpid_sim.system import Array, System
 
-Array = NDArray[np.float64]
 #: Points a period at which a motion is kept in the window; see `peaks.between` for the error.
 POINTS = 64
 

@@ -11,16 +11,13 @@ system (6,), the number of the law, and the first five of its parameters.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.beam import support_at
 from atpid_sim.engine.columns import CEILING_VELOCITY, DRIVE_COLUMNS, HEIGHT
 from atpid_sim.kernel import callback, kernel
 from atpid_sim.kernel_inputs import Contact
-from atpid_sim.system import System
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array, System
 
 BEAM, BEAM_VELOCITY, GRAIN, GRAIN_VELOCITY, INPUT, WORK = range(6)
 

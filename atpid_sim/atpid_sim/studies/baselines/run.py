@@ -15,8 +15,9 @@ import numpy as np
 from atpid_sim.engine import columns, drive
 from atpid_sim.scene import Scene
 from atpid_sim.studies.baselines.methods import BASELINES
-from atpid_sim.studies.baselines.problem import Array, BaselineError, Problem, problem_of, shortened
+from atpid_sim.studies.baselines.problem import BaselineError, Problem, problem_of, shortened
 from atpid_sim.studies.baselines.rhs import INPUT, WORK, mechanical_energy
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)

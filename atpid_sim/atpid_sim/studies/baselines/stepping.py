@@ -7,13 +7,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.engine.columns import END, START
 from atpid_sim.kernel import kernel
 from atpid_sim.studies.baselines.rhs import BEAM, BEAM_VELOCITY, GRAIN, GRAIN_VELOCITY, INPUT, WORK, drive_at, powers
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 class Tableau(NamedTuple):

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -20,9 +19,8 @@ from atpid_sim.figure_numbers import drawn, light_frames
 from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.studies.figures.command import figure_command
-from atpid_sim.system import reduced_mass
+from atpid_sim.system import Array, reduced_mass
 
-Array = NDArray[np.float64]
 #: Approach speed at which all laws are made to agree [m/s].
 SPEED = 1.0
 #: Speeds of the table [m/s].

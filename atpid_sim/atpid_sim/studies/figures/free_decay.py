@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common import output
 from atpid_sim.figure_numbers import drawn, light_frames
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.studies.figures.command import figure_command
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 #: Samples a second from which peaks are read: the highest of a period is then within 5e-5 of the true one.
 _RATE = 2000.0
 #: Periods in which the largest ratio is looked for, as in the thesis's figures.

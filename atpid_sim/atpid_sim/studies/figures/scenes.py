@@ -9,8 +9,8 @@ from __future__ import annotations
 from atpid_sim.fields import Block, variants_of
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import Ceiling
-from atpid_sim.scene.contact import ContactBlock
 from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
+from atpid_sim.scene.model import ContactBlock
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
 from atpid_sim.scene.structure import Beam, Grain
 
