@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Moving displays of the commands, on standard error and only on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 

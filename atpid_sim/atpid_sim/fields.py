@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the blocks of a scene are made of: numbers, points, paths, and how the keys select a variant."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path

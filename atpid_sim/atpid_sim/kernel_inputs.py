@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the kernels are given of a scene: the system, and the contact law by its number with its parameters."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

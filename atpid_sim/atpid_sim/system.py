@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every part computes with: arrays, and the system's masses, spring, damper and weight."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim extremes`: random systems far outside the thesis's range, and a table of their outcomes."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import Counter

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim simulate`: one scene, its result as a table or as JSON, its motion as a file or a picture."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable

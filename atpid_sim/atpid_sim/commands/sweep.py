@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim sweep`: the standard task at many heights on all cores: simulations a second, worst ledger."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim tradeoff`: the speed-accuracy table of a scene (JSON, Markdown) and its picture (PNG)."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

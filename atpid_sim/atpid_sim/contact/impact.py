@@ -5,8 +5,6 @@ Parameters: (restitution [-],). There is no force to integrate: only the fidelit
 NaN, which every run reports as a named outcome.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal

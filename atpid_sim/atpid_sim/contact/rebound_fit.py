@@ -13,8 +13,6 @@ that ends where the force vanishes: sin(theta) + D cos(theta) = 0. For a = 1/4, 
 An integration takes a good part of a millisecond: no impact of a run calls it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

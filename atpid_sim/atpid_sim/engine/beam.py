@@ -11,8 +11,6 @@ Close to resonance these two would be large and nearly cancel: there the tone's 
 at the start of the arc (docs/no_missed_impact.md).
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from typing import NamedTuple

@@ -5,8 +5,6 @@ The state is beam displacement and velocity, overlap and overlap velocity, so th
 displacement of decimetres keeps its digits. `rosenbrock.py` has the implicit step for static contact.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from atpid_sim.contact.dispatch import force

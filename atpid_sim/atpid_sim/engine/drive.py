@@ -4,8 +4,6 @@
 A row (DRIVE_COLUMNS,) is laid out in `columns.py`. Support: see `beam.py`; ceiling: height + velocity * tau.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Limits of the integration: the budget of steps, and how finely contacts are integrated."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

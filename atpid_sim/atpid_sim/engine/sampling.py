@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run records: the range of the beam in the observation window, and the sample series."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Approach paths to a height: near the optimum the motion depends on the path of the ceiling before."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -7,8 +7,6 @@ raised from below, lowered from above), where these disagree with a surcharge, a
 lowest is taken (docs/selection.md).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make a map: every point by itself, on all cores, kept in a journal until the map is whole."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from contextlib import closing

@@ -5,8 +5,6 @@ The latter is optional and needs `dask[distributed]` on every machine. The clust
 whose worker dies is computed by another.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map as a C header for the motor's firmware: amplitudes and heights in micrometres, in program memory."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

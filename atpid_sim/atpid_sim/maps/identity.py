@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a map holds for: the values that decide best heights, by the scene's own keys."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from atpid_sim.scene import HarmonicExcitation, Scene

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The journal of a map being made: one line a point, on the disk before the next; nothing is computed twice."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

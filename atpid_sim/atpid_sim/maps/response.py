@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The response of a beam with its damper at a height, by the path on which the ceiling approached it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated stand: publishes what the sensors of a scene's plant read; its ceiling follows the motor's reports."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensors of the plant's exact signals: white noise of each, NaN outside the range."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

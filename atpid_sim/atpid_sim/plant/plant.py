@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream: advanced block by block while a controller moves the ceiling."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from operator import index

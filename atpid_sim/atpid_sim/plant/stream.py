@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream of blocks: integer ticks, one block per call, sensors at rates of their own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, isfinite, lcm

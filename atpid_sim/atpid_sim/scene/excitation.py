@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the support does: a tone, nothing (free decay), a sweep, or a measured series."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Tag, field_validator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plausibility of a scene: values that are possible but unusual, as after a wrong unit. They are run all the same."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a measured series from CSV or NPZ; whatever is wrong with the file is one line that names it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import zipfile

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """YAML read with the numbers of YAML 1.2: `2.1e8` is a number, `1:30` and `yes` are text, no key appears twice."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Hashable
 from typing import Any

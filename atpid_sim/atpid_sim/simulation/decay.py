@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decrements of a free decay, as the thesis measures them (section 2.3.1): ratios of successive upper peaks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The energy ledger of a run: where the work of the support went."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from atpid_sim.contact import dispatch

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a scene's excitation to the rows of the drive table."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ is shaken without clearance that of one mass in 9 of 10 (docs/decisions/0009-fid
 different motions the error has no bound.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

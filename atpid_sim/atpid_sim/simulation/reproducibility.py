@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error and reproducibility of an amplitude: finer tolerances, disturbed starts, an ensemble where these diverge."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of a run as a file: a table (CSV), arrays (NPZ) or a picture (PNG)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

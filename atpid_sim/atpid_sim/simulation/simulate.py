@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`simulate`: one scene from start to end: amplitude, error estimate, energy, reproducibility."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import asdict, dataclass

@@ -6,8 +6,6 @@ beam's mass, support amplitudes from a micrometre to a metre at 0.01 to 1000 Hz,
 Earth's, ceilings that close on the grain at up to 10 m/s, no clearance at all, contacts elastic and plastic.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple

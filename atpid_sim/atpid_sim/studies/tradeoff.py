@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Speed against accuracy on one scene: every fidelity, method and tolerance against one converged reference."""
 
-from __future__ import annotations
-
 import math
 import statistics
 import time

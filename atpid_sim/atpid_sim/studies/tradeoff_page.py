@@ -4,8 +4,6 @@
 python -m atpid_sim.studies.tradeoff_page --regular DIR --sticking DIR --irregular DIR --out docs
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 from pathlib import Path

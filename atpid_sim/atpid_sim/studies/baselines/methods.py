@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods themselves: scipy's, and Runge-Kutta pairs of our own where scipy has none."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable

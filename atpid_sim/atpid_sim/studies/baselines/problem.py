@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Problem and solution of a baseline."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -8,8 +8,6 @@ The constants of a row are packed in one array (24,), which keeps a call from Py
 system (6,), the number of the law, and the first five of its parameters.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from atpid_sim.contact.dispatch import force

@@ -4,8 +4,6 @@
 Between the points of a motion it is interpolated from displacement, velocity and acceleration.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runge-Kutta over one drive row, adaptive or with fixed steps, compiled: methods of the thesis that scipy lacks."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

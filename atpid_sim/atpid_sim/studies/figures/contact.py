@@ -4,8 +4,6 @@
 python -m atpid_sim.studies.figures.contact --out docs/figures
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

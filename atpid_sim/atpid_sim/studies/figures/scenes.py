@@ -4,8 +4,6 @@
 python -m atpid_sim.studies.figures.scenes
 """
 
-from __future__ import annotations
-
 from atpid_sim.fields import Block, variants_of
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import Ceiling
