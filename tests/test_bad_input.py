@@ -128,6 +128,7 @@ def test_a_node_with_a_bad_parameter(scenes: Path, tmp_path: Path, node: str, ch
     assert words in lines[0]
 
 
+@pytest.mark.slow
 def test_a_parameter_file_that_is_not_there(tmp_path: Path) -> None:
     part = next(part for part in PARTS if part.name == "plant_node")
     command = [str(part.executable), "--ros-args", "--params-file", str(tmp_path / "none.yaml")]

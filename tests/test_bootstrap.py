@@ -273,6 +273,7 @@ def test_steps_without_a_terminal_are_plain_lines(capsys: pytest.CaptureFixture[
     assert capsys.readouterr().out == "  making it ... 0 s\n"
 
 
+@pytest.mark.slow
 def test_on_a_terminal_the_seconds_are_counted() -> None:
     code = "import sys, progress\nwith progress.step('making it'): sys.stdin.readline()"
     ours, theirs = pty.openpty()

@@ -16,6 +16,8 @@ import pytest
 
 from atpid_common.cli import guarded
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 READINGS = "position,volts\n-0.1,1.7\n0.0,3.0\n0.05,3.7\n0.1,4.3\n"
 COMMANDS = {

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 COMMANDS = {
     "heights": ["atpid_sim", "sweep", "--points", "2"],
     "simulating": ["atpid_sim", "simulate", "scenes/standard.yaml", "--json"],

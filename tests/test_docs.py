@@ -261,6 +261,7 @@ def test_the_index_names_every_page() -> None:
     ] == []
 
 
+@pytest.mark.slow
 def test_the_report_of_the_recorded_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from atpid_control.cli import main
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from documented import PAGES, ROOT
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = [
     (f"{page.name}-{number}", text)
     for page in PAGES

@@ -25,6 +25,7 @@ def adaptive(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Bag:
     return in_lockstep(scenes / "thesis_4_3.yaml", tmp_path_factory.mktemp("adaptive"))
 
 
+@pytest.mark.slow
 def test_two_runs_with_the_same_seed_give_the_same_messages(scenes: Path, tmp_path: Path) -> None:
     steps = [[0.0, 0.0], [0.3, 0.015], [1.5, 0.015], [2.0, 0.02]]
     path = scene_file(scenes / "thesis_4_3.yaml", tmp_path, duration=2.5, steady_window=[2.0, 2.5], amplitude=steps)
@@ -35,6 +36,7 @@ def test_two_runs_with_the_same_seed_give_the_same_messages(scenes: Path, tmp_pa
     assert len(decoded(first, "/sensors/laser")) == 50
 
 
+@pytest.mark.slow
 def test_every_block_is_there_and_answered(adaptive: Bag) -> None:
     assert float(adaptive.result["data_s"]) == 20.0
     assert lost_scans(adaptive) == 0
@@ -83,6 +85,7 @@ def test_the_true_ceiling_follows_the_motor(adaptive: Bag) -> None:
     assert max(gaps) <= 0.3 * 0.0015  # one sample's travel: the motor's clock starts at the last sample, not after it
 
 
+@pytest.mark.slow
 def test_a_map_that_lies_too_high_is_left_by_stepping_back(scenes: Path, tmp_path: Path) -> None:
     shipped = map_for(load_scene(scenes / "thesis_4_3.yaml"))
     assert shipped is not None

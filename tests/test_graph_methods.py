@@ -23,6 +23,7 @@ from atpid_sim.scene import load_scene
 CEILING = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["pca", "direct", "search"])
 def test_a_method_that_computes_runs_on_the_bench(scenes: Path, tmp_path: Path, method: str) -> None:
     changes = {"duration": 4.0, "steady_window": [3.0, 4.0], "ceiling": CEILING | {"controller": method}}

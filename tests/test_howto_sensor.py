@@ -17,6 +17,8 @@ from documented import ROOT
 
 from atpid_control.graph.domain import own_domain
 
+pytestmark = pytest.mark.slow
+
 PAGE = (ROOT / "docs" / "howto_sensor.md").read_text(encoding="utf-8")
 #: A block of code, and the last file named before it.
 FILE = re.compile(r"`([\w.]+\.(?:py|toml|yaml))`(?:(?!```).)*?^```\w+\n(.*?)^```", re.DOTALL | re.MULTILINE)

@@ -16,6 +16,8 @@ from ament_index_python.packages import get_package_prefix
 from atpid_control.graph.domain import own_domain
 from atpid_control.graph.processes import START_NODE
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 CONTROL, DRIVER = ROOT / "atpid_control" / "config", ROOT / "atpid_driver" / "config"
 SCENE, MAP = ROOT / "scenes" / "stand_realtime.yaml", CONTROL / "maps" / "standard.npz"

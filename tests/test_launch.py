@@ -166,6 +166,7 @@ def test_a_signal_before_python_starts_ends_a_node_quietly(package: str, node: s
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 def test_a_replay_gets_the_parameters_of_the_bag(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """What replay.launch.py does before its nodes start; it needs no `launch`."""
     file = parameter_file({"bag": str(BAG), "rate": "0.0", "record": str(tmp_path / "again"), "scene": "", "map": ""})

@@ -6,8 +6,11 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
 import rclpy
 from rclpy.lifecycle import LifecycleNode
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parent.parent
 OF_RCLPY = {"Node", "LifecycleNode"}

@@ -90,6 +90,7 @@ def test_a_new_folder_is_made_for_the_beam_s_parameters(
     assert (found == 0) == out.is_file()
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_costs_no_point_of_a_map(root: Path, tmp_path: Path) -> None:
     """A file that may not grow stands for the full disk: the same command goes on from what is in the journal."""
     out = tmp_path / "map.npz"

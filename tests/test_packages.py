@@ -146,6 +146,7 @@ def test_every_import_is_a_dependency(package: str) -> None:
     assert needed_for_tests(package) - running - declared(package, "test_depend") == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_dependency_is_needed(package: str) -> None:
     running = declared(package, "depend", "exec_depend")
@@ -164,6 +165,7 @@ def read(path: Path) -> str:
     return (ROOT / path).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)
 def test_setup_installs_every_file(package: str, tmp_path: Path) -> None:
     folder, prefix = clone(tmp_path / "clone") / package, tmp_path / "prefix"
@@ -180,6 +182,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [".", "src", "src/atpid", "src/atpid/ros2_ws", "src/atpid/ros2_ws/src"])
 def test_colcon_finds_every_package_once(place: str, workspace: Path) -> None:
     command = [sys.executable, "-m", "colcon", "--log-base", os.devnull, "list", "--names-only"]

@@ -161,6 +161,7 @@ def test_a_plant_that_fails_alarms_and_ends_with_status_3(graph: Start) -> None:
     assert peer.events[1].text == plant.failure
 
 
+@pytest.mark.slow
 def test_in_real_time_the_plant_wakes_once_for_each_block(graph: Start, monkeypatch: pytest.MonkeyPatch) -> None:
     wakes: list[int] = []
     pace = PlantNode._pace
@@ -176,6 +177,7 @@ def test_in_real_time_the_plant_wakes_once_for_each_block(graph: Start, monkeypa
     assert len(wakes) <= 2 * plant.stream.blocks  # a timer may be a moment early; polling woke five times a block
 
 
+@pytest.mark.slow
 def test_a_machine_too_slow_for_real_time_is_reported_once_and_nothing_is_left_out(graph: Start) -> None:
     plant, peer, spin = graph(lambda scene: Oscillator(scene, seconds_a_block=0.07), lockstep=False)
     spin(plant.done.done)
@@ -185,6 +187,7 @@ def test_a_machine_too_slow_for_real_time_is_reported_once_and_nothing_is_left_o
     assert [block.first_index for block in peer.blocks] == list(range(0, 500, 50))
 
 
+@pytest.mark.slow
 def test_in_real_time_stamps_are_the_start_plus_index_over_rate(graph: Start) -> None:
     begun = time.time_ns()
     plant, peer, spin = graph(Oscillator, lockstep=False)
@@ -215,6 +218,7 @@ def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_f
 TOPICS = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
 
 
+@pytest.mark.slow
 def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(
     graph: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,6 +245,7 @@ def test_a_recorder_whose_bag_is_closed_does_not_start_a_run(graph: Start) -> No
     assert not peer.blocks
 
 
+@pytest.mark.slow
 def test_what_is_waited_for_is_logged_with_the_nodes_that_are_missing(graph: Start) -> None:
     _, peer, spin = graph(Oscillator)
     peer.destroy_subscription(peer.blocks_in)
@@ -252,6 +257,7 @@ def test_what_is_waited_for_is_logged_with_the_nodes_that_are_missing(graph: Sta
     assert text == f"no samples yet: waiting for an answer on ceiling/state; {missing}"
 
 
+@pytest.mark.slow
 def test_a_plant_reports_itself_on_the_absolute_diagnostics(graph: Start) -> None:
     _, peer, spin = graph(Oscillator, expect_recorder=True)
     found: list[DiagnosticArray] = []

@@ -148,6 +148,7 @@ def close(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.0, 8.0])
 def test_a_replay_gives_the_recorded_estimates_and_commands(
     ros: SingleThreadedExecutor, recorded: Path, tmp_path: Path, rate: float
@@ -164,6 +165,7 @@ def test_a_replay_gives_the_recorded_estimates_and_commands(
     assert len({height for height in heights if not math.isnan(height)}) >= 2, "the ceiling never moved in this run"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bag", SHIPPED, ids=lambda path: path.name)
 def test_the_bags_that_come_with_the_project(ros: SingleThreadedExecutor, bag: Path, tmp_path: Path) -> None:
     verify(bag)
@@ -225,6 +227,7 @@ def test_only_sensors_are_played_unless_asked(ros: SingleThreadedExecutor, recor
     assert "x real time" in loop.finished
 
 
+@pytest.mark.slow
 def test_a_paced_replay_follows_the_wall_clock_and_publishes_it(ros: SingleThreadedExecutor, recorded: Path) -> None:
     began = time.monotonic()
     node, loop = player(ros, recorded, rate=10.0)
@@ -287,6 +290,7 @@ def test_a_bad_bag_ends_the_process_with_status_2(tmp_path: Path) -> None:
     assert "not a bag" in ended.stderr
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_replay_quietly(ros: SingleThreadedExecutor, recorded: Path) -> None:
     loop = Loop()
     ros.add_node(loop)

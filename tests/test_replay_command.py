@@ -23,6 +23,8 @@ from atpid_control.commands.replay import namespace_of
 from atpid_control.graph.parts import parameters_in
 from atpid_control.nodes.wire import class_of
 
+pytestmark = pytest.mark.slow
+
 BAG = Path(__file__).resolve().parent.parent / "bags" / "thesis_4_3_short"
 BLOCKS = "/sensors/laser"
 

@@ -46,6 +46,7 @@ def test_stepped_excitation_is_reduced_in_every_stage_without_rumble(
         assert max(stage.rumble for stage in ran.stages) <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "least"), [("pca", 0.76), ("direct", 0.76)])
 def test_the_methods_that_compute_reach_it_as_well(scenes: Path, height_map: Path, method: str, least: float) -> None:
     scene = load_scene(scenes / "stepped_4_8.yaml")
@@ -74,6 +75,7 @@ def test_two_periods_after_a_step_the_amplitude_is_within_one_per_cent(
         assert amplitude[due] == pytest.approx(np.full(due.sum(), true), rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("too_high", "kinds"), [(1.0, set()), (1.1, {"step_back"})])
 def test_the_loop_without_the_graph_decides_as_the_graph_does(
     scenes: Path, height_map: Path, tmp_path: Path, too_high: float, kinds: set[str]

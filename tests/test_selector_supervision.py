@@ -189,6 +189,7 @@ def test_a_missed_deadline_is_counted(make: Make) -> None:
     loop.until(missed)
 
 
+@pytest.mark.slow
 def test_statuses_have_standard_names_and_a_hardware_id(make: Make) -> None:
     loop = make()
     loop.until(lambda: len(loop.statuses) >= 3)

@@ -20,6 +20,8 @@ from atpid_control.bags.read import open_bag
 from atpid_control.bags.verify import find_file, verify
 from atpid_control.graph.domain import own_domain
 
+pytestmark = pytest.mark.slow
+
 WIRING = {
     "backend": "simulated",
     "rate": 1000.0,

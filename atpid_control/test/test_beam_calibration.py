@@ -164,6 +164,7 @@ def test_the_command_writes_a_beam_block_a_scene_takes(tmp_path: Path, capsys: p
     assert said["beam"]["stiffness_std"] < 0.1
 
 
+@pytest.mark.slow
 def test_without_a_mass_the_command_prints_the_ratios_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = str(write_table(recorded(DECAY), tmp_path / "decay.csv"))
     assert run(table) == 0

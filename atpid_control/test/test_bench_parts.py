@@ -144,15 +144,15 @@ def script(text: str) -> list[str]:
 
 def test_a_node_that_ends_is_named_with_the_reason_and_the_others_are_stopped(tmp_path: Path) -> None:
     commands = [
-        ("plant_node", script("signal.pause()")),
+        ("plant", script("signal.pause()")),
         ("motor_node", script("print('hello'); raise SystemExit('error: no such port')")),
     ]
     said = r"motor_node ended with status 1: no such port "
     with Processes(commands, tmp_path) as nodes:
         nodes["motor_node"].wait()
         with pytest.raises(NodeDiedError, match=said):
-            nodes.check(except_for="plant_node")
-    assert nodes["plant_node"].status is not None
+            nodes.check(except_for="plant")
+    assert nodes["plant"].status is not None
 
 
 def test_nodes_are_interrupted_before_they_are_killed(tmp_path: Path) -> None:

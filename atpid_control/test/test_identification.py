@@ -49,6 +49,7 @@ SPOILED: dict[str, Spoil] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPOILED)
 def test_a_steady_tone_is_steady_and_right_whatever_lies_on_top(name: str) -> None:
     rng, t = np.random.default_rng(7), times(8.0)
@@ -212,6 +213,7 @@ def test_bad_settings_and_samples_are_refused_in_one_line() -> None:
         Identifier(SETTINGS).push(0, RATE, None, np.zeros(10), 0.1)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
     amplitude=st.floats(1e-3, 1.0), frequency=st.floats(1.05, 38.0), phase=st.floats(-3.2, 3.2),

@@ -35,6 +35,7 @@ def _ratio(samples: int, decibels: float, seed: int) -> dict[str, float]:
     return {"amplitude": float(ratio[0]), "frequency": float(ratio[1])}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decibels", [20.0, 40.0, 60.0])
 @pytest.mark.parametrize("periods", [1.0, 1.25, 1.5, 2.0, 3.0])
 def test_from_one_period_on_the_error_is_the_bound(periods: float, decibels: float) -> None:

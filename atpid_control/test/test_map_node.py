@@ -88,6 +88,7 @@ def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand: Stand, 
     )
 
 
+@pytest.mark.slow
 def test_a_cancelled_map_is_kept_and_goes_on(stand: Stand, tmp_path: Path) -> None:
     amplitudes = [0.01 + 0.0005 * k for k in range(40)]
     goal = stand.ask(tmp_path / "map.npz", amplitudes)
@@ -102,6 +103,7 @@ def test_a_cancelled_map_is_kept_and_goes_on(stand: Stand, tmp_path: Path) -> No
     assert list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_bad_input_is_answered_in_one_line(stand: Stand, tmp_path: Path) -> None:
     answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.02, 0.01]).get_result_async())
     assert answer.status == GoalStatus.STATUS_ABORTED
@@ -111,6 +113,7 @@ def test_bad_input_is_answered_in_one_line(stand: Stand, tmp_path: Path) -> None
     assert "nowhere.yaml" in answer.result.message
 
 
+@pytest.mark.slow
 def test_a_second_map_is_aborted_with_the_reason(stand: Stand, tmp_path: Path) -> None:
     amplitudes = [0.01 + 0.0005 * k for k in range(40)]
     first = stand.ask(tmp_path / "first.npz", amplitudes)
@@ -123,6 +126,7 @@ def test_a_second_map_is_aborted_with_the_reason(stand: Stand, tmp_path: Path) -
     assert stand.wait(first.get_result_async()).status == GoalStatus.STATUS_CANCELED
 
 
+@pytest.mark.slow
 def test_a_defect_is_the_result_s_message_and_the_node_goes_on(
     stand: Stand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

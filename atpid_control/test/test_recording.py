@@ -255,6 +255,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+@pytest.mark.slow
 def test_a_kill_loses_at_most_one_chunk(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     killed = subprocess.run([sys.executable, "-c", _KILLED, str(folder), str(Path(__file__).parent)], check=False)

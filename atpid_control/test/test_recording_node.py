@@ -174,6 +174,7 @@ def test_missing_scans_are_announced_and_recorded(ros: SingleThreadedExecutor, t
     assert [event.value for _, event in bag.messages("/events") if event.kind == "dropped"] == [50.0]
 
 
+@pytest.mark.slow
 def test_a_topic_that_stays_behind_does_not_keep_the_bag_open(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
     recorder, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)
@@ -253,6 +254,7 @@ def test_every_end_leaves_a_bag(ros: SingleThreadedExecutor, tmp_path: Path, num
         assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 20
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line_and_status_2(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     status, said = Process(tmp_path / "run").end()
@@ -311,6 +313,7 @@ def test_the_end_is_that_of_a_source_not_of_anybody(ros: SingleThreadedExecutor,
     assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 2
 
 
+@pytest.mark.slow
 def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(
     ros: SingleThreadedExecutor, tmp_path: Path
 ) -> None:

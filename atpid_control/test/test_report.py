@@ -129,6 +129,7 @@ def test_a_regular_stage_repeats_and_has_no_spread(adaptive: Path) -> None:
     assert all(stage.arrived and stage.efficiency_range == (stage.efficiency, stage.efficiency) for stage in found)
 
 
+@pytest.mark.slow
 def test_an_irregular_stage_has_the_spread_of_repeated_runs(folder: Path, tmp_path: Path) -> None:
     """Above the best height; one bag with a ceiling of the scene's own, one with the same heights by a controller."""
     steady = SHORT.replace("[[0.0, 0.0], [0.5, 0.01], [4.0, 0.01], [4.5, 0.02], [8.0, 0.02]]", "0.01")
@@ -156,6 +157,7 @@ def test_the_ceiling_s_recorded_motion_is_kept_by_its_corners() -> None:
     assert np.max(np.abs(np.interp(time, times, heights) - height)) < 1e-12
 
 
+@pytest.mark.slow
 def test_a_height_that_was_not_reached_is_reported(folder: Path, tmp_path: Path) -> None:
     made = report(recorded(folder, "slow", SHORT.replace("speed: 0.3", "speed: 0.01"), [(0.8, 0.19, 0.01)]), tmp_path)
     assert [stage.arrived for stage in made.stages] == [False, False]
@@ -259,6 +261,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_else(adaptive: Path, tmp_path: Path) -> None:
     made = report(adaptive, tmp_path)
     text = made.page.read_text()
@@ -285,6 +288,7 @@ def test_the_page_needs_nothing_else(adaptive: Path, tmp_path: Path) -> None:
     assert all(path.read_bytes()[:4] == b"\x89PNG" for path in made.pictures)
 
 
+@pytest.mark.slow
 def test_every_kind_of_scene_gets_a_report(free: Path, folder: Path, tmp_path: Path) -> None:
     closed = recorded(folder, "closed", FREE.replace("{height: 0.2}", "{height: 0.017}"), [])
     sweep = FREE.replace("{free: {deflection: 0.2}}", "{sweep: {amplitude: 0.005, from: 2.0, to: 4.0}}")
@@ -320,6 +324,7 @@ def test_a_bag_of_the_stand_has_only_what_was_measured(tmp_path: Path) -> None:
     assert "&lt;b&gt;stand" in text
 
 
+@pytest.mark.slow
 def test_a_replayed_bag_shows_where_the_ceiling_was_sent(adaptive: Path, tmp_path: Path) -> None:
     """Neither truth nor a motor: sensors, estimates and commands only."""
     scene = tmp_path / "scene.yaml"
@@ -359,6 +364,7 @@ def test_a_folder_that_cannot_be_written_is_one_line(
     assert "cannot write the report" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_folder_with_files_of_others_is_refused_and_an_earlier_report_replaced(
     free: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

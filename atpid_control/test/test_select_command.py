@@ -102,6 +102,7 @@ def test_a_height_beyond_the_ceiling_s_range_is_a_warning(
     assert chosen["resonance"] == pytest.approx(5.47, abs=0.001)
 
 
+@pytest.mark.slow
 def test_one_infeasible_amplitude_costs_no_look_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -30,6 +30,7 @@ def systems() -> list[tuple[float, float]]:
     return [(float(a), float(f)) for a, f in zip(amplitudes, fractions, strict=True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("amplitude", "fraction"), systems())
 def test_no_height_is_notably_better(scene: Scene, amplitude: float, fraction: float) -> None:
     heavy = scene.with_(mass_fraction=fraction)

@@ -51,6 +51,7 @@ def test_the_second_guess_uses_the_printed_impact(scene: Scene) -> None:
     assert model.next_height(Impact(0.097, 8.38, 12.83)) == pytest.approx(by_hand, rel=1e-12)
 
 
+@pytest.mark.slow
 @given(amplitude=st.floats(1e-4, 1.0), floor=st.floats(-5.0, 5.0), rate=st.floats(-50.0, 50.0))
 def test_the_next_guess_is_finite_wherever_the_beam_is(amplitude: float, floor: float, rate: float) -> None:
     model = simplified(system_of(load_scene(SCENE)), 5.49, amplitude)
@@ -72,6 +73,7 @@ def test_every_iteration_is_visible(scene: Scene) -> None:
     assert any(stage.note == "all criteria hold" for stage in chosen.stages)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fraction", [0.05, 0.1, 0.2, 0.3])
 @pytest.mark.parametrize("amplitude", [0.02, 0.05, 0.08])
 def test_tuned_it_is_close_to_the_best(scene: Scene, fraction: float, amplitude: float) -> None:

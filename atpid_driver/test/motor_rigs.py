@@ -42,11 +42,13 @@ def settings(folder: Path, **change: Any) -> MotorSettings:
     return MotorSettings(**SERIAL | {"port": str(folder / "board"), "identify_timeout": 3.0} | change)
 
 
-def wait_for(condition: Callable[[], object], what: str, limit: float = 100.0) -> None:
-    """Poll until `condition` holds; fail after `limit` [s]."""
+def wait_for(
+    condition: Callable[[], object], what: str, limit: float = 100.0, state: Callable[[], str] = lambda: ""
+) -> None:
+    """Poll until `condition` holds; fail after `limit` [s], with the state there is then."""
     end = time.monotonic() + limit
     while not condition():
-        assert time.monotonic() < end, f"waited {limit:g} s for: {what}"
+        assert time.monotonic() < end, f"waited {limit:g} s for: {what}; there is: {state()}"
         time.sleep(0.005)
 
 

@@ -111,6 +111,7 @@ def test_lost_scans_are_nan_and_counted(backend: Rig) -> None:
     assert blocks[-1].next_index == 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["labjack", "nidaqmx", "nidaqmx-grpc"])  # a simulated clock gives any rate
 def test_actual_rate_is_the_devices(backend: Rig) -> None:
     device = backend.make(rate=backend.refused_rate)

@@ -34,6 +34,7 @@ def plant_block(first: int, values: np.ndarray, rate: float = 1000.0) -> SampleB
     return SampleBlock(first_index=first, rate=rate, channels=CHANNELS, data=doubles(values))
 
 
+@pytest.mark.slow
 def test_the_plants_metres_come_back_through_the_device(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -121,6 +122,7 @@ def test_a_file_that_is_no_feed_is_neither_replaced_nor_removed(bench: Bench, tm
     bench.start(FeedNode, feed=str(tmp_path / "feed"))
 
 
+@pytest.mark.slow
 def test_a_feed_reports_what_it_waits_for(bench: Bench, tmp_path: Path) -> None:
     bench.start(FeedNode, feed=str(tmp_path / "feed"))
     bench.until(lambda: bench.diagnostics)

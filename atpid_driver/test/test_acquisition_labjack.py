@@ -118,6 +118,7 @@ def test_unknown_terminal_is_refused(control: Control) -> None:
     made.close()
 
 
+@pytest.mark.slow
 def test_a_transfer_that_stands_still_ends_the_stream(device: LabJackAcquisition, control: Control) -> None:
     device.start()
     device.read()
@@ -126,6 +127,7 @@ def test_a_transfer_that_stands_still_ends_the_stream(device: LabJackAcquisition
         device.read()
 
 
+@pytest.mark.slow
 def test_the_device_keeps_what_its_buffer_holds_and_skips_the_rest(control: Control) -> None:
     """32768 bytes are 8192 scans of two channels; what came after them until the transfer went on is lost."""
     made = t7(rate=50_000.0, scans=500)

@@ -78,6 +78,7 @@ def test_identity_is_model_and_serial(make: Make) -> None:
     assert str(make().open()) == "ni-9230:470012345"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [-200279, -200284, -200088])
 def test_a_read_error_is_one_line_and_the_task_starts_again(make: Make, control: Control, code: int) -> None:
     device = make()
@@ -103,6 +104,7 @@ def open_and_start(device: NiAcquisition) -> None:
     device.start()
 
 
+@pytest.mark.slow
 def test_a_module_that_sends_nothing_is_a_time_out(make: Make, control: Control) -> None:
     device = make(rate=12_800.0, scans_per_block=64)
     device.open()

@@ -23,6 +23,8 @@ from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.nodes.ni_node import NiNode
 from atpid_driver.standins import Control, build
 
+pytestmark = pytest.mark.slow
+
 LIBRARIES = build()
 
 

@@ -39,6 +39,7 @@ static const uint32_t atpid_height_um[ATPID_TABLE_N] PROGMEM = {200000, 290000, 
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("amplitude", "height"), [(10_000, 0.2), (12_600, 0.29), (22_499, 0.29), (30_000, 0.999)])
 def test_lookup_takes_the_nearest_amplitude(tmp_path: Path, amplitude: int, height: float) -> None:
     need_emulator()

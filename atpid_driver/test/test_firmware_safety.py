@@ -80,6 +80,7 @@ def test_homes_with_a_slipped_sensor(tmp_path: Path) -> None:
         assert emulator.state().height_um == pytest.approx(1e6, abs=1000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [17_000, 290_000, 999_000])
 def test_travels_at_constant_speed_and_stops_at_the_target(ready: SteppedHost, target: int) -> None:
     before = ready.emulator.state()
@@ -150,6 +151,7 @@ def test_after_a_lost_heartbeat_only_arm_helps(moving: SteppedHost) -> None:
     assert stands_still(moving), "armed again it does not resume the old travel"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value", "fault", "within"),
     [
@@ -207,6 +209,7 @@ def test_both_limit_switches(moving: SteppedHost) -> None:
     assert moving.request("ARM") == Refusal("FAULT")
 
 
+@pytest.mark.slow
 def test_lower_switch_stops_a_ceiling_whose_sensor_slipped(ready: SteppedHost) -> None:
     ready.request("MOVE", 100_000)
     ready.beat(4.0)

@@ -90,6 +90,7 @@ def test_activated_it_is_homed_and_holds(ready: Rig) -> None:
     assert 0.98 < reading.height <= 1.0 + RESOLUTION
 
 
+@pytest.mark.slow
 def test_it_travels_to_a_height_at_its_speed(ready: Rig) -> None:
     start = ready.read().height
     ready.move(0.9, sequence=4)
@@ -110,6 +111,7 @@ def test_nan_stops_it_where_it_is(ready: Rig) -> None:
     assert there.target == pytest.approx(there.height, abs=2 * RESOLUTION)
 
 
+@pytest.mark.slow
 def test_a_new_height_on_the_way_turns_it_round(ready: Rig) -> None:
     ready.move(0.1)
     ready.until(lambda reading: reading.height < 0.95, "under way")
@@ -118,6 +120,7 @@ def test_a_new_height_on_the_way_turns_it_round(ready: Rig) -> None:
     assert there.height == pytest.approx(0.98, abs=RESOLUTION)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [0.0169, 1.01, -1.0, float("inf")])
 def test_heights_outside_the_limits_are_refused(ready: Rig, height: float) -> None:
     before = ready.read()

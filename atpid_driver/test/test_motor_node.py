@@ -44,6 +44,7 @@ def test_a_handshake_is_answered_once_it_is_ready(stand: Stand) -> None:
     assert (state.handshake, state.mode, state.height) == (True, CeilingState.HOLDING, 0.017)
 
 
+@pytest.mark.slow
 def test_lockstep_answers_each_command_with_its_stamp(stand: Stand) -> None:
     stand.motor(lockstep=True)
     stand.handshake()
@@ -184,6 +185,7 @@ def test_commands_that_stay_away_stop_the_ceiling_where_it_is(stand: Stand) -> N
     stand.until(lambda: "resumed" in stand.kinds())
 
 
+@pytest.mark.slow
 def test_before_the_first_command_and_after_a_run_no_commands_are_expected(stand: Stand) -> None:
     node = stand.motor(stale_timeout=60.0)
     stand.handshake()
@@ -197,6 +199,7 @@ def test_before_the_first_command_and_after_a_run_no_commands_are_expected(stand
     stand.until(lambda: stand.states[-1].height == 0.5)
 
 
+@pytest.mark.slow
 def test_a_travel_that_begins_is_an_event_and_another_target_on_the_way_is_none(stand: Stand) -> None:
     stand.motor(lockstep=True)
     stand.handshake()
@@ -213,6 +216,7 @@ def test_a_travel_that_begins_is_an_event_and_another_target_on_the_way_is_none(
     assert stand.events[1].value == 0.2
 
 
+@pytest.mark.slow
 def test_its_statuses_have_standard_names_and_a_hardware_id(stand: Stand) -> None:
     stand.motor()
     stand.until(lambda: len(stand.statuses) >= 3)
@@ -237,6 +241,7 @@ def test_rearm_needs_an_active_node(stand: Stand) -> None:
     assert (answer.success, answer.message) == (False, "the motor node is unconfigured: configure and activate it")
 
 
+@pytest.mark.slow
 def test_a_duplicate_that_was_there_before_keeps_the_motor_off_until_it_is_gone(stand: Stand) -> None:
     node = stand.motor()
     stand.handshake()
@@ -249,6 +254,7 @@ def test_a_duplicate_that_was_there_before_keeps_the_motor_off_until_it_is_gone(
     stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING)
 
 
+@pytest.mark.slow
 def test_a_duplicate_that_comes_later_is_reported_but_stops_nothing(stand: Stand) -> None:
     node = stand.motor()
     stand.handshake()

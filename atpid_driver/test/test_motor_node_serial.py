@@ -13,6 +13,8 @@ from motor_graph import Stand
 from motor_rigs import SERIAL, board, need_emulator
 from std_srvs.srv import Trigger
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def stand() -> Iterator[Stand]:

@@ -15,6 +15,8 @@ from atpid_driver.motor import IdentityError, LimitsError, LinkError, Mode, NotR
 from atpid_driver.motor import session as session_module
 from atpid_driver.motor.serial_actuator import SerialActuator
 
+pytestmark = pytest.mark.slow
+
 
 class Rig:
     """The actuator and what really happens at the stand."""
@@ -32,12 +34,24 @@ class Rig:
         self.actuator.move(height, 1, time.monotonic_ns())
 
     def wait(self, *modes: Mode) -> None:
-        wait_for(lambda: self.read().mode in modes, " or ".join(mode.name for mode in modes))
+        wait_for(lambda: self.read().mode in modes, " or ".join(mode.name for mode in modes), state=self.describe)
+
+    def describe(self) -> str:
+        """What the actuator has reported, for a message."""
+        return f"{self.read()}; {self.reports}; {self.emulator.state()}"
 
     def make_ready(self) -> None:
+        """Home it; again after a heartbeat fault, which is what a busy machine that stood still gets."""
+
+        def holding() -> bool:
+            mode = self.read().mode
+            if mode is Mode.FAULT:
+                self.actuator.activate(time.monotonic_ns())
+            return mode is Mode.HOLDING
+
         self.actuator.connect(time.monotonic_ns())
         self.actuator.activate(time.monotonic_ns())
-        self.wait(Mode.HOLDING)
+        wait_for(holding, "homed", state=self.describe)
 
     def start_down(self) -> None:
         self.move(0.1)

@@ -64,6 +64,7 @@ def test_garbled_and_foreign_answers_are_passed_over(session_over: Callable[[Scr
     assert session.garbled == 2
 
 
+@pytest.mark.slow
 def test_silence_is_a_lost_link(session_over: Callable[[Script], Session]) -> None:
     ask = b"$1,BEAT*B896\n"
     session = session_over([(ask, b"")] * 8)

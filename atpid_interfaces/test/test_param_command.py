@@ -16,6 +16,8 @@ from rclpy.node import Node
 
 from atpid_common.nodes.parameters import LiveParameters, Row
 
+pytestmark = pytest.mark.slow
+
 TABLE = (
     Row("dead_band", 0.01, "relative change that moves nothing", "-", 0.0, 0.9, live=True),
     Row("method", "lookup", "method of selection", choices=("lookup", "pca")),

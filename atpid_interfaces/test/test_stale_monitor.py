@@ -21,6 +21,8 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, time_of
 from atpid_common.nodes.supervision import Supervision
 
+pytestmark = pytest.mark.slow
+
 TIMEOUT = 0.2
 
 

@@ -15,6 +15,8 @@ from atpid_sim.studies.baselines import BASELINES, BaselineError, run_baseline
 from atpid_sim.studies.baselines.run import between, half_peak_to_peak
 from atpid_sim.studies.baselines.stepping import CASH_KARP, FEHLBERG, Tableau
 
+pytestmark = pytest.mark.slow
+
 SCENES = Path(__file__).parents[2] / "scenes"
 #: A tenth of the standard problem: 1.6 s, opening from 0.6 to 0.7 s.
 SHORT = load_scene(SCENES / "standard.yaml").with_(

@@ -116,6 +116,7 @@ def test_a_free_decay_is_measured_by_its_decrement(capsys: pytest.CaptureFixture
     assert result["motion"] != "irregular"
 
 
+@pytest.mark.slow
 def test_the_motion_is_written_and_can_drive_another_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, arrays, picture = tmp_path / "new" / "run.csv", tmp_path / "run.npz", tmp_path / "run.png"
     command = ["simulate", STANDARD, "--series", str(table), "--rate", "500", "--picture", str(picture)]

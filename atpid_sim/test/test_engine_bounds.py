@@ -56,6 +56,7 @@ def test_jerk_and_snap_never_exceed_their_bounds(
     assert np.all(np.abs(acceleration - straight) <= 0.5 * snap_bound * (times - at) ** 2 * (1 + 1e-6) + size)
 
 
+@pytest.mark.slow
 @given(
     gap=number(0.0, 1.0),
     rate=number(-10.0, 10.0),

@@ -20,6 +20,7 @@ from atpid_sim.studies.extremes import broken, extreme_scene, fidelities_for, ru
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 
 
+@pytest.mark.slow
 @given(index=st.integers(0, 100_000))
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_an_extreme_system_keeps_every_guarantee(index: int) -> None:

@@ -68,6 +68,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_map(
     assert workers[0].wait() != 0
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("atpid_sim.maps.cluster._CONNECT_TIMEOUT", 1.0)
     with pytest.raises(MapError, match="no Dask scheduler answers there") as caught:

@@ -244,6 +244,7 @@ ANYTHING = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(ANYTHING, st.sampled_from([*STANDARD, "sensors", "recording", "seed"]))
 @example({"two\nlines": None}, "beam")
 def test_whatever_stands_in_a_block_gives_a_scene_or_one_line(value: Any, key: str) -> None:
