@@ -31,9 +31,9 @@ from atpid_control.bags.agreement import compare
 from atpid_control.bags.read import open_bag
 from atpid_control.cli import main
 from atpid_control.launching import launch_files
+from atpid_control.launching.arguments import LaunchArgumentError
+from atpid_control.launching.description import OPTIONS, parameter_file
 from atpid_control.launching.launch_files import START
-from atpid_control.launching.replay_parameters import OPTIONS, parameter_file
-from atpid_control.launching.values import LaunchArgumentError
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "atpid_control" / "launch"

@@ -13,8 +13,7 @@ from typing import Any
 import pytest
 
 from atpid_control.launching import launch_files
-from atpid_control.launching.arguments import ParameterFile, check, check_names
-from atpid_control.launching.values import LaunchArgumentError
+from atpid_control.launching.arguments import LaunchArgumentError, ParameterFile, check, check_names
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "scenes" / "stand_realtime.yaml"

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from atpid_control.loop.drift import DriftAlarm
-from atpid_control.loop.twin import ModelCheck
+from atpid_control.loop.drift import DriftAlarm, ModelCheck
 
 TONE = (0.015, 5.0)
 

@@ -21,9 +21,8 @@ from rosbags.rosbag2 import Reader
 from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
 from atpid_control.bags.cdr import block_shape, event_kind, header, is_handshake, truth_shape
 from atpid_control.bags.definitions import message_type
-from atpid_control.bags.order import StampOrder
-from atpid_control.bags.qos import as_yaml, from_yaml
-from atpid_control.bags.session import Continuity
+from atpid_control.bags.metadata import as_yaml, from_yaml
+from atpid_control.bags.session import Continuity, StampOrder
 from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bags.writer import Sink
 from atpid_control.commands import recording as command

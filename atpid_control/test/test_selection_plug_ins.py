@@ -20,7 +20,7 @@ from atpid_sim.scene import Scene, SceneError, load_scene
 
 ROOT = Path(__file__).parents[2]
 GOOD = """
-from atpid_control.selection.fixed import FixedSelector
+from atpid_control.selection.lookup import FixedSelector
 
 class Own(FixedSelector):
     method = "own"

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from atpid_control.loop.drift import OVERSHOOT, DriftAlarm
-from atpid_control.loop.errors import WatchError
+from atpid_control.loop.drift import OVERSHOOT, DriftAlarm, SteadyTwin, WatchError
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch, scatter_of
-from atpid_control.loop.twin import SteadyTwin
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import load_scene
 

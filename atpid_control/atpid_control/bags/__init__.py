@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from atpid_control.bags.errors import BagError, TypeUnknownError
-from atpid_control.bags.qos import Qos
+from atpid_control.bags.metadata import Qos
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.run_info import RunInfo, new_run
 from atpid_control.bags.verify import Verified, repair, verify

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from atpid_control.bags.cdr import block_shape, header
-from atpid_control.bags.convert import Converter
+from atpid_control.bags.decode import Converter
 from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.read import Bag, Raw, open_bag

@@ -3,18 +3,74 @@
 
 from __future__ import annotations
 
+import heapq
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from atpid_control.bags import cdr
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.order import StampOrder
-from atpid_control.bags.qos import Qos
+from atpid_control.bags.metadata import Qos
 from atpid_control.bags.run_info import RunInfo
 from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
 from atpid_control.bags.writer import CHUNK, BagWriter
+
+#: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
+HOLD_BACK_NS = 500_000_000
+
+
+class Held(NamedTuple):
+    """A message that waits for its place; compares by stamp, topic, sender and arrival."""
+
+    stamp_ns: int
+    rank: int  # of the topic in the recorder's list
+    frame_id: str
+    arrival: int
+    topic: str
+    data: bytes
+
+
+class StampOrder:
+    """Sorts messages by (stamp, order of topics, sender, arrival), whatever order they arrived in.
+
+    Two runs in lockstep with one seed then give the same sequence, although DDS delivers topics side by side. A message
+    is ready when every topic of the loop has passed its stamp by the hold-back.
+    """
+
+    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = HOLD_BACK_NS) -> None:
+        """Sort messages of `topics`; those in `loop` carry every stamp of the run and so show its progress."""
+        self._ranks = {topic: rank for rank, topic in enumerate(topics)}
+        self._loop, self._hold_back = loop, hold_back_ns
+        self._newest: dict[str, int] = {}
+        self._held: list[Held] = []
+        self._arrivals = count()
+
+    def __len__(self) -> int:
+        """Return how many messages are waiting."""
+        return len(self._held)
+
+    def add(self, topic: str, stamp_ns: int, frame_id: str, data: bytes) -> None:
+        """Take one message."""
+        heapq.heappush(self._held, Held(stamp_ns, self._ranks[topic], frame_id, next(self._arrivals), topic, data))
+        if topic in self._loop:
+            self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
+
+    def ready(self) -> Iterator[Held]:
+        """Yield, in order, the messages that no later one can precede."""
+        if not self._newest:
+            return
+        limit = min(self._newest.values()) - self._hold_back
+        while self._held and self._held[0].stamp_ns < limit:
+            yield heapq.heappop(self._held)
+
+    def rest(self) -> Iterator[Held]:
+        """Yield all that is left, in order: the run is over."""
+        while self._held:
+            yield heapq.heappop(self._held)
+
 
 Offered = Callable[[str], tuple[Qos, ...]]
 

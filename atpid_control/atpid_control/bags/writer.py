@@ -13,8 +13,7 @@ from mcap.writer import CompressionType, Writer
 from atpid_control.bags import metadata
 from atpid_control.bags.definitions import MessageType, message_type
 from atpid_control.bags.errors import BagError, in_words
-from atpid_control.bags.metadata import BagSummary, TopicSummary
-from atpid_control.bags.qos import Qos, as_yaml
+from atpid_control.bags.metadata import BagSummary, Qos, TopicSummary, as_yaml
 from atpid_control.bags.run_info import RESULT, RUN, RunInfo
 
 #: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.03 s of 1 kHz samples sent one by one.

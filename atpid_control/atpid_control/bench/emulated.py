@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_control.graph.parts import PARTS, Parameters, Part, ceiling_parameters, parameters_for
 from atpid_sim.scene import ControlledCeiling, Scene
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 
 #: Written first: marks a folder of the bench.
 MARKER = "bench.json"

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results of a run: summary.json, and the same as a table."""
+"""Results of a run, how long after a sample its command is out among them: summary.json, and the same as a table."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from itertools import zip_longest
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,65 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from atpid_common.latency import percentile
 from atpid_control.bags.read import Bag, stamp_of
-from atpid_control.bench.latency import latency_of, summary_line
+from atpid_control.identification.identifier import last_stamp_ns
 from atpid_control.report.stages import Stage
 from atpid_control.report.thesis import Printed, beside
 from atpid_control.report.view import View, not_arrived
 from atpid_sim.scene import Scene
+
+#: Stages of the loop, from the last sample of a block on.
+STAGES = ("sample_to_block", "block_to_estimate", "estimate_to_command", "sample_to_command")
+
+Latency = Mapping[str, Mapping[str, float]]
+
+
+def latency_of(bag: Bag) -> Latency:
+    """Return median, 99th percentile and maximum of each stage [s] of a run in real time; empty where there is none.
+
+    A recorded time is that of the recorder, so a stage can come out a little too short or too long, even negative.
+    """
+    rows = list(_answered(bag))
+    return {name: _spread([row[k] for row in rows]) for k, name in enumerate(STAGES)} if rows else {}
+
+
+def summary_line(latency: Latency) -> str:
+    """Return the line of the summary; empty where nothing was measured."""
+    if not latency:
+        return ""
+    whole = latency["sample_to_command"]
+    stages = ", ".join(f"{name.replace('_', ' ')} {1e3 * latency[name]['p99']:.1f}" for name in STAGES[:-1])
+    figures = f"median {1e3 * whole['p50']:.1f}, 99 % {1e3 * whole['p99']:.1f}, largest {1e3 * whole['max']:.1f} ms"
+    return f"sample to command: {figures} (99 % of {stages} ms)"
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    return {"p50": percentile(values, 0.5), "p99": percentile(values, 0.99), "max": max(values)}
+
+
+def _answered(bag: Bag) -> Iterator[tuple[float, float, float, float]]:
+    """Yield the stages' durations [s] for each block of the laser that has an estimate and a command."""
+    estimates, commands = (_recorded(bag, kind) for kind in ("Excitation", "CeilingCommand"))
+    for topic in bag.topics_of("SampleBlock"):
+        if not topic.endswith("laser"):
+            continue
+        for block_ns, block in bag.messages(topic):
+            end = _last_stamp(block)
+            if end in estimates and end in commands:
+                times = (end, block_ns, estimates[end], commands[end])
+                first, second, third = ((after - before) * 1e-9 for before, after in pairwise(times))
+                yield first, second, third, (times[-1] - end) * 1e-9
+
+
+def _recorded(bag: Bag, kind: str) -> dict[int, int]:
+    """Return when the message of each stamp was recorded [ns], by the stamp [ns]."""
+    return {stamp_of(message): received for topic in bag.topics_of(kind) for received, message in bag.messages(topic)}
+
+
+def _last_stamp(block: Any) -> int:
+    scans = len(block.data) // max(1, len(block.channels))
+    return last_stamp_ns(stamp_of(block), int(block.first_index), scans, float(block.rate))
 
 
 def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:

@@ -16,9 +16,8 @@ from rich.console import Console
 from atpid_common.output import writing
 from atpid_control.bench import outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
-from atpid_control.bench.progress import shown
 from atpid_control.bench.rehearsal import rehearse
-from atpid_control.bench.running import commands_of, run_lockstep, run_realtime
+from atpid_control.bench.running import commands_of, run_lockstep, run_realtime, shown
 from atpid_control.graph.domain import named_domain, own_domain
 from atpid_control.graph.parts import Parameters, parameters_for, write_parameters
 from atpid_control.graph.processes import stoppable

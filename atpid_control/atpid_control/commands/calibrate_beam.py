@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common import output
-from atpid_control.beam_calibration.errors import CalibrationError
 from atpid_control.beam_calibration.fit import BeamFit, fit_beam
 from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
-from atpid_control.beam_calibration.recording import read_recording
+from atpid_control.beam_calibration.recording import CalibrationError, read_recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,8 +14,7 @@ from atpid_control.bags.playback import load_playback
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.replay_files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
 from atpid_control.bench import outdir
-from atpid_control.bench.progress import shown
-from atpid_control.bench.running import run_realtime
+from atpid_control.bench.running import run_realtime, shown
 from atpid_control.commands.replay_files import add_files, rate
 from atpid_control.graph.domain import own_domain
 from atpid_control.graph.processes import stoppable

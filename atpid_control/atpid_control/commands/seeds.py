@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_control.studies.seeds import SeedRun, configured, run_all
 from atpid_sim.display import counting
 

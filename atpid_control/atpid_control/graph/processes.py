@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType, TracebackType
 
 from atpid_common.interrupt import ENDING_SIGNALS
-from atpid_control.graph.errors import BenchError, NodeDiedError
+from atpid_control.graph import BenchError, NodeDiedError
 
 #: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].
 _TIMEOUT = 10.0

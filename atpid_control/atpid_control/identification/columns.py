@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.identification.compiled import compiled
+from atpid_control.identification.linear import compiled
 
 Array = NDArray[np.float64]
 

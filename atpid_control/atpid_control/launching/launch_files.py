@@ -3,8 +3,15 @@
 
 from __future__ import annotations
 
-from atpid_control.launching.arguments import Argument, ParameterFile, choice
-from atpid_control.launching.values import existing_bag, existing_file, new_folder, number
+from atpid_control.launching.arguments import (
+    Argument,
+    ParameterFile,
+    choice,
+    existing_bag,
+    existing_file,
+    new_folder,
+    number,
+)
 
 #: What starts a node. SIGINT, SIGTERM and SIGHUP are blocked until the node handles them, so that Ctrl-C while Python
 #: starts is neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it

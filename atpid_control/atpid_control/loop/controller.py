@@ -7,12 +7,14 @@ import math
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
+from atpid_control.loop.drift import ModelCheck, Twin
 from atpid_control.loop.hold import OFF_RESONANCE, Hold, Verdict
 from atpid_control.loop.protocol import ALARM, Answer, Command, ControlSettings
 from atpid_control.loop.step_back import StepBackMonitor
-from atpid_control.loop.twin import ModelCheck, Twin
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 
 #: A ceiling this close to where it was sent is there [m].
@@ -197,3 +199,28 @@ class SelectingController:
             return Answer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
         return Answer(self._command, "refused", f"the ceiling stays: {text}", value)
+
+
+class ProfileController:
+    """Sends the heights a scene prescribes, for scenes whose ceiling no controller moves."""
+
+    def on_event(self, kind: str) -> None:
+        """Nothing moves this ceiling but the scene."""
+
+    def configure(self, settings: ControlSettings) -> None:
+        """Nothing moves this ceiling but the scene."""
+
+    def __init__(self, heights: tuple[tuple[float, float], ...]) -> None:
+        """Take the points (t [s], h [m]), straight in between."""
+        self._times, self._heights = zip(*heights, strict=True)
+        self._command = Command(method="fixed")
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """See `Controller.answer`."""
+        del estimate, height
+        target = float(np.interp(time, self._times, self._heights))
+        if target != self._command.height:
+            self._command = replace(
+                self._command, sequence=self._command.sequence + 1, height=target, reason="prescribed by the scene"
+            )
+        return Answer(self._command)

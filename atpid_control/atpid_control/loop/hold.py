@@ -13,10 +13,14 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
+from atpid_common.errors import InputError
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.errors import HoldError
 
 OFF_RESONANCE = "frequency off resonance"
+
+
+class HoldError(InputError):
+    """Settings of the hold or the step back that contradict themselves."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.identification.window import half_peak_to_peak
-from atpid_control.loop.errors import WatchError
+from atpid_control.loop.drift import WatchError
 
 Array = NDArray[np.float64]
 

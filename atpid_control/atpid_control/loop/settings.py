@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from atpid_control import identification
-from atpid_control.loop.controller import SelectingController
-from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.controller import ProfileController, SelectingController
+from atpid_control.loop.drift import DriftSettings, SteadyTwin
 from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.profile_controller import ProfileController
 from atpid_control.loop.protocol import Controller, ControlSettings
 from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.step_back import StepBack
-from atpid_control.loop.twin import SteadyTwin
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
@@ -31,8 +29,7 @@ def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None
     if method != "direct":
         return make_selector(method, scene, height_map)
     # here, since only this method has to load the simulation
-    from atpid_control.selection.direct import DirectSelector
-    from atpid_control.selection.margin import Uncertainty
+    from atpid_control.selection.direct import DirectSelector, Uncertainty
 
     return DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
 

@@ -8,16 +8,39 @@ import traceback
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from functools import partial
+from typing import TypeVar
 
 from atpid_interfaces.srv import SelectHeight
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 
 from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
-from atpid_control.nodes.background import computed
 from atpid_control.selection import HeightSelector, Selection
-from atpid_control.selection.request import Request, Resonance, resolved
+from atpid_control.selection.checks import Request, Resonance, resolved
+
+T = TypeVar("T")
+
+
+async def computed(node: Node, executor: Executor, compute: Callable[[], T]) -> T:
+    """Return what `compute` returns, or raise what it raises; to be awaited in a callback of `node`.
+
+    The callback has to be in a ReentrantCallbackGroup, else it holds up the other callbacks of its group.
+    """
+    result = executor.submit(compute)
+    if not result.done():
+        finished = Future()
+
+        def wake(_: object) -> None:
+            finished.set_result(None)
+            if node.executor is not None:
+                node.executor.wake()
+
+        result.add_done_callback(wake)
+        await finished
+    return result.result()
+
 
 METHODS = ("lookup", "pca", "direct")
 

@@ -28,7 +28,7 @@ from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
-from atpid_control.identification.stamps import last_stamp_ns
+from atpid_control.identification.identifier import last_stamp_ns
 from atpid_control.loop.rumble import RumbleSettings, RumbleState, RumbleWatch
 from atpid_control.loop.settings import identification_settings, rumble_settings
 from atpid_control.nodes.identifier_parameters import TABLE, inverse_of

@@ -42,7 +42,7 @@ from atpid_control.nodes.map_server import MapServer
 from atpid_control.nodes.search_server import SearchServer
 from atpid_control.nodes.selector_parameters import table
 from atpid_control.selection import HeightSelector, SelectionError
-from atpid_control.selection.request import Resonance
+from atpid_control.selection.checks import Resonance
 from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.scene import ControlledCeiling
 

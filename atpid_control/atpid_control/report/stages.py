@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.bags.read import Bag
-from atpid_control.report.comparison import Closed, closed_motion
-from atpid_control.report.repetition import repeated
+from atpid_control.report.comparison import Closed, closed_motion, repeated
 from atpid_control.report.run import Array, Run, read_run
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.excitation import amplitude_points

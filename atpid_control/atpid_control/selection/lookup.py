@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Look-up of the best height in a map computed before (thesis section 4.2, first kind of control)."""
+"""Heights not computed here: of a map made before (thesis section 4.2, first kind of control), or the scene's own."""
 
 from __future__ import annotations
 
@@ -9,6 +9,29 @@ import time
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_sim.maps import HeightMap, MapError
 from atpid_sim.scene import Scene
+
+
+class FixedSelector:
+    """Always the height the scene gives: for scenes whose ceiling no controller moves."""
+
+    method, simulates = "fixed", False
+
+    def __init__(self, height: float) -> None:
+        """Take the height [m]."""
+        self._height = height
+
+    def select(
+        self,
+        amplitude: float,
+        amplitude_std: float = 0.0,
+        frequency: float = math.nan,
+        *,
+        margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:
+        """Return the height; see `HeightSelector.select`."""
+        del amplitude, amplitude_std, frequency, margin, height
+        return Selection(self._height, math.nan, math.nan, self.method)
 
 
 class LookupSelector:

@@ -31,7 +31,7 @@ def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
 
 
 def _fixed(scene: Scene, _height_map: Path | None) -> HeightSelector:
-    from atpid_control.selection.fixed import FixedSelector
+    from atpid_control.selection.lookup import FixedSelector
 
     return FixedSelector(scene.ceiling.heights[-1][1])
 

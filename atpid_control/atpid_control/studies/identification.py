@@ -16,8 +16,7 @@ from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
-from atpid_control.studies.classic import fft_bin, hann_parabola, jacobsen, plain_sine_fit
-from atpid_control.studies.cramer_rao import cramer_rao
+from atpid_control.studies.baselines import cramer_rao, fft_bin, hann_parabola, jacobsen, plain_sine_fit
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_control.identification import Estimate, Identifier
 from atpid_control.loop.protocol import Answer, Command
 from atpid_control.loop.rumble import RumbleWatch
