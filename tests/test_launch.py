@@ -27,7 +27,7 @@ from ament_index_python.packages import get_package_prefix
 from graph_runs import scene_file
 
 from atpid_control.bags import verify
-from atpid_control.bags.agreement import compare
+from atpid_control.bags.playback import compare
 from atpid_control.bags.read import open_bag
 from atpid_control.cli import main
 from atpid_control.launching import launch_files

@@ -11,16 +11,6 @@ from atpid_control.bags.verify import Verified, repair, verify
 from atpid_control.bags.writer import BagWriter, check_new
 
 __all__ = [
-    "Bag",
-    "BagError",
-    "BagWriter",
-    "Qos",
-    "RunInfo",
-    "TypeUnknownError",
-    "Verified",
-    "check_new",
-    "new_run",
-    "open_bag",
-    "repair",
-    "verify",
-]
+    "Bag", "BagError", "BagWriter", "Qos", "RunInfo", "TypeUnknownError", "Verified", "check_new", "new_run",
+    "open_bag", "repair", "verify",
+]  # fmt: skip

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from mcap.records import Schema
+from rosbags.convert.converter import default_message
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -23,7 +23,6 @@ class Decoder:
     """Message types by schema id."""
 
     def __init__(self) -> None:
-        """Start without types."""
         self._store = get_typestore(Stores.EMPTY)
         self._names: dict[int, str] = {}
 
@@ -125,30 +124,20 @@ class Converter:
                 self._compare(inner, f"{path}{field}.")
 
     def _filled(self, name: str, recorded: Any) -> Any:
-        """Return a message of the installed type `name` with the values of `recorded`; None: all defaults."""
+        """Return a message of the installed type `name` with the values of `recorded`, defaults where it has none."""
+        defaults = default_message(self._store, name)
         values = {}
         for field, (kind, described) in self._installed[name].items():
             given = getattr(recorded, field, None)
-            if kind == Nodetype.NAME:
+            if given is None:
+                values[field] = getattr(defaults, field)
+            elif kind == Nodetype.NAME:
                 values[field] = self._filled(described, given)
-            elif given is None:
-                values[field] = self._default(kind, described)
             elif _inner((kind, described)):
                 values[field] = [self._filled(described[0][1], item) for item in given]
             else:
                 values[field] = given
         return self._store.types[name](**values)
-
-    def _default(self, kind: Nodetype, described: Any) -> Any:
-        if kind == Nodetype.BASE:
-            return _zero(described[0])
-        (element_kind, element), count = described
-        length = count if kind == Nodetype.ARRAY else 0
-        if element_kind == Nodetype.NAME:
-            return [self._filled(element, None) for _ in range(length)]
-        if element[0] == "string":
-            return [""] * length
-        return np.zeros(length, dtype=np.dtype(element[0]))
 
 
 def _inner(described: Any) -> str:
@@ -157,14 +146,6 @@ def _inner(described: Any) -> str:
     if kind == Nodetype.NAME:
         return str(rest)
     return _inner(rest[0]) if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ""
-
-
-def _zero(primitive: str) -> Any:
-    if primitive in ("string", "wstring"):
-        return ""
-    if primitive == "bool":
-        return False
-    return 0.0 if primitive.startswith("float") else 0
 
 
 def _words(described: Any) -> str:

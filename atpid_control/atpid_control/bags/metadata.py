@@ -43,34 +43,6 @@ class Qos:
         }
 
 
-def as_yaml(profiles: tuple[Qos, ...]) -> str:
-    """Return the list of `profiles` as the YAML text that an MCAP channel's own metadata holds."""
-    text: str = yaml.safe_dump([profile.mapping() for profile in profiles], sort_keys=False)
-    return text
-
-
-def from_yaml(text: str) -> tuple[Qos, ...]:
-    """Return what `as_yaml` wrote; nothing for an empty text."""
-    return tuple(_from_mapping(entry) for entry in yaml.safe_load(text) or [])
-
-
-def _from_mapping(entry: Mapping[str, Any]) -> Qos:
-    return Qos(
-        depth=int(entry["depth"]),
-        reliability=str(entry["reliability"]),
-        durability=str(entry["durability"]),
-        history=str(entry["history"]),
-        deadline_ns=_nanoseconds(entry["deadline"]),
-        lifespan_ns=_nanoseconds(entry["lifespan"]),
-        liveliness=str(entry["liveliness"]),
-        lease_ns=_nanoseconds(entry["liveliness_lease_duration"]),
-    )
-
-
-def _nanoseconds(entry: Mapping[str, int]) -> int:
-    return int(entry["sec"]) * 1_000_000_000 + int(entry["nsec"])
-
-
 def _duration(nanoseconds: int) -> dict[str, int]:
     if nanoseconds <= 0 or nanoseconds >= _FOREVER_NS:
         return dict(_FOREVER)
@@ -87,7 +59,7 @@ class TopicSummary:
     name: str
     type: str
     hash: str
-    qos: tuple[Qos, ...]
+    qos: list[dict[str, Any]]  # the entries of `offered_qos_profiles`
     count: int = 0
 
 
@@ -116,13 +88,26 @@ def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]
     """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
     start = summary.start_ns or 0
     starting, duration = {"nanoseconds_since_epoch": start}, {"nanoseconds": max(0, summary.end_ns - start)}
+    topics = [
+        {
+            "topic_metadata": {
+                "name": topic.name,
+                "type": topic.type,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": topic.qos,
+                "type_description_hash": topic.hash,
+            },
+            "message_count": topic.count,
+        }
+        for topic in summary.topics.values()
+    ]
     information = {
         "version": 9,
         "storage_identifier": "mcap",
         "duration": duration,
         "starting_time": starting,
         "message_count": summary.count,
-        "topics_with_message_count": [_topic(topic) for topic in summary.topics.values()],
+        "topics_with_message_count": topics,
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [summary.file_name],
@@ -149,16 +134,3 @@ def write(folder: Path, summary: BagSummary, custom: Mapping[str, str]) -> Path:
         os.fsync(stream.fileno())
     partial.replace(path)
     return path
-
-
-def _topic(topic: TopicSummary) -> dict[str, Any]:
-    return {
-        "topic_metadata": {
-            "name": topic.name,
-            "type": topic.type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": [profile.mapping() for profile in topic.qos],
-            "type_description_hash": topic.hash,
-        },
-        "message_count": topic.count,
-    }

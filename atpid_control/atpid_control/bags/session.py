@@ -49,7 +49,6 @@ class StampOrder:
         self._arrivals = count()
 
     def __len__(self) -> int:
-        """Return how many messages are waiting."""
         return len(self._held)
 
     def add(self, topic: str, stamp_ns: int, frame_id: str, data: bytes) -> None:
@@ -116,7 +115,7 @@ class Session:
         self.written = dict.fromkeys(self.topics, 0)
         self.continuity = {topic.name: Continuity() for topic in topics if topic.type == BLOCK}
         self._lockstep, self._offered = lockstep, offered
-        self._order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
+        self.order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
         self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
         self._sources: set[str] = set()  # nodes that have published the event `started`
         self._first_ns = 0
@@ -124,11 +123,6 @@ class Session:
         self._began = self._ended = self._progress = 0.0  # monotonic [s]
         self.writer = BagWriter(folder, run, chunk=chunk, compression=compression)
         self.recording = True
-
-    @property
-    def waiting(self) -> int:
-        """Number of messages that wait for their place in the order."""
-        return len(self._order)
 
     @property
     def newest_ns(self) -> int | None:
@@ -151,13 +145,16 @@ class Session:
         if not self._lockstep:
             self._write(topic, data, now_ns, head.stamp_ns)
         else:
-            self._order.add(topic, head.stamp_ns, head.frame_id, data)
-            for held in self._order.ready():
+            self.order.add(topic, head.stamp_ns, head.frame_id, data)
+            for held in self.order.ready():
                 self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
         return missing
 
     def _follow(self, topic: Topic, head: cdr.Header, data: bytes) -> int:
-        """Follow the progress of the run; return how many scans are missing."""
+        """Follow the progress of the run; return how many scans are missing.
+
+        A run's end counts only from a source, where one has announced its begin.
+        """
         missing, reached, now = 0, head.stamp_ns, time.monotonic()
         if topic.type == BLOCK:
             shape = cdr.block_shape(data)
@@ -166,20 +163,17 @@ class Session:
         elif topic.type == TRUTH:
             reached = _end_of(cdr.truth_shape(data), head.stamp_ns)
         elif topic.type == EVENT:
-            self._follow_event(cdr.event_kind(data), head, now)
+            kind = cdr.event_kind(data)
+            if kind == _STARTED:
+                self._sources.add(head.frame_id)
+            elif kind == _FINISHED and (not self._sources or head.frame_id in self._sources):
+                self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
         if topic.in_loop:
             if not self._began:
                 self._began, self._first_ns = now, head.stamp_ns
             self._progress = now if topic.name in self.missing_topics() else self._progress
             self._reached[topic.name] = max(reached, self._reached.get(topic.name, reached))
         return missing
-
-    def _follow_event(self, kind: str, head: cdr.Header, now: float) -> None:
-        """Take the begin and the end of the run; the end only from a source, where one has announced its begin."""
-        if kind == _STARTED:
-            self._sources.add(head.frame_id)
-        elif kind == _FINISHED and (not self._sources or head.frame_id in self._sources):
-            self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
 
     def missing_topics(self) -> list[str]:
         """Return the topics that have not reached the end of a finished run; none before."""
@@ -224,7 +218,7 @@ class Session:
         """Write what still waits, the result and the index; twice does nothing. Raises BagError."""
         if not self.recording:
             return
-        for held in self._order.rest():
+        for held in self.order.rest():
             self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
         self.recording = False
         self.writer.close(self.result())

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from atpid_control.beam_calibration.recording import CalibrationError
-from atpid_control.identification.seed import seed_frequency
+from atpid_control.identification.window import seed_frequency
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,6 @@ def _difference_equation(step: float, stiffness: float, damping: float) -> tuple
 
 
 TAU = 2.0 * math.pi
-
 #: A residual above this share of the motion's own size means that the beam did not move as one mass; of the residual
 #: only what lies below so many natural frequencies counts, since a sensor's noise is no motion.
 MISFIT, MISFIT_BAND = 0.05, 3.0

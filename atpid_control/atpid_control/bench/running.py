@@ -69,13 +69,9 @@ def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
 
 
 def run_realtime(
-    commands: Sequence[tuple[str, list[str]]],
-    logs: Path,
-    progress: Callable[[float], None],
-    *,
-    source: str = "plant_node",
-    namespace: str = "",
-) -> None:
+    commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None], *,
+    source: str = "plant_node", namespace: str = "",
+) -> None:  # fmt: skip
     """Run the graph until the node `source` has ended; `progress` is called with the data time [s].
 
     What the nodes wait for, or compile, before the first estimate goes to standard error. Raises NodeDiedError, at

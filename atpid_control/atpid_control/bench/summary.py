@@ -19,8 +19,7 @@ from rich.text import Text
 from atpid_common.latency import percentile
 from atpid_control.bags.read import Bag, stamp_of
 from atpid_control.identification.identifier import last_stamp_ns
-from atpid_control.report.stages import Stage
-from atpid_control.report.thesis import Printed, beside
+from atpid_control.report.stages import Printed, Stage, beside
 from atpid_control.report.view import View, not_arrived
 from atpid_sim.scene import Scene
 
@@ -29,14 +28,21 @@ STAGES = ("sample_to_block", "block_to_estimate", "estimate_to_command", "sample
 
 Latency = Mapping[str, Mapping[str, float]]
 
+_COLUMNS = (
+    "time\n[s]", "excited\n[m]", "identified\n[m]", "f\n[Hz]", "height\n[m]", "beam\n[m]", "closed\n[m]",
+    "effi-\nciency",
+)  # fmt: skip
+
 
 def latency_of(bag: Bag) -> Latency:
     """Return median, 99th percentile and maximum of each stage [s] of a run in real time; empty where there is none.
 
     A recorded time is that of the recorder, so a stage can come out a little too short or too long, even negative.
     """
-    rows = list(_answered(bag))
-    return {name: _spread([row[k] for row in rows]) for k, name in enumerate(STAGES)} if rows else {}
+    return {
+        name: {"p50": percentile(values, 0.5), "p99": percentile(values, 0.99), "max": max(values)}
+        for name, values in zip(STAGES, zip(*_answered(bag), strict=True), strict=False)
+    }
 
 
 def summary_line(latency: Latency) -> str:
@@ -49,32 +55,22 @@ def summary_line(latency: Latency) -> str:
     return f"sample to command: {figures} (99 % of {stages} ms)"
 
 
-def _spread(values: Sequence[float]) -> dict[str, float]:
-    return {"p50": percentile(values, 0.5), "p99": percentile(values, 0.99), "max": max(values)}
-
-
 def _answered(bag: Bag) -> Iterator[tuple[float, float, float, float]]:
     """Yield the stages' durations [s] for each block of the laser that has an estimate and a command."""
-    estimates, commands = (_recorded(bag, kind) for kind in ("Excitation", "CeilingCommand"))
+    estimates, commands = (
+        {stamp_of(message): received for received, message in bag.of_kind(kind)}  # when each was recorded [ns]
+        for kind in ("Excitation", "CeilingCommand")
+    )
     for topic in bag.topics_of("SampleBlock"):
         if not topic.endswith("laser"):
             continue
         for block_ns, block in bag.messages(topic):
-            end = _last_stamp(block)
+            scans = len(block.data) // max(1, len(block.channels))
+            end = last_stamp_ns(stamp_of(block), int(block.first_index), scans, float(block.rate))
             if end in estimates and end in commands:
                 times = (end, block_ns, estimates[end], commands[end])
                 first, second, third = ((after - before) * 1e-9 for before, after in pairwise(times))
                 yield first, second, third, (times[-1] - end) * 1e-9
-
-
-def _recorded(bag: Bag, kind: str) -> dict[int, int]:
-    """Return when the message of each stamp was recorded [ns], by the stamp [ns]."""
-    return {stamp_of(message): received for topic in bag.topics_of(kind) for received, message in bag.messages(topic)}
-
-
-def _last_stamp(block: Any) -> int:
-    scans = len(block.data) // max(1, len(block.channels))
-    return last_stamp_ns(stamp_of(block), int(block.first_index), scans, float(block.rate))
 
 
 def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
@@ -141,26 +137,17 @@ def unanswered_blocks(bag: Bag) -> int:
 
     A device goes on after the plant has finished: blocks after that are not answered.
     """
-    end = _finished(bag)
+    finished = (received for received, event in bag.of_kind("Event") if event.kind == "finished")
+    end = min(finished, default=2**63)
     lasers = [topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")]
     blocks = sum(1 for topic in lasers for received, _ in bag.messages(topic) if received <= end)
-    answers = [
-        len({stamp_of(message) for topic in bag.topics_of(kind) for _, message in bag.messages(topic)})
-        for kind in ("Excitation", "CeilingCommand")
-    ]
+    answers = (len({stamp_of(m) for _, m in bag.of_kind(kind)}) for kind in ("Excitation", "CeilingCommand"))
     return max(0, blocks - min(answers))
-
-
-def _finished(bag: Bag) -> int:
-    """Return when the event `finished` of the plant was received [ns]; the far future where there is none."""
-    events = (item for topic in bag.topics_of("Event") for item in bag.messages(topic))
-    return min((received for received, event in events if event.kind == "finished"), default=2**63)
 
 
 def notable(bag: Bag) -> list[tuple[str, str]]:
     """Return (kind, text) of all warnings and alarms in order."""
-    found = (event for topic in bag.topics_of("Event") for _, event in bag.messages(topic))
-    return [(str(event.kind), str(event.text)) for event in found if event.severity > 0]
+    return [(str(event.kind), str(event.text)) for _, event in bag.of_kind("Event") if event.severity > 0]
 
 
 def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console) -> None:
@@ -190,23 +177,9 @@ def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console)
 
 def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> Table:
     """Return the table, with what the thesis prints beside where it is the thesis's scene."""
-    table = Table(
-        title="at the end of each stage; amplitudes are half peak-to-peak",
-        title_justify="left",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        collapse_padding=True,
-    )
-    for name in (
-        "time\n[s]",
-        "excited\n[m]",
-        "identified\n[m]",
-        "f\n[Hz]",
-        "height\n[m]",
-        "beam\n[m]",
-        "closed\n[m]",
-        "effi-\nciency",
-    ):
+    title = "at the end of each stage; amplitudes are half peak-to-peak"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for name in _COLUMNS:
         table.add_column(Text(name), justify="right", no_wrap=True)
     for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\neff.") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")

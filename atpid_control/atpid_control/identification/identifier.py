@@ -10,12 +10,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.identification.estimate import Estimate, Origin, Quality
-from atpid_control.identification.seed import seed_frequency
-from atpid_control.identification.settings import IdentificationError, Settings
+from atpid_control.identification.estimate import Estimate, IdentificationError, Origin, Quality, Settings
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
-from atpid_control.identification.window import SampleBuffer, half_peak_to_peak
+from atpid_control.identification.window import SampleBuffer, half_peak_to_peak, seed_frequency
 from atpid_sim.plant.stream import stamp_ns
 
 #: Steady estimates differ by noise alone up to this many of their standard deviations.
@@ -101,16 +99,9 @@ class Identifier:
         self._tracker.configure(settings.change)
 
     def push(
-        self,
-        first_index: int,
-        rate: float,
-        support: Array | None,
-        beam: Array | None,
-        t_last: float,
-        *,
-        delay: float = 0.0,
-        height: float = math.nan,
-    ) -> Estimate:
+        self, first_index: int, rate: float, support: Array | None, beam: Array | None, t_last: float, *,
+        delay: float = 0.0, height: float = math.nan,
+    ) -> Estimate:  # fmt: skip
         """Take the next block and return the estimate at its last sample.
 
         `support` and `beam` are (n,) [m], NaN where invalid, or None where not measured; `rate` [Hz]; `t_last` [s] is

@@ -113,11 +113,6 @@ class Argument:
     choices: tuple[str, ...] = ()
 
 
-def any_text(text: str) -> str:
-    """Accept everything."""
-    return text
-
-
 def choice(name: str, description: str, default: str, *others: str) -> Argument:
     """Return an argument that is one of a few words."""
     words = (default, *others)
@@ -127,9 +122,9 @@ def choice(name: str, description: str, default: str, *others: str) -> Argument:
 #: What `launch` and `launch_ros` themselves read, in every launch file.
 COMMON = (
     choice("emulate_tty", "whether the nodes print as to a terminal", "false", "true"),
-    Argument("ros_namespace", "namespace of all nodes", any_text, ""),
-    Argument("launch-prefix", "command before that of each node, from the option of this name", any_text, ""),
-    Argument("launch-prefix-filter", "which nodes get that command, from the option of this name", any_text, ""),
+    Argument("ros_namespace", "namespace of all nodes", str, ""),
+    Argument("launch-prefix", "command before that of each node, from the option of this name", str, ""),
+    Argument("launch-prefix-filter", "which nodes get that command, from the option of this name", str, ""),
 )
 
 
@@ -153,9 +148,9 @@ def check(launch_file: str, arguments: Sequence[Argument], given: Mapping[str, s
 
 def check_names(launch_file: str, arguments: Sequence[Argument], names: Sequence[str]) -> None:
     """Raise LaunchArgumentError for a name that is not an argument; `ros2 launch` itself ignores such a name."""
-    known = [argument.name for argument in arguments]
+    known, common = ([argument.name for argument in group] for group in (arguments, COMMON))
     for name in names:
-        if name not in known and name not in [argument.name for argument in COMMON]:
+        if name not in [*known, *common]:
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {near[0]}? " if near else ""
             raise LaunchArgumentError(f"{launch_file}: unknown argument {name}; {hint}allowed: {', '.join(known)}")

@@ -52,7 +52,6 @@ class ReplayParameters(Substitution):
     """The parameter file for the replay of the bag that the launch arguments name."""
 
     def __init__(self) -> None:
-        """Write nothing yet."""
         super().__init__()
         self._path = ""
 
@@ -66,11 +65,9 @@ def _declared(argument: Argument) -> DeclareLaunchArgument:
     default: Any = argument.default
     if isinstance(default, ParameterFile):
         default = config(default.package, default.name)
+    choices = list(argument.choices) or None
     return DeclareLaunchArgument(
-        argument.name,
-        default_value=default,
-        description=argument.description,
-        choices=list(argument.choices) or None,
+        argument.name, default_value=default, description=argument.description, choices=choices
     )
 
 
@@ -90,11 +87,8 @@ def _on_command_line(launch_file: Path) -> bool:
     """
     words = sys.argv[1:]
     by_package = (PACKAGE, launch_file.name) in pairwise(words)
-    return by_package or any(Path(word).name == launch_file.name and _same(Path(word), launch_file) for word in words)
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.exists() and one.samefile(other)
+    named = [path for path in map(Path, words) if path.name == launch_file.name and path.exists()]
+    return by_package or any(path.samefile(launch_file) for path in named)
 
 
 #: Launch arguments that are options of `replay_files`, where they are given.

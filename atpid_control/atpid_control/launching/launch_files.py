@@ -17,8 +17,8 @@ from atpid_control.launching.arguments import (
 #: starts is neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it
 #: does not go on moving the ceiling.
 START = "env --block-signal=INT --block-signal=TERM --block-signal=HUP setpriv --pdeathsig TERM"
-
 _BAG = Argument("bag", "folder of the bag to make; not given: run-<id> in the current folder", new_folder, "")
+_RATE = "speed relative to the recording, from 0 to 1000; 0: as fast as the loop answers"
 _MAP = Argument("map", "height map; not given: the one the scene names", existing_file, "")
 
 
@@ -47,11 +47,6 @@ REPLAY = (
     Argument("bag", "folder of the bag to play", existing_bag),
     Argument("scene", "scene file; not given: the one kept in the bag", existing_file, ""),
     Argument("map", "height map; not given: the one kept in the bag", existing_file, ""),
-    Argument(
-        "rate",
-        "speed relative to the recording, from 0 to 1000; 0: as fast as the loop answers",
-        number(0.0, 1000.0),
-        "1.0",
-    ),
+    Argument("rate", _RATE, number(0.0, 1000.0), "1.0"),
     Argument("record", "folder of the bag to make of the replay; not given: no bag is made", new_folder, ""),
 )

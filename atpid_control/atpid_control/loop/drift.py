@@ -38,39 +38,30 @@ class DriftState:
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """Arguments of a `DriftAlarm`."""
+    """Settings of a `DriftAlarm`."""
 
-    tolerance: float
-    noise: float
+    tolerance: float  # relative error the model may have [-]
+    noise: float  # scatter of measured amplitudes, one sigma [-]
+    #: Mean number of settled periods between false alarms while the model is off by all it may be, the worst case; an
+    #: exact model gives hardly any.
     periods: float
 
     def __post_init__(self) -> None:
         """Raise WatchError for what is not positive."""
-        self.alarm()
-
-    def alarm(self) -> DriftAlarm:
-        """Return an alarm in its initial state."""
-        return DriftAlarm(self.tolerance, self.noise, self.periods)
+        for name, given in vars(self).items():
+            if not given > 0.0:
+                raise WatchError(f"{name}: given {given:g}; allowed: above 0")
 
 
 class DriftAlarm:
     """Compares predicted with measured amplitudes, one pair a period."""
 
-    def __init__(self, tolerance: float, noise: float, periods: float) -> None:
-        """Allow the model to be off by `tolerance` [-]; measured amplitudes scatter by `noise` [-], one sigma.
-
-        `periods` is the mean number of settled periods between false alarms while the model is off by all it may be:
-        the worst case; an exact model gives hardly any. Raises WatchError for what is not positive.
-        """
-        for name, given in (("tolerance", tolerance), ("noise", noise), ("periods", periods)):
-            if not given > 0.0:
-                raise WatchError(f"{name}: given {given:g}; allowed: above 0")
-        self._tolerance = math.log1p(tolerance)
+    def __init__(self, settings: DriftSettings) -> None:
+        self._tolerance = math.log1p(settings.tolerance)
         # at the edge of the tolerance the sum has no drift, and its mean time to the threshold is the square of it
-        self.threshold = noise * max(math.sqrt(periods) - OVERSHOOT, 1.0)
-        self._up = self._down = 0.0
-        self._sum, self._count = 0.0, 0
-        self.state = DriftState()
+        self.threshold = settings.noise * max(math.sqrt(settings.periods) - OVERSHOOT, 1.0)
+        self._up = self._down = self._sum = 0.0
+        self._count, self.state = 0, DriftState()
 
     def push(self, predicted: float, measured: float, settled: bool) -> DriftState:
         """Take one period's amplitudes [m]; periods that are not `settled`, or unknown, are ignored."""
@@ -91,8 +82,7 @@ class DriftAlarm:
     def reset(self) -> None:
         """Restart: another height or another excitation."""
         self._up = self._down = self._sum = 0.0
-        self._count = 0
-        self.state = DriftState()
+        self._count, self.state = 0, DriftState()
 
 
 #: Periods simulated and, of these, looked at.

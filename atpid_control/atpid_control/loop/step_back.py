@@ -11,7 +11,6 @@ from atpid_control.loop.hold import HoldError
 
 #: An amplitude below this share of the one before the span, so many values, is decaying.
 DECAY, DECAY_SPAN = 0.97, 8
-
 #: So many bursts of rumble with the ceiling standing count as one rumble, however short each is.
 _BURSTS = 2
 

@@ -27,7 +27,6 @@ Progress = Callable[[float], None]
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
 HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
-
 #: Every entity costs time in every round of the executor, and parameter services are not used in a run.
 NODE_OPTIONS: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
 
@@ -84,7 +83,6 @@ class Composition:
             self._stack = undo.pop_all()
 
     def __enter__(self) -> Composition:
-        """Return the running composition."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -136,10 +134,8 @@ def _check(nodes: Mapping[str, Any]) -> None:
 def _stopped(plant: Any, computed: int) -> str:
     if computed == 0:
         return f"the graph did not get ready within {HANDSHAKE_TIMEOUT:g} s: still waiting for {plant.waiting_for()}"
-    at = computed / plant.stream.rate
-    return (
-        f"the loop stopped at {at:g} s: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
-    )
+    stopped = f"the loop stopped at {computed / plant.stream.rate:g} s"
+    return f"{stopped}: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
 
 
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -51,13 +51,9 @@ class HeightServices:
     """Services of a node. A selector is made at the first request, and used by these services only."""
 
     def __init__(
-        self,
-        node: Node,
-        executor: Executor,
-        make: Callable[[str], HeightSelector],
-        method: str,
+        self, node: Node, executor: Executor, make: Callable[[str], HeightSelector], method: str,
         situation: Callable[[], tuple[Estimate | None, float, Resonance]],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Serve.
 
         executor: where heights are computed, one call at a time; make: returns the selector of a method, raises
@@ -89,13 +85,8 @@ class HeightServices:
     def _select(self, method: str, excitation: Request, height: float) -> Selection:
         if method not in self._selectors:
             self._selectors[method] = self._make(method)
-        return self._selectors[method].select(
-            excitation.amplitude,
-            excitation.amplitude_std,
-            excitation.frequency,
-            margin=excitation.margin,
-            height=height,
-        )
+        given = (excitation.amplitude, excitation.amplitude_std, excitation.frequency)
+        return self._selectors[method].select(*given, margin=excitation.margin, height=height)
 
 
 def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:

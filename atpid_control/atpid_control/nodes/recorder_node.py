@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,16 +29,14 @@ from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.bags import BagError, Qos, check_new, new_run
 from atpid_control.bags.session import Session
-from atpid_control.bags.topics import DEFAULT, Topic, parse
+from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bags.writer import CHUNK, COMPRESSIONS
-from atpid_control.nodes.parameter_reader import ParameterReader
-from atpid_control.nodes.wire import DEPTH, class_of, qos_of, subscription_qos
+from atpid_control.nodes.wire import DEPTH, ParameterReader, class_of, qos_of, subscription_qos
 from atpid_sim.scene import load_scene
 
 TURN = 0.05  # between two checks whether the run has ended [s]
 STATUS_PERIOD = 1.0  # [s]
 NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node"]
-
 PARAMETERS = (
     Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
     Row("scene", "", "scene file, kept in the bag verbatim; empty: none"),
@@ -61,7 +60,8 @@ class RecorderNode(Node):
         super().__init__("recorder_node", parameter_overrides=parameter_overrides, **node_options)
         self._values = declare(self, PARAMETERS)
         self._lockstep = bool(self._values["lockstep"])
-        self.topics = [self._resolved(topic) for topic in parse(self._values["topics"], self._lockstep)]
+        chosen = parse(self._values["topics"], self._lockstep)
+        self.topics = [replace(topic, name=self.resolve_topic_name(topic.name)) for topic in chosen]
         files = [Path(name) for name in self._values["files"] if name]
         scene = Path(self._values["scene"]) if self._values["scene"] else None
         clock = "lockstep" if self._lockstep else "real time"
@@ -74,9 +74,6 @@ class RecorderNode(Node):
         self.error = ""
         self._received = time.monotonic()  # the last message [s]
         self._make_topics()
-
-    def _resolved(self, topic: Topic) -> Topic:
-        return Topic(self.resolve_topic_name(topic.name), topic.type, topic.best_effort, topic.transient_local)
 
     def _make_topics(self) -> None:
         self._status = self.create_publisher(RecorderStatus, "recorder/status", STATUS)
@@ -112,9 +109,12 @@ class RecorderNode(Node):
         if self.error:
             return
         self._received = time.monotonic()
+        # by the middleware, whose thread no writing or syncing holds up
+        simulated = bool(self.get_parameter("use_sim_time").value)
+        received_ns = (0 if simulated else info["received_timestamp"]) or int(self.get_clock().now().nanoseconds)
         try:
             session = self._open()
-            missing = session.receive(topic, data, self._received_ns(info))
+            missing = session.receive(topic, data, received_ns)
         except BagError as error:
             self._fail(error)
             return
@@ -123,11 +123,6 @@ class RecorderNode(Node):
         if missing:
             text = f"{missing} scans missing on {topic}: lost before the recorder"
             self._publish_event(Event.WARNING, Event.DROPPED, text, float(missing))
-
-    def _received_ns(self, info: dict[str, int]) -> int:
-        """Return when a message was received [ns]: by the middleware, whose thread no writing or syncing holds up."""
-        simulated = bool(self.get_parameter("use_sim_time").value)
-        return (0 if simulated else info["received_timestamp"]) or int(self.get_clock().now().nanoseconds)
 
     def _turn(self) -> None:
         if self.error:
@@ -216,7 +211,7 @@ class RecorderNode(Node):
             "bag": self.bag,
             "messages": sum(session.written.values()) if session else 0,
             "size [bytes]": session.writer.size if session else 0,
-            "waiting for their place [messages]": session.waiting if session else 0,
+            "waiting for their place [messages]": len(session.order) if session else 0,
             "last message [s ago]": f"{time.monotonic() - self._received:.1f}",
             "lost scans": lost,
             "last error": self.error or "none",
@@ -235,10 +230,8 @@ class RecorderNode(Node):
             self.get_logger().error(self.error)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the recorder as a process of its own; return the exit status."""
-    return run_node(RecorderNode, args)
-
+#: Runs the recorder as a process of its own; returns the exit status.
+main = partial(run_node, RecorderNode)
 
 if __name__ == "__main__":
     sys.exit(main())

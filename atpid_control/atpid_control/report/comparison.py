@@ -57,18 +57,14 @@ def repeated(run: Run, begin: float, end: float) -> Result | None:
     """
     if not run.simulated or run.scene is None:
         return None
+    changes: dict[str, Any] = {"duration": end, "steady_window": [begin, end]}
+    if isinstance(run.scene.ceiling, ControlledCeiling):
+        times, heights = corners(run.motion.time, np.maximum(run.motion.ceiling, 2.0 * run.scene.grain.radius))
+        changes["ceiling"] = {"profile": [[float(t), float(h)] for t, h in zip(times, heights, strict=True)]}
     try:
-        return simulate(_as_recorded(run, run.scene, begin, end))
+        return simulate(run.scene.with_(**changes))
     except NumericalFailure:
         return None
-
-
-def _as_recorded(run: Run, scene: Scene, begin: float, end: float) -> Scene:
-    changes: dict[str, Any] = {"duration": end, "steady_window": [begin, end]}
-    if isinstance(scene.ceiling, ControlledCeiling):
-        times, heights = corners(run.motion.time, np.maximum(run.motion.ceiling, 2.0 * scene.grain.radius))
-        changes["ceiling"] = {"profile": [[float(t), float(h)] for t, h in zip(times, heights, strict=True)]}
-    return scene.with_(**changes)
 
 
 def corners(time: Array, height: Array) -> tuple[Array, Array]:

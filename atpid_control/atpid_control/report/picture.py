@@ -105,11 +105,8 @@ def _beam(axes: Any, view: View, palette: Palette) -> None:
     for stage, (begin, end) in zip(view.stages, view.windows, strict=True):
         if alone or not math.isfinite(stage.efficiency):
             continue
-        middle = 0.5 * (begin + end)
-        axes.text(
-            middle, 1.31 * reach, stage.efficiency_text(), ha="center", va="top", color=palette.own,
-            fontsize=_SIZE + 5.5, fontweight="bold",
-        )  # fmt: skip
+        style = {"ha": "center", "va": "top", "fontsize": _SIZE + 5.5, "fontweight": "bold"}
+        axes.text(0.5 * (begin + end), 1.31 * reach, stage.efficiency_text(), color=palette.own, **style)
 
 
 def beam_title(view: View, alone: bool) -> str:
@@ -180,9 +177,8 @@ def _ceiling(axes: Any, view: View, palette: Palette) -> None:
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)
         if view.own_name == "adaptive" and math.isfinite(stage.height):
-            axes.text(
-                middle, stage.height + 0.06 * top, f"{stage.height:.3f}", ha="center", va="bottom", color=palette.own
-            )
+            text, above = f"{stage.height:.3f}", stage.height + 0.06 * top
+            axes.text(middle, above, text, ha="center", va="bottom", color=palette.own)
         if view.printed:
             printed = view.printed[number]
             axes.plot(middle, printed.height, "D", color=palette.accent, ms=4.5, mec=palette.paper, mew=0.8, zorder=5)

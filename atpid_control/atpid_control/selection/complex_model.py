@@ -23,10 +23,8 @@ Array = NDArray[np.float64]
 
 #: gamma of equation 4.5: a contact shorter than gamma/2 periods is no sticking.
 GAMMA = 0.1
-
 #: Equation 4.4 asks for impacts at the beam's top speed "or when its velocity decreases"; this share of it counts.
 _NEAR_TOP = 0.5
-
 #: Impacts closer together than this share of a period belong to one meeting.
 _ONE_MEETING = 0.05
 
@@ -68,11 +66,12 @@ def judge(impacts: Array, times: Array, velocities: Array, longest: float, perio
         return Verdict(False, False, False, False, longest < 0.5 * GAMMA * period)
     beam_floor, beam_ceiling = (np.interp(wall[:, 0], times, velocities) for wall in (floor, ceiling))
     top = float(np.max(np.abs(velocities)))
+    gaps = (np.diff(np.concatenate([[times[0]], wall[:, 0], [times[-1]]])) for wall in (floor, ceiling))
     near = np.concatenate([beam_floor, -beam_ceiling]) >= _NEAR_TOP * top
     return Verdict(
         floor_opposed=bool(np.all((beam_floor > 0.0) & (beam_floor - floor[:, 2] < 0.0))),
         ceiling_opposed=bool(np.all((beam_ceiling < 0.0) & (beam_ceiling + ceiling[:, 2] > 0.0))),
-        every_period=all(_every_period(wall[:, 0], times, period) for wall in (floor, ceiling)),
+        every_period=bool(max(map(np.max, gaps)) < 1.5 * period),
         near_top_speed=bool(np.all(near)),
         no_sticking=longest < 0.5 * GAMMA * period,
     )
@@ -87,18 +86,11 @@ def _meetings(impacts: Array, period: float) -> Array:
     return first
 
 
-def _every_period(at: Array, times: Array, period: float) -> bool:
-    edges = np.concatenate([[times[0]], at, [times[-1]]])
-    return bool(np.max(np.diff(edges)) < 1.5 * period)
-
-
 #: Samples a period from which velocities at impacts are read.
 _SAMPLES = 128
 _LOG = 4000
-
 #: The grain starts this far above the floor, so that the impact begins in flight [m].
 _JUST_ABOVE = 1e-9
-
 #: How long an impact may last, in periods, and how finely its end is looked for.
 _LONGEST_IMPACT, _SAMPLES_OF_IMPACT = 0.6, 600
 
@@ -145,7 +137,9 @@ class ComplexModel:
             return None
         self._advance(self._state, throw)
         self._leave_floor()
-        return self._impact()
+        now, s = self._state, self._damper.system
+        equilibrium = s.beam_mass * s.gravity / s.stiffness
+        return Impact(now.beam + equilibrium, now.beam_velocity, now.grain_velocity)
 
     def observe(self, height: float, settle: float, window: float) -> Observed:
         """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods."""
@@ -180,11 +174,6 @@ class ComplexModel:
         apart = apart[apart > 0]
         last = int(apart[0]) if len(apart) else _SAMPLES_OF_IMPACT
         self._advance(self._state, self.time + last * length / _SAMPLES_OF_IMPACT)
-
-    def _impact(self) -> Impact:
-        state, s = self._state, self._damper.system
-        equilibrium = s.beam_mass * s.gravity / s.stiffness
-        return Impact(state.beam + equilibrium, state.beam_velocity, state.grain_velocity)
 
 
 def _throw(impacts: Array, since: float) -> float | None:

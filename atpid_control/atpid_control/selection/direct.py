@@ -11,7 +11,7 @@ from itertools import product
 
 from atpid_control.selection.checks import check_excitation, response_at
 from atpid_control.selection.protocol import Selection, SelectionError
-from atpid_sim.maps import FROM_CLOSED, Approach, Best, DamperResponse, Response, Timing, best_height, travelled
+from atpid_sim.maps import FROM_CLOSED, Best, DamperResponse, Response, Timing, best_height, travelled
 from atpid_sim.maps.best import FLAT, Mapper
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
@@ -19,10 +19,8 @@ from atpid_sim.simulation.batch import cores
 
 #: Shares of the bare optimum's clearance that are tried, batch by batch, until the best lies inside.
 _BATCH, _STEP, _LEAST = 9, 0.025, 0.2
-
 #: An irregular motion in any case counts as this many times as large: the margin is to avoid it.
 _RUMBLE = 1.5
-
 #: Tolerance of the runs for a margin, and for the bare optimum: 0.2 % of an amplitude is resolved.
 _MARGIN_RTOL, _RTOL = 1e-4, 1e-5
 
@@ -55,15 +53,9 @@ class _Case:
 
 
 def robust_height(
-    scene: Scene,
-    damper: DamperResponse,
-    amplitude: float,
-    spread: float,
-    best: Best,
-    uncertainty: Uncertainty,
-    limits: tuple[float, float],
-    mapper: Mapper = map,
-) -> Robust:
+    scene: Scene, damper: DamperResponse, amplitude: float, spread: float, best: Best, uncertainty: Uncertainty,
+    limits: tuple[float, float], mapper: Mapper = map,
+) -> Robust:  # fmt: skip
     """Return the height whose largest amplitude over all cases is least.
 
     amplitude, spread: of the support [m]; best: the bare optimum; cases: the ends of the amplitude's error bar, of the
@@ -120,7 +112,6 @@ def _cases(
 
 #: Speed of the ceiling where the scene gives none [m/s]: that of the thesis's bench in scenes/.
 _SPEED = 0.3
-
 #: A second travel starts this much later, in periods: what depends on the phase of the start is not reproducible.
 _LATER = 0.37
 
@@ -141,23 +132,19 @@ class DirectSelector:
         self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
     def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         """Return the best height reached from `height` [m], or from closed; see `HeightSelector.select`."""
         check_excitation(amplitude, amplitude_std, frequency, margin)
         begun = time.perf_counter()
         damper = response_at(self._damper, self._scene, frequency, _RTOL)
+        approaches = FROM_CLOSED
+        if height > damper.diameter * (1.0 + 1e-6):
+            approaches = travelled(height, self._speed), travelled(height, self._speed, _LATER * damper.period)
         try:
             with ThreadPoolExecutor(self._workers) as pool:
-                best = best_height(
-                    damper, amplitude, limits=self._limits, approaches=self._approaches(damper, height), mapper=pool.map
-                )
+                best = best_height(damper, amplitude, limits=self._limits, approaches=approaches, mapper=pool.map)
                 if margin > 0.0:
                     return self._safe(damper, amplitude, margin * amplitude_std, best, pool, begun)
         except NumericalFailure as error:
@@ -165,20 +152,10 @@ class DirectSelector:
         wall = time.perf_counter() - begun
         return Selection(best.height, best.amplitude, best.efficiency, self.method, best.evaluations, wall)
 
-    def _approaches(self, damper: DamperResponse, height: float) -> tuple[Approach, ...]:
-        if not height > damper.diameter * (1.0 + 1e-6):
-            return FROM_CLOSED
-        return travelled(height, self._speed), travelled(height, self._speed, _LATER * damper.period)
-
     def _safe(
-        self,
-        damper: DamperResponse,
-        amplitude: float,
-        spread: float,
-        best: Best,
-        pool: ThreadPoolExecutor,
+        self, damper: DamperResponse, amplitude: float, spread: float, best: Best, pool: ThreadPoolExecutor,
         begun: float,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         found = robust_height(self._scene, damper, amplitude, spread, best, self._uncertainty, self._limits, pool.map)
         efficiency = 1.0 - found.amplitude / damper.closed_amplitude(amplitude)
         return Selection(

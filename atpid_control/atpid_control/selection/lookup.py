@@ -21,14 +21,9 @@ class FixedSelector:
         self._height = height
 
     def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         """Return the height; see `HeightSelector.select`."""
         del amplitude, amplitude_std, frequency, margin, height
         return Selection(self._height, math.nan, math.nan, self.method)
@@ -46,14 +41,9 @@ class LookupSelector:
         self._mass_fraction = scene.grain.mass_fraction
 
     def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         """Return the height of the map; see `HeightSelector.select`."""
         del frequency, height  # a map holds for one frequency and any ceiling before; the hold guards the frequency
         begun = time.perf_counter()

@@ -17,10 +17,8 @@ from atpid_sim.scene import Scene
 
 #: First step, as a share of the height, and how much smaller each change of direction makes it.
 _SHARE, _DIVISOR = 0.10, 1.5
-
 #: The search ends when successive heights change the amplitude by less than this share.
 _DONE = 0.01
-
 #: And no later than this many heights, or turns (the step is then half a percent): the thesis needed 16 heights.
 _MOST, _TURNS = 24, 12
 
@@ -55,13 +53,10 @@ def tune(probe: Probe, height: float, amplitude: float, lowest: float, highest: 
 
 #: Iterations of Complex and Predictive Model before the last height is tuned whether the criteria hold or not.
 _ITERATIONS = 6
-
 #: Periods the grain gets to come back to the floor.
 _RETURN = 4.0
-
 #: Heights below this share of the ballistic clearance are nearly closed: guesses are limited to it.
 _LEAST_SHARE = 0.1
-
 #: Tolerance of the runs: 1 % of an amplitude is resolved.
 _RTOL = 1e-4
 
@@ -81,14 +76,9 @@ class PcaSelector:
         self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
     def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         """Return the height for an excitation; see `HeightSelector.select`."""
         del height  # the algorithm begins with the closed damper, wherever the ceiling is
         check_excitation(amplitude, amplitude_std, frequency, margin)

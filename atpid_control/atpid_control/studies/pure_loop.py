@@ -101,7 +101,12 @@ def run_loop(
             controller.on_event("rumble" if rumbling else "calm")
         answer = controller.answer(last, estimate, reached)
         ceiling.send(answer.command, last)
-        _append(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))
+        run.time.append(last)
+        run.estimates.append(estimate)
+        run.answers.append(answer)
+        run.heights.append(stream.height)
+        run.rumbling.append(rumbling)
+        run.blocks.append(block.truth_series("beam"))
     return run
 
 
@@ -110,14 +115,3 @@ def controlled(scene: Scene) -> ControlledCeiling:
     if not isinstance(scene.ceiling, ControlledCeiling):
         raise BenchError(f"ceiling: given {scene.ceiling.kind}; allowed: one that a `controller` moves")
     return scene.ceiling
-
-
-def _append(
-    run: LoopRun, time: float, estimate: Estimate, answer: Answer, height: float, rumbling: bool, beam: Array
-) -> None:
-    run.time.append(time)
-    run.estimates.append(estimate)
-    run.answers.append(answer)
-    run.heights.append(height)
-    run.rumbling.append(rumbling)
-    run.blocks.append(beam)

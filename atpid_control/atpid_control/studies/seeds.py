@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 
 #: Share above the map's amplitude from which a period rumbles, and share of the best height from which it can.
 EXCESS, NEAR = 0.15, 0.95
-
 _BRIDGED = 4
 
 
@@ -119,7 +118,7 @@ def run_all(
         jobs += [(path, seed, parameters, decibels, height_map) for seed in seeds]
     # a fork would copy the locks of threads but not the threads
     with ProcessPoolExecutor(min(cores(), len(jobs)), get_context("spawn")) as pool:
-        yield from pool.map(_one, jobs)
+        yield from pool.map(run_seed, *zip(*jobs, strict=True))
 
 
 def run_seed(
@@ -131,10 +130,6 @@ def run_seed(
     ran = run_loop(scene, parameters, used)
     stages = tuple(measured(ran, HeightMap.load(height_map)))
     return SeedRun(path.stem, seed, stages, len(ran.events("step_back")), len(ran.events("drift")))
-
-
-def _one(job: tuple[Path, int, Parameters, float | None, Path]) -> SeedRun:
-    return run_seed(*job)
 
 
 def noisy(scene: Scene, seed: int, decibels: float | None) -> Scene:
