@@ -9,8 +9,8 @@ from __future__ import annotations
 from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
 
+from atpid_control.launching.arguments import BENCH
 from atpid_control.launching.description import config, describe, text, texts
-from atpid_control.launching.launch_files import BENCH
 from atpid_control.launching.supervision import node
 
 

@@ -7,6 +7,7 @@ import platform
 import secrets
 import subprocess
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
@@ -64,14 +65,10 @@ def new_run(
 def commit_of(path: Path) -> str:
     """Return `git describe` of the checkout `path` is in ("-dirty": with changes), else the installed version."""
     command = ["git", "-C", str(path.resolve().parent), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
-    try:
+    with suppress(OSError, subprocess.TimeoutExpired):
         answer = subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return _version()
-    return answer.stdout.strip() if answer.returncode == 0 else _version()
-
-
-def _version() -> str:
+        if answer.returncode == 0:
+            return answer.stdout.strip()
     try:
         return f"version {version('atpid_control')}"
     except PackageNotFoundError:

@@ -189,6 +189,9 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> T
 
 
 def _row(stage: Stage) -> list[str]:
+    efficiency = f"{round(100 * stage.efficiency, 1) + 0.0:.1f} %" if math.isfinite(stage.efficiency) else "nan"
+    if stage.amplitude_spread is not None:
+        efficiency = stage.efficiency_text()
     shown = (
         f"{stage.excitation_amplitude:.5f}",
         f"{stage.identified_amplitude:.5f}",
@@ -196,15 +199,9 @@ def _row(stage: Stage) -> list[str]:
         f"{stage.height:.4f}{'' if stage.arrived else '*'}",
         f"{stage.amplitude:.4f}",
         f"{stage.undamped_amplitude:.3f}",
-        _efficiency(stage),
+        efficiency,
     )
     return [f"{stage.t0:g} to {stage.t1:g}", *("" if "nan" in text else text for text in shown)]
-
-
-def _efficiency(stage: Stage) -> str:
-    if stage.amplitude_spread is not None:
-        return stage.efficiency_text()
-    return f"{round(100 * stage.efficiency, 1) + 0.0:.1f} %" if math.isfinite(stage.efficiency) else "nan"
 
 
 def _printed(stage: Printed) -> list[str]:

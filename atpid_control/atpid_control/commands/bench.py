@@ -49,12 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if isinstance(scene.ceiling, ControlledCeiling):
         # checked here, before an earlier run is moved or a node started
         make_selector(scene.ceiling.controller, scene, height_map)
-    with outdir.claimed(out):
-        moved = outdir.prepare(out)
-        with writing(out):
-            outdir.mark(out, scene_file)
-        if moved:
-            print(f"an earlier run was moved to {moved}", file=sys.stderr)
+    with outdir.of_run(out, scene_file):
         _run_graph(args, scene, scene_file, height_map, out)
         mode = "emulated stand" if args.emulated_stand else "real time" if args.real_time else "lockstep"
         return _conclude(scene, out, mode)

@@ -33,11 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Replay, print how many estimates and commands agree; return 0. Raises BagError and BenchError."""
     bag, out = args.bag.resolve(), args.out.resolve()
     playback = load_playback(bag, PLAYED)  # refused here, before an earlier replay is moved or a node started
-    with outdir.claimed(out):
-        moved = outdir.prepare(out)
-        outdir.mark(out, bag)
-        if moved:
-            print(f"an earlier run was moved to {moved}", file=sys.stderr)
+    with outdir.of_run(out, bag):
         files = write_replay_files(
             bag, out / "kept", rate=args.rate, record=out / "bag", scene=args.scene, height_map=args.map
         )

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.identification.estimate import Estimate, IdentificationError, Origin, Quality, Settings
+from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
 from atpid_control.identification.window import SampleBuffer, half_peak_to_peak, seed_frequency
@@ -65,14 +65,6 @@ Array = NDArray[np.float64]
 TAU = 2.0 * math.pi
 
 
-class BeamInverse(Protocol):
-    """The support's motion inferred from the beam's by a model (see `from_beam`)."""
-
-    def support_of(self, beam: Estimate, height: float) -> Estimate:
-        """Return the support's estimate for the beam's estimate `beam` and the ceiling at `height` [m]."""
-        ...
-
-
 def warm_up() -> None:
     """Compile the fit, or load it from the cache, so that the first samples do not wait for it (some 10 s once)."""
     tau = np.linspace(-0.4, 0.0, 401)
@@ -82,7 +74,7 @@ def warm_up() -> None:
 class Identifier:
     """Takes blocks of samples and returns an estimate for each; its only clock is that of the samples."""
 
-    def __init__(self, settings: Settings, inverse: BeamInverse | None = None) -> None:
+    def __init__(self, settings: Settings, inverse: ModelInverse | None = None) -> None:
         """With `inverse` the excitation is inferred from the beam, otherwise read from the support."""
         self._settings, self._inverse = settings, inverse
         # the growth of a transient beam is estimated better in a longer window

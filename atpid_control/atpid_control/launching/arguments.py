@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arguments of a launch file, checked as a whole before anything is started."""
+"""The arguments of the launch files, checked before anything is started, and what starts their nodes."""
 
 from __future__ import annotations
 
+import atexit
 import difflib
 import math
 import os
+import shutil
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,3 +159,70 @@ def check_names(launch_file: str, arguments: Sequence[Argument], names: Sequence
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {near[0]}? " if near else ""
             raise LaunchArgumentError(f"{launch_file}: unknown argument {name}; {hint}allowed: {', '.join(known)}")
+
+
+#: What starts a node. SIGINT, SIGTERM and SIGHUP are blocked until the node handles them, so that Ctrl-C while Python
+#: starts is neither lost nor a traceback. A node is sent SIGTERM if its launch dies, so that it
+#: does not go on moving the ceiling.
+START = "env --block-signal=INT --block-signal=TERM --block-signal=HUP setpriv --pdeathsig TERM"
+_BAG = Argument("bag", "folder of the bag to make; not given: run-<id> in the current folder", new_folder, "")
+_RATE = "speed relative to the recording, from 0 to 1000; 0: as fast as the loop answers"
+_MAP = Argument("map", "height map; not given: the one the scene names", existing_file, "")
+
+
+def _parameters(name: str, description: str, file: str) -> Argument:
+    return Argument(name, f"parameter file: {description}", existing_file, ParameterFile("atpid_driver", file))
+
+
+BENCH = (
+    Argument("scene", "scene file (docs/scenes.md)", existing_file),
+    _MAP,
+    _BAG,
+    _parameters("motor_config", "limits and speed of the ceiling; those of the scene must agree", "motor.yaml"),
+)
+
+STAND = (
+    Argument("scene", "scene file: beam, grain and ceiling (docs/scenes.md)", existing_file),
+    _MAP,
+    _BAG,
+    choice("ni", "whether to stream the accelerometer on the NI-9230 as well", "false", "true"),
+    _parameters("labjack_config", "channels and calibrations of the LabJack T7", "labjack.yaml"),
+    _parameters("ni_config", "channels and calibrations of the NI-9230", "ni.yaml"),
+    _parameters("motor_config", "serial port, limits and speed of the ceiling's motor", "motor_serial.yaml"),
+)
+
+REPLAY = (
+    Argument("bag", "folder of the bag to play", existing_bag),
+    Argument("scene", "scene file; not given: the one kept in the bag", existing_file, ""),
+    Argument("map", "height map; not given: the one kept in the bag", existing_file, ""),
+    Argument("rate", _RATE, number(0.0, 1000.0), "1.0"),
+    Argument("record", "folder of the bag to make of the replay; not given: no bag is made", new_folder, ""),
+)
+
+
+#: Launch arguments that are options of `replay_files`, where they are given.
+OPTIONS = ("scene", "map", "rate", "record")
+
+
+def parameter_file(arguments: Mapping[str, str]) -> str:
+    """Write the scene, the map and the parameters of the bag to a folder that is removed when the launch ends.
+
+    By the executable `replay_files`: `ros2 launch` runs in a Python that need not have what reading a bag needs.
+
+    Returns the path of the parameter file; prints on standard error where the replay differs from the run. Raises
+    LaunchArgumentError with the reason where the bag cannot be replayed.
+    """
+    # imported here: the checks above need the standard library only
+    from ament_index_python.packages import get_package_prefix
+
+    folder = tempfile.mkdtemp(prefix="atpid-replay-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    executable = Path(get_package_prefix("atpid_control")) / "lib" / "atpid_control" / "replay_files"
+    options = [f"--{name}={arguments[name]}" for name in OPTIONS if arguments.get(name)]
+    command = [str(executable), arguments["bag"], "--out", folder, *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        reason = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+        raise LaunchArgumentError(f"replay.launch.py: {reason.removeprefix('error: ')}")
+    print(done.stderr, end="", file=sys.stderr)
+    return done.stdout.strip()

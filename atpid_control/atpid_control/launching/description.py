@@ -3,25 +3,26 @@
 
 from __future__ import annotations
 
-import atexit
-import shutil
 import signal
-import subprocess
 import sys
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription, Substitution
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from atpid_control.launching.arguments import Argument, LaunchArgumentError, ParameterFile, check, check_names
+from atpid_control.launching.arguments import (
+    Argument,
+    ParameterFile,
+    check,
+    check_names,
+    parameter_file,
+)
 from atpid_control.launching.supervision import supervision
 
 PACKAGE = "atpid_control"
@@ -89,28 +90,3 @@ def _on_command_line(launch_file: Path) -> bool:
     by_package = (PACKAGE, launch_file.name) in pairwise(words)
     named = [path for path in map(Path, words) if path.name == launch_file.name and path.exists()]
     return by_package or any(path.samefile(launch_file) for path in named)
-
-
-#: Launch arguments that are options of `replay_files`, where they are given.
-OPTIONS = ("scene", "map", "rate", "record")
-
-
-def parameter_file(arguments: Mapping[str, str]) -> str:
-    """Write the scene, the map and the parameters of the bag to a folder that is removed when the launch ends.
-
-    By the executable `replay_files`: `ros2 launch` runs in a Python that need not have what reading a bag needs.
-
-    Returns the path of the parameter file; prints on standard error where the replay differs from the run. Raises
-    LaunchArgumentError with the reason where the bag cannot be replayed.
-    """
-    folder = tempfile.mkdtemp(prefix="atpid-replay-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    executable = Path(get_package_prefix("atpid_control")) / "lib" / "atpid_control" / "replay_files"
-    options = [f"--{name}={arguments[name]}" for name in OPTIONS if arguments.get(name)]
-    command = [str(executable), arguments["bag"], "--out", folder, *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        reason = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
-        raise LaunchArgumentError(f"replay.launch.py: {reason.removeprefix('error: ')}")
-    print(done.stderr, end="", file=sys.stderr)
-    return done.stdout.strip()

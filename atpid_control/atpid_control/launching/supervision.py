@@ -21,7 +21,7 @@ from launch.events.process import ProcessExited, ProcessStarted, ShutdownProcess
 from launch_ros.actions import Node
 
 from atpid_common.errors import AtpidError
-from atpid_control.launching.launch_files import START
+from atpid_control.launching.arguments import START
 
 #: How long a node may take to end after SIGINT before it is sent SIGTERM, and after that before it is killed [s].
 SIGTERM_TIMEOUT, SIGKILL_TIMEOUT = 5.0, 10.0

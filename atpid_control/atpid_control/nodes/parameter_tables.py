@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from atpid_common.nodes.parameters import Row, Value
-from atpid_control.identification import BeamInverse, IdentificationError
+from atpid_control.identification import IdentificationError
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.selection.registry import METHODS, plug_ins
 from atpid_sim.scene import load_scene
@@ -91,7 +91,7 @@ SELECTOR = (
 )  # fmt: skip
 
 
-def inverse_of(value: Value) -> BeamInverse | None:
+def inverse_of(value: Value) -> ModelInverse | None:
     """Return the model from beam to support, None where the support is measured.
 
     Raises IdentificationError, SceneError.

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records the graph's topics to a bag; serialised messages are written without being decoded."""
+"""Records the graph's topics to a bag; serialised messages are written as they are received."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -86,11 +86,12 @@ class RecorderNode(Node):
         self._parameter_reader = ParameterReader(self, nodes, self._keep_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._own_timers = [
-            self.create_timer(TURN, self._turn, clock=steady),
+            self.create_timer(TURN, partial(self._guarded, self._turn), clock=steady),
             self.create_timer(STATUS_PERIOD, self._each_second, clock=steady),
         ]
-        if self._values["sync_period"] > 0.0:
-            self._own_timers.append(self.create_timer(self._values["sync_period"], self._sync, clock=steady))
+        period, sync = self._values["sync_period"], partial(self._guarded, self._sync)
+        if period > 0.0:
+            self._own_timers.append(self.create_timer(period, sync, clock=steady))
 
     # recording
 
@@ -124,14 +125,18 @@ class RecorderNode(Node):
             text = f"{missing} scans missing on {topic}: lost before the recorder"
             self._publish_event(Event.WARNING, Event.DROPPED, text, float(missing))
 
-    def _turn(self) -> None:
+    def _guarded(self, act: Callable[[], None]) -> None:
+        """Call `act` unless the recording has failed; an error of the bag ends it."""
         if self.error:
             return
         try:
-            if self._open().complete:
-                self._finish()
+            act()
         except BagError as error:
             self._fail(error)
+
+    def _turn(self) -> None:
+        if self._open().complete:
+            self._finish()
 
     def _finish(self) -> None:
         """Close the bag; the node stays, so that its status is still published."""
@@ -146,21 +151,12 @@ class RecorderNode(Node):
         self._publish_status()
 
     def _sync(self) -> None:
-        if self.session is None or self.error:
-            return
-        try:
+        if self.session is not None:
             self.session.sync()
-        except BagError as error:
-            self._fail(error)
 
     def _keep_parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        if self.error:
-            return
-        document = {f"/**/{name}": {"ros__parameters": dict(values)}}
-        try:
-            self._open().keep(f"{name}.yaml", yaml.safe_dump(document, sort_keys=False).encode())
-        except BagError as error:
-            self._fail(error)
+        text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False)
+        self._guarded(lambda: self._open().keep(f"{name}.yaml", text.encode()))
 
     def _fail(self, error: BagError) -> None:
         self.error = str(error)

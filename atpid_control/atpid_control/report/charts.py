@@ -48,7 +48,7 @@ def overview(view: View) -> Figure:
         draw(figure, view, f"y{axis}", top)
         top = bottom - _GAP
     last = "y" + (str(len(panels)) if len(panels) > 1 else "")
-    time = {"range": [0.0, view.run.duration], "minallowed": 0.0, "title": {"text": "time, s"}}
+    time = {"range": [0.0, view.run.duration], "title": {"text": "time, s"}, "minallowed": 0.0}
     figure["layout"]["xaxis"] = {**_axis(), "anchor": last, **time}
     figure["layout"]["shapes"] = [
         {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0, "y1": 1, "layer": "below",

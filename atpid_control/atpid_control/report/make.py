@@ -14,10 +14,9 @@ from plotly.offline import get_plotlyjs
 from atpid_common.errors import InputError
 from atpid_control.report import charts, sections
 from atpid_control.report.comparison import Closed
-from atpid_control.report.picture import save_pictures
+from atpid_control.report.picture import DARK, LIGHT, Palette, save_pictures
 from atpid_control.report.sections import table
 from atpid_control.report.stages import Stage
-from atpid_control.report.theme import DARK, LIGHT, Palette
 from atpid_control.report.view import View, headline, view_of
 
 

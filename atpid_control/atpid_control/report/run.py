@@ -18,6 +18,8 @@ from atpid_sim.simulation.excitation import amplitude_at
 
 Array = NDArray[np.float64]
 STEADY = 1  # Excitation.STEADY
+#: Fields of PlantTruth in the order of `Ledger`.
+_LEDGER = ("input_energy", "ceiling_work", "beam_loss", "contact_loss", "stored_energy", "impacts")
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ def read_run(source: Path | Bag) -> Run:
         ceiling=Ceiling(
             *_columns(bag, start, "CeilingCommand", "height"), *_columns(bag, start, "CeilingState", "height")
         ),
-        ledger=_ledger(truth[-1]) if truth else None,
+        ledger=Ledger(*(getattr(truth[-1], name) for name in _LEDGER)) if truth else None,
         events=_events(bag, start),
         blocks=len(blocks),
         lost=int(blocks[-1].first_index) + _scans(blocks[-1]) - int(blocks[0].first_index) - sum(map(_scans, blocks)),
@@ -169,11 +171,6 @@ def _true_motion(truth: list[Any]) -> Motion:
         for name in ("support", "beam", "grain", "ceiling")
     ]
     return Motion((index - first.first_index) / first.rate, *series)
-
-
-def _ledger(last: Any) -> Ledger:
-    losses = (last.beam_loss, last.contact_loss)
-    return Ledger(last.input_energy, last.ceiling_work, *losses, last.stored_energy, int(last.impacts))
 
 
 def _columns(bag: Bag, start: int, kind: str, *names: str) -> Array:

@@ -47,9 +47,7 @@ def cramer_rao(amplitude: float, frequency: float, phase: float, samples: int, r
 
 def fisher_information(a: float, b: float, omega: float, samples: int) -> Array:
     """Return the information (4, 4) about a, b, offset and angular frequency `omega` [rad/sample], for unit noise."""
-    c1, c2 = _cosines(omega, samples), _cosines(2.0 * omega, samples)
-    t1, t2 = _sines_times(omega, samples), _sines_times(2.0 * omega, samples)
-    q2 = _cosines_times_square(2.0 * omega, samples)
+    (c1, t1, _), (c2, t2, q2) = _sums(omega, samples), _sums(2.0 * omega, samples)
     squares = samples * (samples * samples - 1.0) / 12.0
     # derivative with respect to omega is n (b cos - a sin); odd sums vanish because n runs symmetrically about 0
     with_cosine, with_sine = -0.5 * a * t2, 0.5 * b * t2
@@ -63,25 +61,16 @@ def fisher_information(a: float, b: float, omega: float, samples: int) -> Array:
     ])  # fmt: skip
 
 
-def _cosines(x: float, samples: int) -> float:
-    """Sum of cos(n x) over n = -(N-1)/2 ... (N-1)/2."""
-    return math.sin(0.5 * samples * x) / math.sin(0.5 * x)
+def _sums(x: float, samples: int) -> tuple[float, float, float]:
+    """Return the sums of cos(n x), n sin(n x) and n^2 cos(n x) over n = -(N-1)/2 ... (N-1)/2.
 
-
-def _sines_times(x: float, samples: int) -> float:
-    """Sum of n sin(n x): minus the derivative of the sum of cosines."""
-    s, c = math.sin(0.5 * x), math.cos(0.5 * x)
-    top, slope = math.sin(0.5 * samples * x), math.cos(0.5 * samples * x)
-    return -(0.5 * samples * slope * s - 0.5 * top * c) / s**2
-
-
-def _cosines_times_square(x: float, samples: int) -> float:
-    """Sum of n^2 cos(n x): minus the second derivative of the sum of cosines."""
+    The second is minus the first derivative of the first, the third minus its second derivative.
+    """
     s, c = math.sin(0.5 * x), math.cos(0.5 * x)
     top, slope = math.sin(0.5 * samples * x), math.cos(0.5 * samples * x)
     n = float(samples)
     second = -0.25 * n * n * top / s - 0.5 * n * slope * c / s**2 + 0.25 * top / s + 0.5 * top * c * c / s**3
-    return -second
+    return top / s, -(0.5 * samples * slope * s - 0.5 * top * c) / s**2, -second
 
 
 def fft_bin(signal: Array) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from atpid_common import output
 from atpid_common.share import share_folder
@@ -114,14 +115,8 @@ def draw_map(out: Path, shown: HeightMap) -> Path:
 
 
 def _panels(columns: int, xlabel: str, rows: int = 1) -> tuple[Any, list[Any]]:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, grid = pyplot.subplots(
-        rows, columns, figsize=(4.6 * columns, 3.8 * rows), layout="constrained", squeeze=False, sharex="col"
-    )
+    figure = Figure(figsize=(4.6 * columns, 3.8 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, sharex="col")
     for axes in grid.flat:
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
@@ -131,9 +126,6 @@ def _panels(columns: int, xlabel: str, rows: int = 1) -> tuple[Any, list[Any]]:
 
 
 def _save(figure: Any, path: Path) -> Path:
-    from matplotlib import pyplot
-
     with output.writing(path):
         figure.savefig(path, dpi=130, metadata=metadata_of(figure))
-    pyplot.close(figure)
     return path
