@@ -11,14 +11,14 @@ import yaml
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row
-from atpid_control.nodes import identifier_parameters, selector_parameters
+from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import motor_interface
 from atpid_driver.nodes.acquisition_parameters import COMMON, Use, rows_of
 
 CONFIGURED = {
-    "identifier_node": (identifier_parameters.TABLE, "atpid_control/config/identifier.yaml"),
-    "selector_node": (selector_parameters.TABLE, "atpid_control/config/selector.yaml"),
+    "identifier_node": (IDENTIFIER, "atpid_control/config/identifier.yaml"),
+    "selector_node": (SELECTOR, "atpid_control/config/selector.yaml"),
 }
 
 
