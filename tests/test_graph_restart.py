@@ -50,6 +50,10 @@ class Watch(Node):
         if not state.handshake:
             self.states.append(state)
 
+    def stale(self) -> list[Event]:
+        """The reports of a silent partner so far."""
+        return [event for event in self.events if event.kind == Event.STALE]
+
     def settled(self) -> bool:
         """Whether the ceiling has been opened and is at rest."""
         state = self.states[-1] if self.states else CeilingState()
@@ -121,10 +125,9 @@ def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph: Start, 
     running.until(watch.settled)
     recorder = running.nodes["recorder_node"]
     recorder._process.send_signal(signal.SIGKILL)
-    running.until(lambda: Event.STALE in {event.kind for event in watch.events})
-    stale = next(event for event in watch.events if event.kind == Event.STALE)
-    assert stale.header.frame_id == "plant_node"
-    assert "recorder" in stale.text
+    # of the plant's: the nodes that then get no samples from it report that as well, on a busy machine before it
+    running.until(lambda: any(event.header.frame_id == "plant_node" for event in watch.stale()))
+    assert any("recorder" in event.text for event in watch.stale() if event.header.frame_id == "plant_node")
     running.until(lambda: running.nodes["plant_node"].status is not None)
     assert running.nodes["plant_node"].status == 0
     running.until(lambda: Event.FINISHED in {event.kind for event in watch.events})

@@ -27,17 +27,14 @@ from ament_index_python.packages import get_package_prefix
 from graph_runs import scene_file
 
 from atpid_control.bags import verify
-from atpid_control.bags.agreement import compare
+from atpid_control.bags.playback import compare
 from atpid_control.bags.read import open_bag
 from atpid_control.cli import main
-from atpid_control.launching import launch_files
-from atpid_control.launching.launch_files import START
-from atpid_control.launching.replay_parameters import OPTIONS, parameter_file
-from atpid_control.launching.values import LaunchArgumentError
+from atpid_control.launching.arguments import BENCH, OPTIONS, REPLAY, STAND, START, LaunchArgumentError, parameter_file
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "atpid_control" / "launch"
-ARGUMENTS = {"bench": launch_files.BENCH, "stand": launch_files.STAND, "replay": launch_files.REPLAY}
+ARGUMENTS = {"bench": BENCH, "stand": STAND, "replay": REPLAY}
 HEIGHT_MAP = ROOT / "atpid_control/config/maps/standard.npz"
 SCENE = ROOT / "scenes/stand_realtime.yaml"
 BAG = ROOT / "bags/thesis_4_3_short"

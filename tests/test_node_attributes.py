@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parent.parent
 OF_RCLPY = {"Node", "LifecycleNode"}
-ON_PURPOSE = {"CheckedLifecycleNode": {"_LifecycleNodeMixin__on_change_state"}}
+ON_PURPOSE = {"DeviceNode": {"_LifecycleNodeMixin__on_change_state"}}
 
 
 def classes() -> dict[str, ast.ClassDef]:

@@ -3,31 +3,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 import yaml
 from rclpy.parameter import Parameter
 
-from atpid_common.nodes.parameters import markdown
-from atpid_control.nodes import identifier_parameters, selector_parameters
+from atpid_common.nodes.parameters import Row
+from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
-from atpid_driver.nodes import motor_parameters
+from atpid_driver.nodes import motor_interface
 from atpid_driver.nodes.acquisition_parameters import COMMON, Use, rows_of
 
 CONFIGURED = {
-    "identifier_node": (identifier_parameters.TABLE, "atpid_control/config/identifier.yaml"),
-    "selector_node": (selector_parameters.TABLE, "atpid_control/config/selector.yaml"),
+    "identifier_node": (IDENTIFIER, "atpid_control/config/identifier.yaml"),
+    "selector_node": (SELECTOR, "atpid_control/config/selector.yaml"),
 }
 
 
 #: Sections of the page.
 TABLES = {
     **{node: table for node, (table, _) in CONFIGURED.items()},
-    "motor_node": motor_parameters.TABLE,
+    "motor_node": motor_interface.TABLE,
     "acquisition_node": (*Use().rows(), *COMMON),
     **{f"Backend {name}": rows_of(backend(name).settings) for name in BUILT_IN},
 }
+
+
+def markdown(table: Sequence[Row]) -> str:
+    """Return the table as the page shows it."""
+    head = ("parameter", "default", "allowed", "live", "meaning")
+    rows = [head, ("---",) * len(head), *map(cells, table)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def cells(row: Row) -> tuple[str, str, str, str, str]:
+    default = f"`{row.default}`" if row.default != "" else "empty"
+    if isinstance(row.default, Parameter.Type):
+        default = "none"
+    allowed = ", ".join(f"`{choice}`" if choice else "empty" for choice in row.choices)
+    if row.low is not None and row.high is not None:
+        allowed = f"{row.low:g} to {row.high:g}"
+    descriptor = row.descriptor()
+    return f"`{row.name}`", default, allowed, "" if descriptor.read_only else "yes", descriptor.description
 
 
 @pytest.mark.parametrize("node", TABLES)

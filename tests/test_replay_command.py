@@ -14,8 +14,7 @@ from older_bags import older, with_parameters, without_handshake
 from rclpy.serialization import deserialize_message
 
 from atpid_control.bags import BagError, verify
-from atpid_control.bags.agreement import compare
-from atpid_control.bags.playback import load_playback
+from atpid_control.bags.playback import compare, load_playback
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.replay_files import write_replay_files
 from atpid_control.cli import main

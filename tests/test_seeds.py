@@ -14,11 +14,10 @@ from graph_runs import in_lockstep, scene_file
 
 from atpid_control.cli import main
 from atpid_control.commands.seeds import run
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_control.selection.map_cache import map_for
 from atpid_control.studies.pure_loop import run_loop
-from atpid_control.studies.rumbling import longest_rumble
-from atpid_control.studies.seeds import configured, measured, noisy, run_seed
+from atpid_control.studies.seeds import configured, longest_rumble, measured, noisy, run_seed
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 

@@ -1,31 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points of the executables: each loads its module with signals handled."""
+"""Entry points of the executables: each loads its module with signals handled and returns its exit status."""
 
 from __future__ import annotations
 
+from functools import partial
+
 from atpid_common.executable import run_executable
 
-
-def identifier_node() -> int:
-    """Run identifier_node; return its exit status."""
-    return run_executable("atpid_control.nodes.identifier_node")
-
-
-def recorder_node() -> int:
-    """Run recorder_node; return its exit status."""
-    return run_executable("atpid_control.nodes.recorder_node")
-
-
-def replay_files() -> int:
-    """Write what a replay is started with; return the exit status."""
-    return run_executable("atpid_control.commands.replay_files")
-
-
-def replay_node() -> int:
-    """Run replay_node; return its exit status."""
-    return run_executable("atpid_control.nodes.replay_node")
-
-
-def selector_node() -> int:
-    """Run selector_node; return its exit status."""
-    return run_executable("atpid_control.nodes.selector_node")
+identifier_node = partial(run_executable, "atpid_control.nodes.identifier_node")
+recorder_node = partial(run_executable, "atpid_control.nodes.recorder_node")
+replay_files = partial(run_executable, "atpid_control.commands.replay_files")
+replay_node = partial(run_executable, "atpid_control.nodes.replay_node")
+selector_node = partial(run_executable, "atpid_control.nodes.selector_node")

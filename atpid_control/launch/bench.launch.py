@@ -9,24 +9,21 @@ from __future__ import annotations
 from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
 
+from atpid_control.launching.arguments import BENCH
 from atpid_control.launching.description import config, describe, text, texts
-from atpid_control.launching.launch_files import BENCH
 from atpid_control.launching.supervision import node
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return plant, identifier, selector, motor and recorder."""
     recorder = {"bag": text("bag"), "scene": text("scene"), "files": texts("map", "motor_config")}
+    selector = {"scene": text("scene"), "map": text("map")}
     return describe(
         __file__,
         BENCH,
         node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder], ends_last=True),
         node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
-        node(
-            "atpid_control",
-            "selector_node",
-            [config("atpid_control", "selector.yaml"), {"scene": text("scene"), "map": text("map")}],
-        ),
+        node("atpid_control", "selector_node", [config("atpid_control", "selector.yaml"), selector]),
         node("atpid_driver", "motor_node", [LaunchConfiguration("motor_config")]),
         node("atpid_sim", "plant_node", [config("atpid_sim", "plant.yaml"), {"scene": text("scene")}], ends_run=True),
     )

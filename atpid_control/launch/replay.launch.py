@@ -7,8 +7,8 @@ from launch import LaunchDescription
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
 
+from atpid_control.launching.arguments import REPLAY
 from atpid_control.launching.description import ReplayParameters, describe
-from atpid_control.launching.launch_files import REPLAY
 from atpid_control.launching.supervision import node
 
 

@@ -10,34 +10,24 @@ from launch import LaunchDescription
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
+from atpid_control.launching.arguments import STAND
 from atpid_control.launching.description import config, describe, text, texts
-from atpid_control.launching.launch_files import STAND
 from atpid_control.launching.supervision import node
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the hardware nodes, identifier, selector and recorder."""
-    recorder = {
-        "bag": text("bag"),
-        "scene": text("scene"),
-        "files": texts("map", "labjack_config", "ni_config", "motor_config"),
-    }
+    files = texts("map", "labjack_config", "ni_config", "motor_config")
+    recorder = {"bag": text("bag"), "scene": text("scene"), "files": files}
+    selector = {"scene": text("scene"), "map": text("map")}
+    with_ni = IfCondition(LaunchConfiguration("ni"))
     return describe(
         __file__,
         STAND,
         node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder], ends_last=True),
         node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
-        node(
-            "atpid_control",
-            "selector_node",
-            [config("atpid_control", "selector.yaml"), {"scene": text("scene"), "map": text("map")}],
-        ),
+        node("atpid_control", "selector_node", [config("atpid_control", "selector.yaml"), selector]),
         node("atpid_driver", "motor_node", [LaunchConfiguration("motor_config")]),
         node("atpid_driver", "labjack_node", [LaunchConfiguration("labjack_config")]),
-        node(
-            "atpid_driver",
-            "ni_node",
-            [LaunchConfiguration("ni_config")],
-            condition=IfCondition(LaunchConfiguration("ni")),
-        ),
+        node("atpid_driver", "ni_node", [LaunchConfiguration("ni_config")], condition=with_ni),
     )

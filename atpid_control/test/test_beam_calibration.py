@@ -21,7 +21,7 @@ from atpid_control.beam_calibration import (
     from_known_mass,
     read_recording,
 )
-from atpid_control.beam_calibration.response import forced, free_columns
+from atpid_control.beam_calibration.fit import forced, free_columns
 from atpid_control.commands import calibrate_beam as command
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.simulate import trajectory

@@ -13,7 +13,7 @@ from atpid_control.bags import Qos, new_run
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.session import Session
 from atpid_control.bags.topics import DEFAULT, parse
-from atpid_control.bench.latency import STAGES, latency_of, summary_line
+from atpid_control.bench.summary import STAGES, latency_of, summary_line
 
 START, RATE, SCANS = 1_700_000_000_123_456_789, 1000.0, 50
 MS = 1_000_000

@@ -17,9 +17,8 @@ from atpid_common.nodes.messages import time_of
 from atpid_control.bench import outdir
 from atpid_control.bench.summary import real_time_factor
 from atpid_control.commands.bench import stopped
-from atpid_control.graph import parts
+from atpid_control.graph import BenchError, NodeDiedError, parts
 from atpid_control.graph.domain import is_quiet, named_domain, own_domain
-from atpid_control.graph.errors import BenchError, NodeDiedError
 from atpid_control.graph.processes import Processes
 from atpid_sim.scene import scene_from_mapping
 

@@ -24,7 +24,7 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import threaded
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.selection import HeightSelector, make_selector
-from atpid_control.selection.request import Resonance
+from atpid_control.selection.checks import Resonance
 from atpid_sim.scene import load_scene
 
 ROOT = Path(__file__).parents[2]

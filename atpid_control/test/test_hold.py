@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.controller import SelectingController
+from atpid_control.loop.controller import ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.errors import HoldError
-from atpid_control.loop.hold import Hold, HoldSettings
-from atpid_control.loop.profile_controller import ProfileController
+from atpid_control.loop.hold import Hold, HoldError, HoldSettings
 from atpid_control.loop.protocol import Answer, Controller, ControlSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from atpid_control.identification import compiled
+from atpid_control.identification import linear
 from atpid_control.studies import figures_identification as figures
 from atpid_control.studies import identification as showcase
 
@@ -69,4 +69,4 @@ def test_the_command_writes_the_pictures(tmp_path: Path, monkeypatch: pytest.Mon
 def test_the_cache_of_compiled_functions_covers_all_their_sources() -> None:
     package = ROOT / "atpid_control" / "atpid_control"
     users = {path.stem for path in package.rglob("*.py") if "\n@compiled\n" in path.read_text(encoding="utf-8")}
-    assert users == set(compiled.KERNELS)
+    assert users == set(linear.KERNELS)

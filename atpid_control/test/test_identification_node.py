@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.parameters import ParameterError
 from atpid_control.identification import IdentificationError
-from atpid_control.loop.errors import WatchError
+from atpid_control.loop.drift import WatchError
 from atpid_control.nodes.identifier_node import IdentifierNode, last_stamp
 from atpid_sim.plant.stream import stamp_ns
 from atpid_sim.scene import SceneError

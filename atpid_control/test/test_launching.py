@@ -12,14 +12,20 @@ from typing import Any
 
 import pytest
 
-from atpid_control.launching import launch_files
-from atpid_control.launching.arguments import ParameterFile, check, check_names
-from atpid_control.launching.values import LaunchArgumentError
+from atpid_control.launching.arguments import (
+    BENCH,
+    REPLAY,
+    STAND,
+    LaunchArgumentError,
+    ParameterFile,
+    check,
+    check_names,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "scenes" / "stand_realtime.yaml"
 BAG = ROOT / "bags" / "thesis_4_3_short"
-FILES = {"bench": launch_files.BENCH, "stand": launch_files.STAND, "replay": launch_files.REPLAY}
+FILES = {"bench": BENCH, "stand": STAND, "replay": REPLAY}
 
 
 def refusal(name: str, **given: str) -> str:
@@ -145,7 +151,7 @@ def test_the_checks_need_the_standard_library_only() -> None:
     """`ros2 launch` runs in the Python of the ROS installation, without the project's requirements."""
     sources = f"{ROOT / 'atpid_interfaces'}:{ROOT / 'atpid_control'}"
     done = subprocess.run(
-        [sys.executable, "-S", "-c", "import atpid_control.launching.launch_files"],
+        [sys.executable, "-S", "-c", "import atpid_control.launching.arguments"],
         env={"PYTHONPATH": sources, "LD_LIBRARY_PATH": os.environ.get("LD_LIBRARY_PATH", "")},
         capture_output=True,
         text=True,

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from atpid_control.loop.drift import DriftAlarm
-from atpid_control.loop.twin import ModelCheck
+from atpid_control.loop.drift import DriftAlarm, DriftSettings, ModelCheck
 
 TONE = (0.015, 5.0)
 
@@ -30,7 +29,7 @@ class Fixed:
 
 def check(expected: float = 0.1) -> tuple[ModelCheck, Fixed]:
     twin = Fixed(expected)
-    return ModelCheck(twin, DriftAlarm(tolerance=0.15, noise=0.02, periods=1e4)), twin
+    return ModelCheck(twin, DriftAlarm(DriftSettings(tolerance=0.15, noise=0.02, periods=1e4))), twin
 
 
 def said(reality: ModelCheck, swings: Sequence[float] | NDArray[np.float64], start: float = 0.0) -> list[float]:

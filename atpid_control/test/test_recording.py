@@ -21,9 +21,7 @@ from rosbags.rosbag2 import Reader
 from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
 from atpid_control.bags.cdr import block_shape, event_kind, header, is_handshake, truth_shape
 from atpid_control.bags.definitions import message_type
-from atpid_control.bags.order import StampOrder
-from atpid_control.bags.qos import as_yaml, from_yaml
-from atpid_control.bags.session import Continuity
+from atpid_control.bags.session import Continuity, StampOrder
 from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bags.writer import Sink
 from atpid_control.commands import recording as command
@@ -175,11 +173,6 @@ def test_gaps_are_counted_by_index() -> None:
     flow = Continuity()
     assert [flow.add(block_shape(block(index, np.zeros((50, 2))))) for index in (0, 50, 150, 200)] == [0, 0, 50, 0]
     assert (flow.scans, flow.lost, flow.gaps) == (200, 50, 1)
-
-
-def test_quality_of_service_survives_its_own_words() -> None:
-    profiles = (Qos(), Qos(depth=1, durability="transient_local", deadline_ns=500_000_000))
-    assert from_yaml(as_yaml(profiles)) == profiles
 
 
 def test_what_is_paced_by_the_clock_stays_out_of_a_lockstep_bag() -> None:

@@ -22,13 +22,10 @@ from atpid_control.bench.outdir import MARKER
 from atpid_control.cli import main
 from atpid_control.report import Stage, read_run, report, stages
 from atpid_control.report.charts import thinned
-from atpid_control.report.comparison import closed_by_simulation
-from atpid_control.report.picture import rounded_up
-from atpid_control.report.repetition import corners
-from atpid_control.report.stage_table import number
-from atpid_control.report.stages import intervals
-from atpid_control.report.theme import DARK, LIGHT, Palette
-from atpid_control.report.thesis import beside, measured_decrement
+from atpid_control.report.comparison import closed_by_simulation, corners
+from atpid_control.report.picture import DARK, LIGHT, Palette, rounded_up
+from atpid_control.report.sections import number
+from atpid_control.report.stages import beside, intervals, measured_decrement
 from atpid_control.report.view import headline, view_of
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.simulation.decay import largest_decrement, peaks

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from atpid_control.selection import METHODS, HeightSelector, Selection, SelectionError, make_selector
-from atpid_control.selection.contract import violations
+from atpid_control.selection.protocol import violations
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.scene.ceiling import CONTROLLERS
 

@@ -11,10 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.selection.criteria import judge
-from atpid_control.selection.pca import PcaSelector
+from atpid_control.selection.complex_model import judge
+from atpid_control.selection.pca import PcaSelector, tune
 from atpid_control.selection.predictive import Impact, response_lag, simplified
-from atpid_control.selection.tuning import tune
 from atpid_sim.kernel_inputs import system_of
 from atpid_sim.maps import DamperResponse, best_height
 from atpid_sim.scene import Scene, load_scene

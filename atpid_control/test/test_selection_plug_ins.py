@@ -13,14 +13,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_control.nodes.parameter_tables import SELECTOR, selector_table
 from atpid_control.nodes.selector_node import SelectorNode
-from atpid_control.nodes.selector_parameters import TABLE, table
 from atpid_control.selection import METHODS, SelectionError, make_selector, methods
 from atpid_sim.scene import Scene, SceneError, load_scene
 
 ROOT = Path(__file__).parents[2]
 GOOD = """
-from atpid_control.selection.fixed import FixedSelector
+from atpid_control.selection.lookup import FixedSelector
 
 class Own(FixedSelector):
     method = "own"
@@ -71,9 +71,9 @@ def test_a_scene_and_the_node_take_an_installed_selector(install: Install, scene
         controlled_by(scene, "own")
     install("plug_in_scene", GOOD, "own = plug_in_scene:Own")
     assert getattr(controlled_by(scene, "own").ceiling, "controller", "") == "own"
-    (row,) = (row for row in table() if row.name == "method")
+    (row,) = (row for row in selector_table() if row.name == "method")
     assert row.problem("own") == ""
-    assert [row for row in TABLE if row.name == "method" and row.problem("own")]
+    assert [row for row in SELECTOR if row.name == "method" and row.problem("own")]
 
 
 def test_the_node_selects_by_its_parameter(install: Install) -> None:

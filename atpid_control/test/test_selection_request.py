@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from atpid_control.identification import Estimate, Quality
 from atpid_control.selection import SelectionError
-from atpid_control.selection.request import Request, Resonance, resolved
+from atpid_control.selection.checks import Request, Resonance, resolved
 
 RESONANCE = Resonance(5.47, 0.03)
 LATEST = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=5.5)

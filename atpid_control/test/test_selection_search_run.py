@@ -82,8 +82,8 @@ def test_it_finds_the_height_and_keeps_it(loop: Loop) -> None:
     loop.controller.begin(PLAN)
     run = loop.until_done()
     assert run.success
-    assert run.progress().best_height == pytest.approx(0.5)
-    assert run.progress().iterations == 6
+    assert run.search.best_height == pytest.approx(0.5)
+    assert run.search.iterations == 6
     for _ in range(100):
         last = loop.turn()
     assert last.height == pytest.approx(0.5)
@@ -175,4 +175,4 @@ def test_on_the_plant_it_finds_the_best_height_from_anywhere(start: float, step:
         target = controller.answer(time, STEADY, plant.height).command.height
     assert run.success
     assert 0.54 <= target <= 0.60
-    assert run.progress().best_amplitude < 0.135
+    assert run.search.best_amplitude < 0.135

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from atpid_control.loop.drift import OVERSHOOT, DriftAlarm
-from atpid_control.loop.errors import WatchError
+from atpid_control.loop.drift import OVERSHOOT, DriftAlarm, DriftSettings, SteadyTwin, WatchError
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch, scatter_of
-from atpid_control.loop.twin import SteadyTwin
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import load_scene
 
@@ -107,7 +105,7 @@ def test_settings_without_hysteresis_are_refused() -> None:
     with pytest.raises(WatchError, match=r"calm: given 0.1; allowed: above 0 and at most onset"):
         RumbleSettings(onset=0.06, calm=0.1, calm_periods=3, least_amplitude=0.0)
     with pytest.raises(WatchError, match="tolerance: given 0"):
-        DriftAlarm(0.0, 0.01, 1000.0)
+        DriftAlarm(DriftSettings(0.0, 0.01, 1000.0))
 
 
 def run_length(drift: float, threshold: float, noise: float) -> float:
@@ -129,14 +127,14 @@ def test_drift_alarms_come_as_late_and_as_rarely_as_specified() -> None:
     def lasted(deviation: float, runs: int) -> float:
         lengths = []
         for _ in range(runs):
-            alarm, n = DriftAlarm(tolerance, noise, periods), 0
+            alarm, n = DriftAlarm(DriftSettings(tolerance, noise, periods)), 0
             while not alarm.state.alarm and n < 20_000:
                 alarm.push(0.1, 0.1 * float(np.exp(np.log1p(deviation) + rng.normal(0.0, noise))), True)
                 n += 1
             lengths.append(n)
         return float(np.mean(lengths))
 
-    threshold = DriftAlarm(tolerance, noise, periods).threshold
+    threshold = DriftAlarm(DriftSettings(tolerance, noise, periods)).threshold
     for deviation, runs in ((0.05, 300), (0.08, 300), (0.15, 100)):
         expected = run_length(float(np.log1p(deviation) - np.log1p(tolerance)), threshold, noise)
         assert lasted(deviation, runs) == pytest.approx(expected, rel=0.25, abs=1.0)
@@ -144,7 +142,7 @@ def test_drift_alarms_come_as_late_and_as_rarely_as_specified() -> None:
 
 
 def test_drift_waits_for_settled_periods_and_can_be_reset() -> None:
-    alarm = DriftAlarm(0.05, 0.01, 1000.0)
+    alarm = DriftAlarm(DriftSettings(0.05, 0.01, 1000.0))
     for _ in range(100):
         assert not alarm.push(0.1, 0.2, False).alarm
         assert not alarm.push(np.nan, 0.2, True).alarm
@@ -162,7 +160,7 @@ def test_the_twin_follows_the_beam_and_a_lost_tenth_of_the_grain_is_noticed() ->
     measured = 0.5 * (settled.max() - settled.min())
     assert twin.expected(0.03, FREQUENCY, 0.55) == pytest.approx(measured, rel=0.01)
     other = SteadyTwin(SCENE.with_(mass_fraction=0.09, frequency=FREQUENCY)).expected(0.03, FREQUENCY, 0.55)
-    alarm, periods = DriftAlarm(0.05, 0.01, 10_000.0), 0
+    alarm, periods = DriftAlarm(DriftSettings(0.05, 0.01, 10_000.0)), 0
     while not alarm.state.alarm and periods < 30:
         alarm.push(twin.expected(0.03, FREQUENCY, 0.55), other, True)
         periods += 1

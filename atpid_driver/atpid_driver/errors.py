@@ -9,5 +9,4 @@ from atpid_common.errors import InputError
 class DriverError(InputError):
     """Bad input, or hardware that is not as expected: what was given, what is allowed, what to do."""
 
-    retry: ClassVar[bool] = True
-    """Whether trying again later may help, with the same parameters."""
+    retry: ClassVar[bool] = True  # whether trying again later may help, with the same parameters

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from grpc_server import Server
 
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
@@ -18,7 +19,6 @@ from atpid_driver.acquisition.simulated import SERIAL as SIMULATED_SERIAL
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 from atpid_driver.standins import Control, build
 from atpid_driver.standins.control import SERIAL
-from atpid_driver.standins.grpc_server import Server
 
 BACKENDS = ("simulated", "labjack", "nidaqmx", "nidaqmx-grpc")
 

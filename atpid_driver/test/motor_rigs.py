@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
-from atpid_driver.motor import MotorSettings
+from atpid_driver.motor.serial_port import SerialPort
+from atpid_driver.motor.settings import MotorSettings
 
 SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, "speed": 0.3}
 
@@ -42,16 +43,18 @@ def settings(folder: Path, **change: Any) -> MotorSettings:
     return MotorSettings(**SERIAL | {"port": str(folder / "board"), "identify_timeout": 3.0} | change)
 
 
-def wait_for(condition: Callable[[], object], what: str, limit: float = 100.0) -> None:
-    """Poll until `condition` holds; fail after `limit` [s]."""
+def wait_for(
+    condition: Callable[[], object], what: str, limit: float = 100.0, state: Callable[[], str] = lambda: ""
+) -> None:
+    """Poll until `condition` holds; fail after `limit` [s], with the state there is then."""
     end = time.monotonic() + limit
     while not condition():
-        assert time.monotonic() < end, f"waited {limit:g} s for: {what}"
+        assert time.monotonic() < end, f"waited {limit:g} s for: {what}; there is: {state()}"
         time.sleep(0.005)
 
 
 @dataclass
-class ScriptedPort:
+class ScriptedPort(SerialPort):
     """A port with a script of requests and answers; `done` fails on traffic that did not take place."""
 
     script: list[tuple[bytes, bytes]]

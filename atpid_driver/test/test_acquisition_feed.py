@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -132,7 +133,7 @@ def test_a_feed_reports_what_it_waits_for(bench: Bench, tmp_path: Path) -> None:
 
 
 def test_a_feed_keeps_its_newest_frames_and_checks_their_width(tmp_path: Path) -> None:
-    with Feed(tmp_path / "feed", channels=2, rate=100.0, capacity=8) as feed:
+    with closing(Feed(tmp_path / "feed", channels=2, rate=100.0, capacity=8)) as feed:
         feed.write(np.arange(40.0).reshape(20, 2))
         assert feed.written == 20
         with pytest.raises(StandinError, match="2 volts"):

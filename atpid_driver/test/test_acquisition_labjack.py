@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -174,7 +175,7 @@ def test_skew_is_15_us_and_8_us_above_60_khz() -> None:
 
 
 def test_a_feed_arrives_scan_for_scan(control: Control, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with Feed(tmp_path / "feed", channels=2, rate=1000.0, capacity=4096) as feed:
+    with closing(Feed(tmp_path / "feed", channels=2, rate=1000.0, capacity=4096)) as feed:
         monkeypatch.setenv("ATPID_LJM_SOURCE", f"feed:{feed.path}")
         made = t7(rate=1000.0, scans=100, channels=channels(0, "AIN", count=1))
         made.open()
@@ -191,7 +192,7 @@ def test_a_feed_arrives_scan_for_scan(control: Control, tmp_path: Path, monkeypa
 def test_a_feed_faster_than_the_reader_is_an_overrun(
     control: Control, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with Feed(tmp_path / "feed", channels=1, rate=1000.0, capacity=64) as feed:
+    with closing(Feed(tmp_path / "feed", channels=1, rate=1000.0, capacity=64)) as feed:
         monkeypatch.setenv("ATPID_LJM_SOURCE", f"feed:{feed.path}")
         made = t7(rate=1000.0, scans=100, channels=channels(0, "AIN", count=1))
         made.open()

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from acquisition_rigs import channels
+from grpc_server import Server
 
 from atpid_driver.acquisition import DeviceMissingError, SetupRefusedError, StreamLostError
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
 from atpid_driver.acquisition.settings import NiSettings, checked
 from atpid_driver.standins import Control, build
-from atpid_driver.standins.grpc_server import Server
 
 LIBRARY = build() / "libnidaqmx.so"
 Make = Callable[..., NiAcquisition]
@@ -141,7 +141,7 @@ def test_a_server_that_is_away_is_named() -> None:
 
 def test_without_the_runtime_one_line_names_what_to_install() -> None:
     program = (
-        "from atpid_driver.acquisition import create\n"
+        "from atpid_driver.acquisition.registry import create\n"
         "channels = [{'name': 'a', 'terminal': 'ai0', 'kind': 'iepe'}]\n"
         "device = create('nidaqmx', {'channels': channels, 'rate': 1280.0, 'scans_per_block': 64})\n"
         "try:\n    device.open()\nexcept ValueError as error:\n    print(type(error).__name__, error)\n"

@@ -14,7 +14,9 @@ from acquisition_rigs import channels
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_driver.acquisition import Backoff, Block, DriftMeter, HardwareClock, Identity, Reader, SetupRefusedError
+from atpid_driver.acquisition import Block, Identity, SetupRefusedError
+from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
+from atpid_driver.acquisition.reader import Backoff, Reader
 from atpid_driver.acquisition.settings import SimulatedSettings
 from atpid_driver.acquisition.simulated import Faults, SimulatedAcquisition
 

@@ -13,7 +13,9 @@ import pytest
 from acquisition_bench import Bench
 
 from atpid_common.nodes.parameters import ParameterError
-from atpid_driver.acquisition import SetupRefusedError, backend, backend_names
+from atpid_driver.acquisition import SetupRefusedError
+from atpid_driver.acquisition.registry import backend
+from atpid_driver.acquisition.registry import names as backend_names
 from atpid_driver.nodes.labjack_node import LabJackNode
 
 GOOD = """

@@ -12,8 +12,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_driver.calibration import CalibrationError, Counts, block_si, load, save, si_of, volts_of
+from atpid_driver.calibration.convert import Counts, block_si, si_of, volts_of
 from atpid_driver.calibration.fit import fit, read_readings
+from atpid_driver.calibration.model import CalibrationError, load, save
 from atpid_driver.cli import main
 from atpid_driver.standins import build
 

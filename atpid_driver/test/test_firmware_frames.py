@@ -14,9 +14,10 @@ from motor_rigs import board, need_emulator
 from atpid_driver.emulator import build_firmware
 from atpid_driver.emulator.client import SteppedHost
 from atpid_driver.emulator.fuzz import fuzz
-from atpid_driver.motor import Fault, Mode, MotorSettings
-from atpid_driver.motor.faults import WORDS
+from atpid_driver.motor.ceiling_actuator import Mode
+from atpid_driver.motor.faults import WORDS, Fault
 from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, REFUSALS, Refusal, StateReply, decode
+from atpid_driver.motor.settings import MotorSettings
 
 DRIVER = Path(__file__).resolve().parents[1]
 PROTOCOL_TEXT = DRIVER.parent / "docs" / "motor_protocol.md"

@@ -10,7 +10,8 @@ import pytest
 from motor_rigs import board
 
 from atpid_driver.emulator.client import SteppedHost
-from atpid_driver.motor import Fault, Mode
+from atpid_driver.motor.ceiling_actuator import Mode
+from atpid_driver.motor.faults import Fault
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply, crc16, encode
 
 MIDDLE = 500_000
@@ -256,7 +257,7 @@ def test_a_ceiling_that_moves_by_itself_is_reported(ready: SteppedHost) -> None:
 
 def test_reset_in_motion(moving: SteppedHost) -> None:
     """Motor off, disarmed, height lost, one boot more; the old session is void."""
-    moving.emulator.reset()
+    moving.emulator.do("reset")
     assert moving.emulator.state().motor == 0
     moving.emulator.run(0.05)
     assert moving.request("BEAT") == Refusal("SESSION")
@@ -269,10 +270,10 @@ def test_reset_in_motion(moving: SteppedHost) -> None:
 
 def test_power_cycle_in_motion(moving: SteppedHost) -> None:
     """As a reset; the boot counter lives on in the EEPROM."""
-    moving.emulator.power(False)
+    moving.emulator.do("power 0")
     assert moving.emulator.state().motor == 0
     assert stands_still(moving)
-    moving.emulator.power(True)
+    moving.emulator.do("power 1")
     moving.emulator.run(0.05)
     identity = moving.request("ID")
     assert isinstance(identity, IdentityReply)
@@ -283,7 +284,7 @@ def test_power_cycle_in_motion(moving: SteppedHost) -> None:
 
 def test_watchdog_switches_off_a_hung_firmware(moving: SteppedHost) -> None:
     began = moving.emulator.state().ms
-    moving.emulator.hang()
+    moving.emulator.do("hang")
     moving.emulator.run(1.0)
     assert moving.emulator.state().motor_off_ms - began < 300.0
     identity = moving.request("ID")

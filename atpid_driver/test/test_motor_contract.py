@@ -11,15 +11,10 @@ from pathlib import Path
 import pytest
 from motor_rigs import SERIAL, board, need_emulator, settings, wait_for
 
-from atpid_driver.motor import (
-    CeilingActuator,
-    HeightRefusedError,
-    Mode,
-    MotorSettings,
-    NotReadyError,
-    Reading,
-    actuator_of,
-)
+from atpid_driver.motor import actuator_of
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode, Reading
+from atpid_driver.motor.errors import HeightRefusedError, NotReadyError
+from atpid_driver.motor.settings import MotorSettings
 
 RESOLUTION = 1.6e-3
 

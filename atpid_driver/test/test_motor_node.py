@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.nodes.parameters import ParameterError
 from atpid_common.nodes.single_instance import StartedTwiceError, claim
-from atpid_driver.motor import Mode
+from atpid_driver.motor.ceiling_actuator import Mode
 from atpid_driver.nodes import motor_node
 from atpid_driver.nodes.motor_node import MotorNode
 

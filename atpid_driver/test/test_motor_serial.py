@@ -11,8 +11,9 @@ import pytest
 from motor_rigs import board, settings, wait_for
 
 from atpid_driver.emulator import Emulator
-from atpid_driver.motor import IdentityError, LimitsError, LinkError, Mode, NotReadyError, Reading
 from atpid_driver.motor import session as session_module
+from atpid_driver.motor.ceiling_actuator import Mode, Reading
+from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, NotReadyError
 from atpid_driver.motor.serial_actuator import SerialActuator
 
 pytestmark = pytest.mark.slow
@@ -34,12 +35,24 @@ class Rig:
         self.actuator.move(height, 1, time.monotonic_ns())
 
     def wait(self, *modes: Mode) -> None:
-        wait_for(lambda: self.read().mode in modes, " or ".join(mode.name for mode in modes))
+        wait_for(lambda: self.read().mode in modes, " or ".join(mode.name for mode in modes), state=self.describe)
+
+    def describe(self) -> str:
+        """What the actuator has reported, for a message."""
+        return f"{self.read()}; {self.reports}; {self.emulator.state()}"
 
     def make_ready(self) -> None:
+        """Home it; again after a heartbeat fault, which is what a busy machine that stood still gets."""
+
+        def holding() -> bool:
+            mode = self.read().mode
+            if mode is Mode.FAULT:
+                self.actuator.activate(time.monotonic_ns())
+            return mode is Mode.HOLDING
+
         self.actuator.connect(time.monotonic_ns())
         self.actuator.activate(time.monotonic_ns())
-        self.wait(Mode.HOLDING)
+        wait_for(holding, "homed", state=self.describe)
 
     def start_down(self) -> None:
         self.move(0.1)
@@ -113,14 +126,14 @@ def test_limits_wider_than_the_firmwares(rig: Rig, tmp_path: Path) -> None:
 def test_unplugged_in_motion_and_plugged_in_again(rig: Rig) -> None:
     rig.make_ready()
     rig.start_down()
-    rig.emulator.unplug()
+    rig.emulator.do("unplug")
     rig.wait(Mode.UNCONFIGURED)
     wait_for(lambda: rig.emulator.state().motor == 0, "the firmware's own heartbeat stop")
     truth = rig.emulator.state()
     assert truth.motor_off_ms - truth.last_byte_ms <= 500.0
     with pytest.raises(NotReadyError, match="no connection to the board"):
         rig.move(0.5)
-    rig.emulator.plug()
+    rig.emulator.do("plug")
     rig.wait(Mode.DISARMED)
     assert any("is gone" in text for text in rig.reports)
     assert any("found again" in text and "motor off until the next height" in text for text in rig.reports)
@@ -133,7 +146,7 @@ def test_unplugged_in_motion_and_plugged_in_again(rig: Rig) -> None:
 def test_a_reset_in_motion_is_noticed_and_needs_homing(rig: Rig) -> None:
     rig.make_ready()
     rig.start_down()
-    rig.emulator.reset()
+    rig.emulator.do("reset")
     wait_for(lambda: rig.read().mode is Mode.DISARMED and not rig.read().homed, "disarmed, height lost")
     assert any("restarted" in text for text in rig.reports)
     assert stands_still(rig.emulator)
@@ -143,9 +156,9 @@ def test_a_reset_in_motion_is_noticed_and_needs_homing(rig: Rig) -> None:
 def test_a_power_cycle_in_motion(rig: Rig) -> None:
     rig.make_ready()
     rig.start_down()
-    rig.emulator.power(False)
+    rig.emulator.do("power 0")
     rig.wait(Mode.UNCONFIGURED)
-    rig.emulator.power(True)
+    rig.emulator.do("power 1")
     rig.wait(Mode.DISARMED)
     assert stands_still(rig.emulator)
 
@@ -193,7 +206,7 @@ def test_a_hung_board_is_a_lost_link_and_recovers(rig: Rig) -> None:
 
 def test_commands_during_a_recovery_do_not_pile_up(rig: Rig) -> None:
     rig.make_ready()
-    rig.emulator.reset()
+    rig.emulator.do("reset")
     wait_for(lambda: rig.read().mode is Mode.DISARMED, "restarted")
     rig.emulator.pace(0)  # it answers nothing more
     for _ in range(50):

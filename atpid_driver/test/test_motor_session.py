@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from motor_rigs import ScriptedPort
 
-from atpid_driver.motor import IdentityError, Limits, LimitsError, LinkError, Mode
+from atpid_driver.motor.ceiling_actuator import Limits, Mode
+from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
 from atpid_driver.motor.session import Session, SessionLostError, check_identity
 

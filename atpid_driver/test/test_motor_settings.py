@@ -5,15 +5,11 @@ from typing import Any
 
 import pytest
 
-from atpid_driver.motor import (
-    CeilingActuator,
-    Fault,
-    HeightRefusedError,
-    MotorSettings,
-    SettingsError,
-    actuator_of,
-    in_words,
-)
+from atpid_driver.motor import actuator_of
+from atpid_driver.motor.ceiling_actuator import CeilingActuator
+from atpid_driver.motor.errors import HeightRefusedError, SettingsError
+from atpid_driver.motor.faults import Fault, in_words
+from atpid_driver.motor.settings import MotorSettings
 
 GOOD: dict[str, Any] = {
     "backend": "simulated",

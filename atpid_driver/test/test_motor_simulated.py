@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_driver.motor import HeightRefusedError, Limits, LimitsError, Mode, NotReadyError, SimulatedActuator
-from atpid_driver.motor.simulated import Travel
+from atpid_driver.motor.ceiling_actuator import Limits, Mode
+from atpid_driver.motor.errors import HeightRefusedError, LimitsError, NotReadyError
+from atpid_driver.motor.simulated import SimulatedActuator, Travel
 
 LIMITS = Limits(lowest=0.017, highest=1.0, speed=0.3)
 SECOND = 10**9

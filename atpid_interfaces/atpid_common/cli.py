@@ -20,24 +20,46 @@ from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
 
-Commands = Mapping[str, tuple[str, str]]
-"""Name of each command: (module, what it does)."""
+Commands = Mapping[str, tuple[str, str]]  # Name of each command: (module, what it does)
 
 
 def run_commands(package: str, description: str, commands: Commands, argv: Sequence[str] | None = None) -> int:
     """Run the command named by `argv`, by default the process's arguments; return its exit status."""
     given = list(sys.argv[1:] if argv is None else argv)
-    return guarded(lambda: _run(_parser(package, description, commands, given), given))
+    return run_parsed(lambda: _parser(package, description, commands, given), given)
+
+
+def run_parsed(make: Callable[[], argparse.ArgumentParser], argv: Sequence[str] | None = None) -> int:
+    """Run the function `run` that the parser sets (`set_defaults`) with the arguments; return the exit status.
+
+    make: returns the parser; what it raises is reported as an error of the command is.
+    """
+
+    def command() -> int:
+        arguments = make().parse_args(argv)
+        return int(arguments.run(arguments))
+
+    return guarded(command)
 
 
 def guarded(command: Callable[[], int]) -> int:
     """Return the exit status of `command`: its own, 1 where standard output or error was closed before everything was
     written, 2 for bad input, 3 for a numerical failure, 130 after Ctrl-C.
+
+    An error of the project is reported in one line; any other exception is a defect and keeps its traceback.
     """
-    _open_missing()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # not open, as after `>&-`
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - open as long as the process
     try:
         try:
-            status = _reported(command)
+            status = command()
+        except KeyboardInterrupt as interrupt:
+            print(interrupt if interrupt.args else "interrupted", file=sys.stderr)
+            status = INTERRUPTED
+        except AtpidError as error:
+            print(f"error: {error}", file=sys.stderr)
+            status = error.status
         except SystemExit as leaving:  # argparse has printed its help or a usage line
             status = leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
         # Anything still buffered fails here, where it can be handled, and not at the interpreter's exit.
@@ -48,32 +70,6 @@ def guarded(command: Callable[[], int]) -> int:
             raise
         return BROKEN_PIPE
     return status
-
-
-def _run(parser: argparse.ArgumentParser, given: Sequence[str]) -> int:
-    arguments = parser.parse_args(given)
-    return int(arguments.run(arguments))
-
-
-def _reported(command: Callable[[], int]) -> int:
-    """Run `command`; report an error of the project in one line. Any other exception is a defect of the program and
-    keeps its traceback.
-    """
-    try:
-        return command()
-    except KeyboardInterrupt as interrupt:
-        print(interrupt if interrupt.args else "interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except AtpidError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.status
-
-
-def _open_missing() -> None:
-    """Open the null device where standard output or error is not open, as after `>&-`: Python has None for it then."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - open as long as the process
 
 
 def _discard_closed() -> bool:

@@ -23,16 +23,11 @@ class Interrupt:
     """
 
     def __init__(self) -> None:
-        """Do nothing yet."""
-        self._received = False  # not a threading.Event: a signal in the middle of its `set` would wait for itself
+        # Whether a signal has come; not a threading.Event: a signal in the middle of its `set` would wait for itself.
+        self.received = False
         self._deferred = False
         self._before: list[Any] = []
         self._hook_before = sys.unraisablehook
-
-    @property
-    def received(self) -> bool:
-        """Whether a signal has come."""
-        return self._received
 
     def defer(self) -> None:
         """From now on a signal only sets `received`."""
@@ -45,15 +40,13 @@ class Interrupt:
             signal.signal(number, signal.SIG_IGN)
 
     def _handle(self, _number: int, _frame: FrameType | None) -> None:
-        already = self.received
-        self._received = True
+        already, self.received = self.received, True
         if not self._deferred and not already:
             # what is torn while it is made, such as a compiler's object, may fail when it is deleted
             sys.unraisablehook = lambda _: None
             raise KeyboardInterrupt
 
     def __enter__(self) -> Interrupt:
-        """Install the handlers."""
         self._before = [signal.getsignal(number) for number in ENDING_SIGNALS]
         for number, before in zip(ENDING_SIGNALS, self._before, strict=True):
             if number != signal.SIGHUP or before != signal.SIG_IGN:
@@ -64,7 +57,6 @@ class Interrupt:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Put the former handlers back."""
         sys.unraisablehook = self._hook_before
         for number, before in zip(ENDING_SIGNALS, self._before, strict=True):
             signal.signal(number, before)

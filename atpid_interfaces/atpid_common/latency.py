@@ -23,7 +23,6 @@ class Latencies:
     """The latest latencies of one stage of the loop [s]."""
 
     def __init__(self) -> None:
-        """Start with none."""
         self._values: deque[float] = deque(maxlen=COUNT)
 
     def add(self, nanoseconds: int) -> None:

@@ -13,6 +13,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -99,20 +100,13 @@ os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 def children() -> dict[int, str]:
     """Return this process's children that still run, with their command lines."""
     found = {}
-    for path in Path("/proc/self/task").glob("*/children"):
-        try:
-            pids = [int(word) for word in path.read_text().split()]
-        except OSError:
-            continue  # the thread ended just now
-        for pid in pids:
-            try:
-                state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-                command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
-            except OSError:
-                continue  # it ended just now
-            if state != "Z" and not any(name in command for name in LASTING_PROCESSES):
-                found[pid] = command.strip()
-    return found
+    # by the parent of every process: /proc/PID/task/TID/children may leave out some while others end
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it ended just now
+            state, parent = (process / "stat").read_text().rpartition(")")[2].split()[:2]
+            if int(parent) == os.getpid() and state != "Z":
+                found[int(process.name)] = (process / "cmdline").read_text(errors="replace").replace("\0", " ").strip()
+    return {pid: command for pid, command in found.items() if not any(name in command for name in LASTING_PROCESSES)}
 
 
 def threads() -> set[threading.Thread]:

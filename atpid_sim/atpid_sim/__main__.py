@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim`."""
 
-from __future__ import annotations
-
 import sys
 
 from atpid_sim.cli import main

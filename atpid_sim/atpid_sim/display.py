@@ -1,30 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Moving displays of the commands, on standard error and only on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich import progress
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
-_TEXT = TextColumn("{task.description}", markup=False)
+_TEXT = progress.TextColumn("{task.description}", markup=False)
 
 
 @contextmanager
 def working(text: str) -> Iterator[Callable[[str], None]]:
     """Show `text`, a spinner and the time elapsed until the block ends; yield a function that changes the text."""
-    with _progress(SpinnerColumn(), _TEXT, TimeElapsedColumn()) as display:
+    with _progress(progress.SpinnerColumn(), _TEXT, progress.TimeElapsedColumn()) as display:
         task = display.add_task(text, total=None)
         yield lambda new: display.update(task, description=new)
 
@@ -35,12 +24,12 @@ def counting(text: str, total: int, kept: bool = False) -> Iterator[Callable[[in
 
     `kept`: the last state stays, and is printed where there is no terminal as well.
     """
-    columns = (_TEXT, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with _progress(*columns, kept=kept) as display:
+    times = (progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
+    with _progress(_TEXT, progress.BarColumn(), progress.MofNCompleteColumn(), *times, kept=kept) as display:
         task = display.add_task(text, total=total)
         yield lambda done: display.update(task, completed=done)
 
 
-def _progress(*columns: ProgressColumn, kept: bool = False) -> Progress:
+def _progress(*columns: progress.ProgressColumn, kept: bool = False) -> progress.Progress:
     console = Console(stderr=True)
-    return Progress(*columns, console=console, transient=not kept, disable=not (kept or console.is_terminal))
+    return progress.Progress(*columns, console=console, transient=not kept, disable=not (kept or console.is_terminal))

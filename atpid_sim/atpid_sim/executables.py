@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of the nodes' executables: each loads its node with signals handled."""
 
-from __future__ import annotations
-
 from atpid_common.executable import run_executable
 
 

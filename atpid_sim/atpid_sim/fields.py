@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the blocks of a scene are made of: numbers, points, paths, and how the keys select a variant."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Strict, Tag
 from pydantic_core import PydanticCustomError
@@ -64,7 +62,6 @@ Hertz = Annotated[Number, within(1e-6, 1e6)]  # [Hz]
 Duration = Annotated[Number, within(1e-6, 1e9)]  # [s]
 Instant = Annotated[Number, within(1e-9, 1e9, or_zero=True)]  # [s]
 Speed = Annotated[Number, within(1e-9, 1e6)]  # [m/s]
-
 #: Straight ramps are no steeper than this [m/s]: a jump has no motion that a support or a motor could make.
 _STEEPEST = 1e6
 
@@ -109,30 +106,28 @@ def _located(path: Path, info: ValidationInfo) -> Path:
 LocatedPath = Annotated[Path, AfterValidator(_located)]
 
 
-def _number_or_points(value: Any) -> str:
-    return "<points>" if isinstance(value, list | tuple) else "<number>"
-
-
-def _number_or_word(value: Any) -> str:
-    return "<word>" if isinstance(value, str) else "<number>"
-
-
 #: One amplitude [m], or points.
 AmplitudeOrPoints = Annotated[
     Annotated[Amplitude, Tag("<number>")] | Annotated[AmplitudePoints, Tag("<points>")],
-    Discriminator(_number_or_points),
+    Discriminator(lambda value: "<points>" if isinstance(value, list | tuple) else "<number>"),
 ]
 #: Tells a word from a number before either is validated, so that the message speaks of the one that was meant.
-by_word = Discriminator(_number_or_word)
+by_word = Discriminator(lambda value: "<word>" if isinstance(value, str) else "<number>")
 
 
-def by_key(keys: Mapping[str, str], hint: str) -> Discriminator:
-    """Return a discriminator that takes the variant whose telling key is present: {key: tag}."""
+def by_key(keys: Mapping[str, Sequence[str]], hint: str) -> Discriminator:
+    """Return a discriminator that takes the first variant of which a telling key is present: {tag: keys}."""
 
     def tag(value: Any) -> str | None:
         if isinstance(value, Mapping):
-            return next((name for key, name in keys.items() if key in value), None)
+            return next((name for name, telling in keys.items() if any(key in value for key in telling)), None)
         # a model that is validated again (copies): `kind` names its variant
         return f"<{value.kind}>" if hasattr(value, "kind") else None
 
     return Discriminator(tag, custom_error_type="no_variant", custom_error_message=hint)
+
+
+def variants_of(choice: Any) -> dict[str, type[Block]]:
+    """Return {tag: block} of the blocks from which a discriminator chooses."""
+    union = get_args(choice)[0]
+    return {tag.tag: block for block, tag in map(get_args, get_args(union))}

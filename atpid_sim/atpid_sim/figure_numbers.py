@@ -1,26 +1,51 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers a picture shows, kept inside its PNG: so that a test can compare it with what is computed now."""
-
-from __future__ import annotations
+"""Pictures that carry the numbers they show inside their PNG: so that a test can compare them with what is computed."""
 
 import json
-import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from atpid_common.output import writing
+
 #: Name of the PNG's text chunk.
 KEY = "Numbers"
-
 #: Title of each panel -> smallest, largest and mean x and y of each curve and bar chart in it.
 Numbers = dict[str, list[list[float]]]
 
 
+@contextmanager
+def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield a figure and the panels of matplotlib's `subplots`; at the block's end the picture is written to `path`.
+
+    Raises OutputError, which names the `option`, where that is not possible.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, panels = pyplot.subplots(layout="constrained", **layout)
+    yield figure, panels
+    with writing(path, option):
+        figure.savefig(path, dpi=dpi, metadata=metadata_of(figure))
+    pyplot.close(figure)
+
+
+def light_frames(panels: Any) -> None:
+    """Give each of the panels a grid, and no frame above and on the right."""
+    for axes in panels:
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+
+
 def numbers_of(figure: Any) -> Numbers:
     """Return what a drawn matplotlib figure shows; not-finite values are left out."""
-    return {f"{place} {_title(axes)}": _panel(axes) for place, axes in enumerate(figure.axes)}
+    titles = ["".join(axes.get_title(loc=place) for place in ("left", "center", "right")) for axes in figure.axes]
+    return {f"{place} {title}": _panel(figure.axes[place]) for place, title in enumerate(titles)}
 
 
 def metadata_of(figure: Any) -> dict[str, str]:
@@ -30,26 +55,12 @@ def metadata_of(figure: Any) -> dict[str, str]:
 
 def numbers_in(picture: Path) -> Numbers:
     """Return the numbers kept in a PNG; raises ValueError for one without."""
-    text = dict(_texts(picture.read_bytes())).get(KEY)
-    if text is None:
+    before, kind, after = picture.read_bytes().partition(f"tEXt{KEY}\0".encode())
+    if not kind:
         raise ValueError(f"{picture}: no numbers inside; make it again with `make figures`")
-    numbers: Numbers = json.loads(text)
+    length = int.from_bytes(before[-4:], "big") - len(KEY) - 1  # of a chunk's content, which the kind follows
+    numbers: Numbers = json.loads(after[:length])
     return numbers
-
-
-def _texts(data: bytes) -> Iterator[tuple[str, str]]:
-    """Return keys and values of the text chunks: length, type, content and check sum each."""
-    place = 8
-    while place + 12 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, place)
-        if kind == b"tEXt":
-            key, _, value = data[place + 8 : place + 8 + length].decode("latin-1").partition("\0")
-            yield key, value
-        place += length + 12
-
-
-def _title(axes: Any) -> str:
-    return "".join(axes.get_title(loc=place) for place in ("left", "center", "right"))
 
 
 def _panel(axes: Any) -> list[list[float]]:

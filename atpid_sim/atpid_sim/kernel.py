@@ -7,8 +7,6 @@ the function that first compiles it, and with Python's error model steps take 2.
 named outcome. There is no fast-math: error bounds are proven for IEEE operations.
 """
 
-from __future__ import annotations
-
 from numba import njit
 
 from atpid_sim import kernel_cache as kernel_cache  # before any kernel is made: where it is kept

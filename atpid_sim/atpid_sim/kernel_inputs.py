@@ -1,24 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the kernels are given of a scene: the system, and the contact law by its number with its parameters."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import NAMES
 from atpid_sim.scene import Scene
-from atpid_sim.system import System
+from atpid_sim.system import Array, System
 
 
 class Contact(NamedTuple):
     """A law by its number (`contact/laws.py`) and its parameters (6,) as that law's file lists them."""
 
     law: int
-    parameters: NDArray[np.float64]
+    parameters: Array
 
 
 def system_of(scene: Scene) -> System:

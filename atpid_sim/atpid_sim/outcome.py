@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outcomes of a run; each has a sentence with the cause and what to do."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 from atpid_common.errors import NumericalError

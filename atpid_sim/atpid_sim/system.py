@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masses, spring, damper and weight: the parameters of every kernel."""
-
-from __future__ import annotations
+"""What every part computes with: arrays, and the system's masses, spring, damper and weight."""
 
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Numbers; the docstrings give shape and unit.
+Array = NDArray[np.float64]
 
 
 class System(NamedTuple):

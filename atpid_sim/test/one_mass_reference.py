@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene
-from atpid_sim.studies.peaks import half_peak_to_peak
+from atpid_sim.studies.baselines.run import half_peak_to_peak
 
 Array = NDArray[np.float64]
 Points = tuple[tuple[float, float], ...]

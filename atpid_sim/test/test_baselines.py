@@ -12,8 +12,8 @@ from one_mass_reference import ClosedForm
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.simulate import simulate
 from atpid_sim.studies.baselines import BASELINES, BaselineError, run_baseline
-from atpid_sim.studies.baselines.tableaux import CASH_KARP, FEHLBERG, Tableau
-from atpid_sim.studies.peaks import between, half_peak_to_peak
+from atpid_sim.studies.baselines.run import between, half_peak_to_peak
+from atpid_sim.studies.baselines.stepping import CASH_KARP, FEHLBERG, Tableau
 
 pytestmark = pytest.mark.slow
 

@@ -19,6 +19,7 @@ from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.integration import Integration, Observation, drive_table
 from atpid_sim.simulation.simulate import simulate, trajectory
+from atpid_sim.system import System
 
 Array = NDArray[np.float64]
 
@@ -70,7 +71,7 @@ def test_the_motion_is_right_at_every_detuning_and_damping(
     row = tone_row(detuning, radians, *ends)
     damping = 2.0 * damping_ratio * math.sqrt(STIFFNESS * MASS)
     start = begin * row[1]
-    arc = arc_from(MASS, STIFFNESS, damping, GRAVITY, row, start, -0.007, 0.1)
+    arc = arc_from(MASS, System(MASS, 0.0, STIFFNESS, damping, GRAVITY, 0.0), row, start, -0.007, 0.1)
     size = 0.007
     for share in (0.01, 0.1, 0.5, 1.0):
         x, v = beam_exactly(row, damping, start, -0.007, 0.1, share * (row[1] - start))
@@ -95,7 +96,7 @@ def test_jerk_and_snap_keep_to_their_bounds_near_resonance(
     row = tone_row(detuning, radians, *ends)
     damping = 2.0 * damping_ratio * math.sqrt(STIFFNESS * MASS)
     start, until = begin * row[1], float(row[1])
-    arc = arc_from(MASS, STIFFNESS, damping, GRAVITY, row, start, 0.02, -0.5)
+    arc = arc_from(MASS, System(MASS, 0.0, STIFFNESS, damping, GRAVITY, 0.0), row, start, 0.02, -0.5)
     tau = start + at * (until - start)
     _, _, _, jerk_bound = bounded_at(arc, tau, until)
     *_, jerk, snap_bound = snap_bounded_at(arc, tau, until)
@@ -111,7 +112,7 @@ def test_jerk_and_snap_keep_to_their_bounds_near_resonance(
 
 def test_the_jerk_is_the_rate_of_the_acceleration_at_resonance() -> None:
     row = tone_row(1e-9, 60.0, 0.01, 0.05)
-    arc = arc_from(MASS, STIFFNESS, 1e-3, GRAVITY, row, 0.2, 0.02, -0.5)
+    arc = arc_from(MASS, System(MASS, 0.0, STIFFNESS, 1e-3, GRAVITY, 0.0), row, 0.2, 0.02, -0.5)
     h = 1e-5
     assert arc.resonant
     for tau in (0.3, 0.9, 1.5):
@@ -121,13 +122,15 @@ def test_the_jerk_is_the_rate_of_the_acceleration_at_resonance() -> None:
 
 def test_the_thesis_s_beam_is_nowhere_near_that_branch() -> None:
     for detuning in np.linspace(-0.1, 0.1, 101):
-        assert not arc_from(MASS, STIFFNESS, 0.56, GRAVITY, tone_row(detuning, 50.0, 0.0, 0.01), 0.0, 0.0, 0.0).resonant
+        assert not arc_from(
+            MASS, System(MASS, 0.0, STIFFNESS, 0.56, GRAVITY, 0.0), tone_row(detuning, 50.0, 0.0, 0.01), 0.0, 0.0, 0.0
+        ).resonant
 
 
 def test_an_undamped_beam_at_resonance_grows_linearly_to_the_last_digits() -> None:
     row = tone_row(0.0, 3000.0, 0.01, 0.01)
     row[5] = 0.0
-    arc = arc_from(MASS, STIFFNESS, 0.0, 0.0, row, 0.0, 0.0, 0.0)
+    arc = arc_from(MASS, System(MASS, 0.0, STIFFNESS, 0.0, 0.0, 0.0), row, 0.0, 0.0, 0.0)
     for t in (0.1, 1.9, 40.0, 80.0):
         expected = 0.005 * (math.sin(NATURAL * t) - NATURAL * t * math.cos(NATURAL * t))
         assert beam_at(arc, t)[0] == pytest.approx(expected, abs=1e-11 * NATURAL * t)
@@ -136,7 +139,7 @@ def test_an_undamped_beam_at_resonance_grows_linearly_to_the_last_digits() -> No
 @pytest.mark.parametrize("damping", [30.0, 1e4, 1e8])
 def test_a_strongly_damped_beam_returns_to_rest(damping: float) -> None:
     still = np.array([0.0, 1e3, *[0.0] * 10])
-    arc = arc_from(MASS, STIFFNESS, damping, 0.0, still, 0.0, 0.1, 0.0)
+    arc = arc_from(MASS, System(MASS, 0.0, STIFFNESS, damping, 0.0, 0.0), still, 0.0, 0.1, 0.0)
     decay = 0.5 * damping / MASS
     quick = decay + math.sqrt(decay**2 - NATURAL**2)
     slow = NATURAL**2 / quick

@@ -14,12 +14,14 @@ from hypothesis import strategies as st
 from numba import njit
 
 from atpid_sim.contact import dispatch as laws
-from atpid_sim.contact.impact import velocities_after
-from atpid_sim.contact.laws import HYSTERETIC, LAWS, NAMES
+from atpid_sim.contact.laws import HYSTERETIC, IMPACT, LAWS, NAMES
 from atpid_sim.contact.linear import damped_restitution, damping_ratio_for
+from atpid_sim.engine import columns
+from atpid_sim.engine.impact_phase import collide
+from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
 from atpid_sim.scene import load_scene
-from atpid_sim.system import reduced_mass
+from atpid_sim.system import System, reduced_mass
 
 SCENE = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 SPECS: dict[str, dict[str, object]] = {
@@ -143,6 +145,18 @@ def test_walton_braun_loads_and_unloads_along_its_lines() -> None:
     # what unloading gives back is e^2 of what loading took
     taken = 0.5 * 1e5 * deepest**2
     assert laws.energy(law.law, deepest, deepest, law.parameters) == pytest.approx(taken / 3.0)
+
+
+def velocities_after(m1: float, m2: float, v1: float, v2: float, e: float) -> tuple[float, float]:
+    """Velocities of a beam and a grain of these masses after the impact on the wall towards which the grain moves."""
+    state = State.resting(0.0, 0.0)
+    state.y[[columns.BEAM_VELOCITY, columns.GRAIN_VELOCITY]] = v1, v2
+    state.n[columns.MODE] = columns.ON_FLOOR if v1 > v2 else columns.ON_CEILING
+    row = np.zeros(columns.DRIVE_COLUMNS)
+    row[[columns.END, columns.HEIGHT]] = 1.0, 1.0
+    system = System(m1, m2, 1.0, 0.0, 0.0, 0.01)
+    collide(state.y, state.n, row, 0.0, system, IMPACT, np.array([e, 0.0, 0.0, 0.0, 0.0, 0.0]), 0)
+    return state.beam_velocity, state.grain_velocity
 
 
 @given(st.floats(0.01, 10.0), st.floats(0.01, 10.0), st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 1))

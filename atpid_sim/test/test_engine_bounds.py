@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at, support_at
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
+from atpid_sim.system import System
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def test_jerk_and_snap_never_exceed_their_bounds(
     segment: Array, beam: tuple[float, float, float], x: float, v: float, at: float
 ) -> None:
     mass, stiffness, damping = beam
-    arc = arc_from(mass, stiffness, damping, 9.81, segment, 0.0, x, v)
+    arc = arc_from(mass, System(mass, 0.0, stiffness, damping, 9.81, 0.0), segment, 0.0, x, v)
     _, _, a0, jerk_bound = bounded_at(arc, at, 1.0)
     *_, jerk0, snap_bound = snap_bounded_at(arc, at, 1.0)
     times = np.linspace(at, 1.0, 400)
@@ -85,10 +86,10 @@ def test_a_safe_velocity_step_stays_below_its_limit(margin: float, acceleration:
 @pytest.mark.parametrize("damping", [0.0, 0.56, 2.0 * math.sqrt(427.6 * 0.3258), 60.0])
 def test_the_closed_form_solves_the_beam(damping: float) -> None:
     segment = segment_of(0.01, 0.02, 34.4, 0.3, 0.2, -0.4)
-    arc = arc_from(0.3258, 427.6, damping, 9.81, segment, 0.0, 0.02, -0.5)
+    arc = arc_from(0.3258, System(0.3258, 0.0, 427.6, damping, 9.81, 0.0), segment, 0.0, 0.02, -0.5)
 
     def slope(t: float, y: Array) -> list[float]:
-        u, w = support_at(*segment[2:10], t)
+        u, w = support_at(segment, t)
         return [y[1], (427.6 * (u - y[0]) + damping * (w - y[1])) / 0.3258 - 9.81]
 
     reference = solve_ivp(slope, (0.0, 1.0), [0.02, -0.5], method="DOP853", rtol=1e-12, atol=1e-14, dense_output=True)
@@ -99,7 +100,14 @@ def test_the_closed_form_solves_the_beam(damping: float) -> None:
 
 def test_an_undamped_beam_at_resonance_grows_linearly() -> None:
     omega = math.sqrt(427.6 / 0.3258)
-    arc = arc_from(0.3258, 427.6, 0.0, 0.0, np.array([0, 2, 0.01, 0, omega, 0, 0, 0, 0, 0, 0.1, 0.0]), 0.0, 0.0, 0.0)
+    arc = arc_from(
+        0.3258,
+        System(0.3258, 0.0, 427.6, 0.0, 0.0, 0.0),
+        np.array([0, 2, 0.01, 0, omega, 0, 0, 0, 0, 0, 0.1, 0.0]),
+        0.0,
+        0.0,
+        0.0,
+    )
     for t in (0.1, 0.7, 1.9):
         expected = 0.5 * 0.01 * (math.sin(omega * t) - omega * t * math.cos(omega * t))
         assert beam_at(arc, t)[0] == pytest.approx(expected, rel=1e-5, abs=1e-8)

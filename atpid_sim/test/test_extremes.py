@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from one_mass_reference import ClosedForm, steady_amplitude
 
 from atpid_sim.cli import main
-from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.outcome import Outcome
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.simulation.simulate import simulate
-from atpid_sim.studies.extremes import check, extreme_scene, fidelities_for, run_case
+from atpid_sim.studies.extremes import broken, extreme_scene, fidelities_for, run_case
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 
@@ -26,7 +26,7 @@ STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 def test_an_extreme_system_keeps_every_guarantee(index: int) -> None:
     for fidelity in fidelities_for(7, index, ("soft", "impact")):
         case = run_case(7, index, fidelity)
-        check(case)
+        assert broken(case) == ""
         assert case.outcome in (Outcome.DONE, Outcome.OVERLAP_TOO_DEEP)
         assert case.outcome.sentence
         assert case.steps <= case.budget
@@ -41,8 +41,7 @@ def test_a_broken_guarantee_is_reported() -> None:
         {"contact_loss": -1.0},
         {"residual": 0.2},
     ):
-        with pytest.raises(NumericalFailure, match="system 0, impact"):
-            check(case._replace(**change))
+        assert broken(case._replace(**change)).startswith("system 0, impact: ")
 
 
 def test_a_system_is_the_same_each_time() -> None:

@@ -166,12 +166,12 @@ def test_a_missing_map_and_one_of_another_format_are_refused(shipped: HeightMap,
         HeightMap.load(tmp_path / "holes.npz")
 
 
-def test_impossible_grids_are_refused(scene: Scene) -> None:
+def test_impossible_grids_are_refused(scene: Scene, tmp_path: Path) -> None:
     for amplitudes in ([0.01], [0.02, 0.01], [0.0, 0.01], [float("nan"), 0.01]):
         with pytest.raises(MapError, match="amplitudes: given"):
-            build_map(scene, amplitudes, [0.1])
+            build_map(scene, amplitudes, [0.1], tmp_path / "map.npz")
     with pytest.raises(MapError, match="mass fraction"):
-        build_map(scene, [0.01, 0.02], [1.5])
+        build_map(scene, [0.01, 0.02], [1.5], tmp_path / "map.npz")
 
 
 def test_the_header_holds_the_map_in_micrometres(shipped: HeightMap) -> None:
@@ -243,8 +243,8 @@ def test_a_hole_without_a_reason_is_damage(gap: HeightMap, tmp_path: Path) -> No
         HeightMap.load(tmp_path / "torn.npz")
 
 
-def test_a_map_of_which_no_point_can_be_computed_is_a_failure(scene: Scene) -> None:
+def test_a_map_of_which_no_point_can_be_computed_is_a_failure(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(
         NumericalFailure, match="none of the 2 points of the map can be computed: the grain was pressed"
     ):
-        build_map(scene, [0.3, 0.4], [0.1])
+        build_map(scene, [0.3, 0.4], [0.1], tmp_path / "map.npz")

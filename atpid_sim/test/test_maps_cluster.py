@@ -69,8 +69,10 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_map(
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("atpid_sim.maps.cluster._CONNECT_TIMEOUT", 1.0)
     with pytest.raises(MapError, match="no Dask scheduler answers there") as caught:
-        build_map(load_scene(SCENE), AMPLITUDES, [0.1], scheduler=f"tcp://127.0.0.1:{free_port()}")
+        build_map(
+            load_scene(SCENE), AMPLITUDES, [0.1], tmp_path / "map.npz", scheduler=f"tcp://127.0.0.1:{free_port()}"
+        )
     assert "\n" not in str(caught.value)

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from atpid_sim.maps import Best, DamperResponse, HeightMap, MapError, best_height, build_map
-from atpid_sim.maps import point as point_module
+from atpid_sim.maps import Best, DamperResponse, HeightMap, MapError, best_height, build_map, cluster
 from atpid_sim.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -53,7 +52,7 @@ def test_a_killed_map_is_resumed_without_recomputation(
         computed.append(amplitude)
         return original(damper, amplitude, hysteresis)
 
-    monkeypatch.setattr(point_module, "best_height", counted)
+    monkeypatch.setattr(cluster, "best_height", counted)
     seen: list[tuple[int, int]] = []
     made = build_map(scene, [round(0.01 + 0.002 * k, 9) for k in range(16)], [0.1], out, lambda *at: seen.append(at))
     assert 3 <= kept < 16

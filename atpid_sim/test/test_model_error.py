@@ -12,8 +12,7 @@ import pytest
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import on_all_cores
-from atpid_sim.simulation.fidelity import choose
-from atpid_sim.simulation.model_error import closed_error, impact_error
+from atpid_sim.simulation.fidelity import choose, closed_error, impact_error
 from atpid_sim.simulation.simulate import simulate
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")

@@ -209,8 +209,8 @@ def test_after_a_failure_the_plant_does_not_go_on() -> None:
 def test_tolerance_and_auto_mean_what_they_mean_in_simulate(tolerance: float, fidelity: str) -> None:
     opened = scene(ceiling={"height": 0.2}, tolerance=tolerance)
     plant, result = Plant(opened), simulate(opened, check=False)
-    assert plant.fidelity == result.fidelity == fidelity
-    assert plant.rtol == result.rtol == pytest.approx(0.3 * tolerance)
+    assert plant.integration.fidelity == result.fidelity == fidelity
+    assert plant.integration.rtol == result.rtol == pytest.approx(0.3 * tolerance)
 
 
 def test_auto_allows_for_a_ceiling_that_opens() -> None:
@@ -218,5 +218,5 @@ def test_auto_allows_for_a_ceiling_that_opens() -> None:
     assert simulate(closed, check=False).fidelity == "simplified"
     plant = Plant(closed)
     plant.advance(100, RATE, 0.2, 0.3)
-    assert plant.fidelity == "impact"
+    assert plant.integration.fidelity == "impact"
     assert plant.height > CLOSED

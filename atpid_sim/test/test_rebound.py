@@ -14,8 +14,7 @@ from scipy.special import beta
 
 from atpid_sim.contact import rebound_series
 from atpid_sim.contact.linear import damped_restitution
-from atpid_sim.contact.rebound import log_rebound
-from atpid_sim.contact.rebound_fit import SERIES, STRONG, main, reference, strong_rebound
+from atpid_sim.contact.rebound_fit import SERIES, STRONG, log_rebound, main, reference, strong_rebound
 from atpid_sim.contact.rebound_series import KUWABARA_KONO, LEE_HERRMANN, series_rebound
 
 LAWS = pytest.mark.parametrize(("a", "series"), [(0.0, LEE_HERRMANN), (0.5, KUWABARA_KONO)])

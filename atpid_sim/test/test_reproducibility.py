@@ -17,15 +17,26 @@ from atpid_sim.engine.state import State
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import on_all_cores
-from atpid_sim.simulation.integration import initial_state
+from atpid_sim.simulation.integration import Integration
 from atpid_sim.simulation.simulate import Result, simulate
-from atpid_sim.studies.sweep import standard_task, thesis_range
+from atpid_sim.studies.sweep import standard_task
 
 SCENES = Path(__file__).parents[2] / "scenes"
 SYSTEMS = 60
 
 #: Results, each with the amplitudes [m] at two finer tolerances.
 Runs = list[tuple[Result, list[float]]]
+
+
+def thesis_range(count: int, seed: int) -> list[Scene]:
+    """Return random systems: A = 2 to 80 mm, grain 2.5 to 30 %, opening to 0.02 to 1 m; else the standard task."""
+    rng = np.random.default_rng(seed)
+    scenes = []
+    for _ in range(count):
+        amplitude = float(np.exp(rng.uniform(np.log(0.002), np.log(0.08))))
+        fraction, height = float(rng.uniform(0.025, 0.3)), float(rng.uniform(0.02, 1.0))
+        scenes.append(standard_task(amplitude, fraction, height))
+    return scenes
 
 
 @pytest.fixture(scope="module")
@@ -134,15 +145,15 @@ def test_an_amplitude_of_nan_is_refused(tmp_path: Path, capsys: pytest.CaptureFi
     assert "amplitude" in error
 
 
-def not_finite(scene: Scene, disturbance: float = 0.0) -> State:
-    state = initial_state(scene, disturbance)
+def not_finite(integration: Integration, disturbance: float = 0.0) -> State:
+    state = State.resting(disturbance, 0.0)
     state.y[columns.BEAM] = math.nan
     return state
 
 
 RUBBER = {"law": "tsuji", "young_modulus": 1e4, "poisson_ratio": 0.2, "damping_ratio": 0.3}
 FAILURES: dict[Outcome, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
-    Outcome.NOT_FINITE: ({}, {"initial_state": not_finite}),
+    Outcome.NOT_FINITE: ({}, {"Integration.initial_state": not_finite}),
     Outcome.STEP_BUDGET: ({}, {"Integration.step_limit": property(lambda _: 100)}),
     Outcome.OVERLAP_TOO_DEEP: ({"contact": RUBBER}, {}),
 }

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.scene import Scene, SceneError, load_scene
-from atpid_sim.simulation.excitation import read_series, support_rows
+from atpid_sim.scene import Scene, SceneError, SeriesExcitation, load_scene
+from atpid_sim.scene.series import read_series
+from atpid_sim.simulation.excitation import support_rows
 from atpid_sim.simulation.integration import drive_table, undamped_amplitude
 
 TIMES = np.arange(2001) * 1e-3
@@ -27,6 +29,11 @@ TONE = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml").with_(
 
 def scene_of(file: Path, **series: Any) -> Scene:
     return TONE.with_(excitation={"series": {"file": str(file), **series}})
+
+
+def read(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    assert isinstance(scene.excitation, SeriesExcitation)
+    return read_series(scene.excitation.series, scene.duration)
 
 
 def npz(**arrays: Any) -> bytes:
@@ -57,7 +64,7 @@ def single(array: Any) -> bytes:
 def test_a_series_is_read(name: str, content: str | bytes, tmp_path: Path) -> None:
     file = tmp_path / name
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
-    times, values = read_series(scene_of(file))
+    times, values = read(scene_of(file))
     assert np.array_equal(times, TIMES)
     assert np.array_equal(values, VALUES)
 
@@ -132,8 +139,8 @@ def test_a_run_begins_at_rest_wherever_the_laser_reads(
 def test_an_offset_given_is_the_one_taken(tmp_path: Path) -> None:
     file = tmp_path / "laser.npz"
     np.savez(file, time=TIMES, support_displacement=VALUES + 0.3)
-    assert read_series(scene_of(file, offset=0.0))[1][0] == pytest.approx(0.3)
-    assert read_series(scene_of(file, offset=0.25))[1][0] == pytest.approx(0.05)
+    assert read(scene_of(file, offset=0.0))[1][0] == pytest.approx(0.3)
+    assert read(scene_of(file, offset=0.25))[1][0] == pytest.approx(0.05)
     lines = [line for line in scene_of(file).defaults() if "offset" in line]
     assert len(lines) == 1
     assert "the first one, so that the run begins at rest" in lines[0]

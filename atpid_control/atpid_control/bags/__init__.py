@@ -4,23 +4,13 @@
 from __future__ import annotations
 
 from atpid_control.bags.errors import BagError, TypeUnknownError
-from atpid_control.bags.qos import Qos
+from atpid_control.bags.metadata import Qos
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.run_info import RunInfo, new_run
 from atpid_control.bags.verify import Verified, repair, verify
 from atpid_control.bags.writer import BagWriter, check_new
 
 __all__ = [
-    "Bag",
-    "BagError",
-    "BagWriter",
-    "Qos",
-    "RunInfo",
-    "TypeUnknownError",
-    "Verified",
-    "check_new",
-    "new_run",
-    "open_bag",
-    "repair",
-    "verify",
-]
+    "Bag", "BagError", "BagWriter", "Qos", "RunInfo", "TypeUnknownError", "Verified", "check_new", "new_run",
+    "open_bag", "repair", "verify",
+]  # fmt: skip

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decodes messages with the schemas inside the bag: neither ROS nor the workspace is needed."""
+"""Decodes messages with the schemas inside the bag, and converts them to the definitions installed."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from mcap.records import Schema
+from rosbags.convert.converter import default_message
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError
 
 #: Encapsulations of plain CDR: big- and little-endian.
@@ -20,7 +23,6 @@ class Decoder:
     """Message types by schema id."""
 
     def __init__(self) -> None:
-        """Start without types."""
         self._store = get_typestore(Stores.EMPTY)
         self._names: dict[int, str] = {}
 
@@ -62,3 +64,96 @@ class Decoder:
         if len(data) - 4 - end > _PADDING:
             raise ValueError("it is longer than its definition")
         return message
+
+
+class Converter:
+    """Serialises messages of one type anew. `missing`: fields the bag does not have, which keep their defaults;
+    `dropped`: fields of the bag the installed type does not have.
+    """
+
+    def __init__(self, name: str, decoder: Decoder) -> None:
+        """Compare the definitions of `name` in the bag and installed.
+
+        Raises BagError where a field has another type, TypeUnknownError where the package is not installed.
+        """
+        self._name = name
+        self._store = get_typestore(Stores.EMPTY)
+        self._store.register(get_types_from_msg(message_type(name).definition, name))
+        self._installed: dict[str, dict[str, Any]] = {
+            key: dict(fields) for key, (_, fields) in self._store.fielddefs.items()
+        }
+        self._recorded = decoder
+        self.missing: list[str] = []
+        self.dropped: list[str] = []
+        self._compare(name, "")
+
+    @property
+    def identical(self) -> bool:
+        """Whether both definitions have the same fields in the same order, so that nothing has to be converted."""
+        return self._same(self._name)
+
+    def convert(self, message: Any) -> bytes:
+        """Return a decoded message of the bag, serialised by the definition installed. Raises BagError."""
+        try:
+            return bytes(self._store.serialize_cdr(self._filled(self._name, message), self._name))
+        except (ValueError, TypeError, AssertionError) as error:
+            raise BagError(f"a message of type {self._name} cannot be converted: {error}") from None
+
+    def _same(self, name: str) -> bool:
+        ours, theirs = self._installed[name], self._recorded.fields(name)
+        return list(ours.items()) == list(theirs.items()) and all(
+            map(self._same, filter(None, map(_inner, ours.values())))
+        )
+
+    def _compare(self, name: str, path: str) -> None:
+        """Collect what differs in the type `name`, which stands at `path` of the message."""
+        recorded = self._recorded.fields(name)
+        installed = self._installed[name]
+        self.missing += [f"{path}{field}" for field in installed if field not in recorded]
+        self.dropped += [f"{path}{field}" for field in recorded if field not in installed]
+        for field, described in installed.items():
+            if field not in recorded:
+                continue
+            if recorded[field] != described:
+                raise BagError(
+                    f"field {path}{field} of {name} was recorded as {_words(recorded[field])}, installed is "
+                    f"{_words(described)}"
+                )
+            inner = _inner(described)
+            if inner:
+                self._compare(inner, f"{path}{field}.")
+
+    def _filled(self, name: str, recorded: Any) -> Any:
+        """Return a message of the installed type `name` with the values of `recorded`, defaults where it has none."""
+        defaults = default_message(self._store, name)
+        values = {}
+        for field, (kind, described) in self._installed[name].items():
+            given = getattr(recorded, field, None)
+            if given is None:
+                values[field] = getattr(defaults, field)
+            elif kind == Nodetype.NAME:
+                values[field] = self._filled(described, given)
+            elif _inner((kind, described)):
+                values[field] = [self._filled(described[0][1], item) for item in given]
+            else:
+                values[field] = given
+        return self._store.types[name](**values)
+
+
+def _inner(described: Any) -> str:
+    """Return the message type of a field, or of an array's elements; empty: a primitive."""
+    kind, rest = described
+    if kind == Nodetype.NAME:
+        return str(rest)
+    return _inner(rest[0]) if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ""
+
+
+def _words(described: Any) -> str:
+    """Return a field's type as a message file writes it."""
+    kind, rest = described
+    if kind == Nodetype.BASE:
+        return str(rest[0])
+    if kind == Nodetype.NAME:
+        return str(rest)
+    element, count = rest
+    return f"{_words(element)}[{count or ''}]"

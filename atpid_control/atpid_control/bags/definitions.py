@@ -17,7 +17,6 @@ _PRIMITIVES = {"bool", "byte", "char", "string", "wstring", "float32", "float64"
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
 _FIELD = re.compile(r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[(?:<=)?\d*\])?\s+\w+(?!\w|\s*=)")  # not a constant
-
 _HANDSHAKE = re.compile(r"^std_msgs/Header +header\b.*\nbool +handshake\b", re.MULTILINE)
 
 Share = Callable[[str], str | Path]
@@ -53,11 +52,13 @@ def message_type(name: str, share: Share = installed) -> MessageType:
             continue
         seen.add(inner)
         inner_text = _text_of(inner, share)
-        parts += [_SEPARATOR, f"MSG: {_short(inner)}", inner_text]
+        parts += [_SEPARATOR, f"MSG: {inner.replace('/msg/', '/')}", inner_text]
         waiting += _inside(inner, inner_text)
     has_header = next(_inside(name, text, all_fields=True), "") == "std_msgs/msg/Header"
     has_handshake = has_header and _HANDSHAKE.search(text) is not None
-    return MessageType(name, "\n".join(parts), _hash_of(name, share), has_header, has_handshake)
+    described = json.loads(_file_of(name, ".json", share).read_text(encoding="utf-8"))
+    type_hash = next(str(entry["hash_string"]) for entry in described["type_hashes"] if entry["type_name"] == name)
+    return MessageType(name, "\n".join(parts), type_hash, has_header, has_handshake)
 
 
 def split_name(name: str) -> tuple[str, str]:
@@ -89,27 +90,13 @@ def _text_of(name: str, share: Share) -> str:
     return _file_of(name, ".msg", share).read_text(encoding="utf-8")
 
 
-def _hash_of(name: str, share: Share) -> str:
-    described = json.loads(_file_of(name, ".json", share).read_text(encoding="utf-8"))
-    return next(str(entry["hash_string"]) for entry in described["type_hashes"] if entry["type_name"] == name)
-
-
 def _inside(name: str, text: str, all_fields: bool = False) -> Iterator[str]:
     """Yield the full names of the message types among the fields of `text` (primitives too with `all_fields`)."""
     package, _ = split_name(name)
     for line in text.splitlines():
         field = _FIELD.match(line.split("#", 1)[0].strip())
         if field and field["type"] not in _PRIMITIVES:
-            yield _full(field["type"], package)
+            parts = field["type"].split("/")
+            yield f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}"
         elif field and all_fields:
             yield field["type"]
-
-
-def _full(name: str, package: str) -> str:
-    parts = name.split("/")
-    return f"{package}/msg/{name}" if len(parts) == 1 else f"{parts[0]}/msg/{parts[-1]}"
-
-
-def _short(name: str) -> str:
-    package, message = split_name(name)
-    return f"{package}/{message}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""metadata.yaml, version 9: required by rosbag2 of Jazzy."""
+"""metadata.yaml, version 9, required by rosbag2 of Jazzy, and quality of service by the names used there."""
 
 from __future__ import annotations
 
@@ -11,7 +11,43 @@ from typing import Any
 
 import yaml
 
-from atpid_control.bags.qos import Qos
+_FOREVER_NS = 9_223_372_036_854_775_807
+_FOREVER = {"sec": 9_223_372_036, "nsec": 854_775_807}
+
+
+@dataclass(frozen=True)
+class Qos:
+    """What a publisher offers."""
+
+    depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    history: str = "keep_last"
+    deadline_ns: int = _FOREVER_NS
+    lifespan_ns: int = _FOREVER_NS
+    liveliness: str = "automatic"
+    lease_ns: int = _FOREVER_NS
+
+    def mapping(self) -> dict[str, Any]:
+        """Return the entry of `offered_qos_profiles` in version 9."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": _duration(self.deadline_ns),
+            "lifespan": _duration(self.lifespan_ns),
+            "liveliness": self.liveliness,
+            "liveliness_lease_duration": _duration(self.lease_ns),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+def _duration(nanoseconds: int) -> dict[str, int]:
+    if nanoseconds <= 0 or nanoseconds >= _FOREVER_NS:
+        return dict(_FOREVER)
+    return {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
+
 
 FILE_NAME = "metadata.yaml"
 
@@ -23,7 +59,7 @@ class TopicSummary:
     name: str
     type: str
     hash: str
-    qos: tuple[Qos, ...]
+    qos: list[dict[str, Any]]  # the entries of `offered_qos_profiles`
     count: int = 0
 
 
@@ -52,13 +88,26 @@ def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]
     """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
     start = summary.start_ns or 0
     starting, duration = {"nanoseconds_since_epoch": start}, {"nanoseconds": max(0, summary.end_ns - start)}
+    topics = [
+        {
+            "topic_metadata": {
+                "name": topic.name,
+                "type": topic.type,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": topic.qos,
+                "type_description_hash": topic.hash,
+            },
+            "message_count": topic.count,
+        }
+        for topic in summary.topics.values()
+    ]
     information = {
         "version": 9,
         "storage_identifier": "mcap",
         "duration": duration,
         "starting_time": starting,
         "message_count": summary.count,
-        "topics_with_message_count": [_topic(topic) for topic in summary.topics.values()],
+        "topics_with_message_count": topics,
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [summary.file_name],
@@ -85,16 +134,3 @@ def write(folder: Path, summary: BagSummary, custom: Mapping[str, str]) -> Path:
         os.fsync(stream.fileno())
     partial.replace(path)
     return path
-
-
-def _topic(topic: TopicSummary) -> dict[str, Any]:
-    return {
-        "topic_metadata": {
-            "name": topic.name,
-            "type": topic.type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": [profile.mapping() for profile in topic.qos],
-            "type_description_hash": topic.hash,
-        },
-        "message_count": topic.count,
-    }

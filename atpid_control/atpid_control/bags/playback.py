@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a bag to play, by the definitions installed, and which blocks the loop answers."""
+"""The messages of a bag to play, by the definitions installed, and how far a replay's answers agree with the bag's."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 from atpid_control.bags.cdr import block_shape, header
-from atpid_control.bags.convert import Converter
+from atpid_control.bags.decode import Converter
 from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.read import Bag, Raw, open_bag
+from atpid_control.bags.read import Bag, open_bag, stamp_of
 from atpid_control.bags.topics import BLOCK
 
 #: The channel of the identifier: each block that has it is answered once.
@@ -65,29 +68,27 @@ def load_playback(path: Path, patterns: list[str]) -> Playback:
     play, no block the identifier would answer, or messages that cannot be converted.
     """
     bag = open_bag(path)
-    chosen = [topic for topic in bag.types if any(_matches(topic, pattern) for pattern in patterns)]
+    anywhere = [f"*/{pattern.lstrip('/')}" for pattern in patterns]
+    chosen = [topic for topic in bag.types if any(fnmatchcase(topic, pattern) for pattern in anywhere)]
     if not chosen:
         has = ", ".join(sorted(bag.types)) or "no messages"
         raise BagError(f"{path}: no topic fits {', '.join(patterns) or 'an empty list'}; the bag has {has}")
     converters = {kind: _converter(bag, kind) for kind in dict.fromkeys(bag.types[topic] for topic in chosen)}
-    channels = _channels(bag, [topic for topic in chosen if bag.types[topic] == BLOCK])
+    first_blocks = {topic: next(bag.messages(topic), None) for topic in chosen if bag.types[topic] == BLOCK}
+    channels = {topic: (list(b[1].channels), list(b[1].units)) for topic, b in first_blocks.items() if b is not None}
     answered = {topic for topic, (names, _) in channels.items() if _ANSWERED in names}
-    items = [_item(bag, raw, converters[bag.types[raw.topic]], answered) for raw in bag.raw if raw.topic in chosen]
+    items = []
+    for raw in bag.raw:
+        if raw.topic in chosen:
+            converter = converters[bag.types[raw.topic]]
+            data = converter.convert(bag.decode(raw)) if converter else raw.data
+            items.append(Item(raw.topic, raw.log_ns, data, _last_sample(data) if raw.topic in answered else None))
     if not any(item.answer_ns is not None for item in items):
         raise BagError(
             f"{path}: no sensors topic with the channel {_ANSWERED}, so there is nothing to identify in this bag"
         )
     notes = (_conversion(bag, kind, converter) for kind, converter in converters.items() if converter)
     return Playback(bag, tuple(items), channels, tuple(notes))
-
-
-def _item(bag: Bag, raw: Raw, converter: Converter | None, answered: set[str]) -> Item:
-    data = converter.convert(bag.decode(raw)) if converter else raw.data
-    return Item(raw.topic, raw.log_ns, data, _last_sample(data) if raw.topic in answered else None)
-
-
-def _matches(topic: str, pattern: str) -> bool:
-    return fnmatchcase(topic, f"*/{pattern.lstrip('/')}")
 
 
 def _converter(bag: Bag, kind: str) -> Converter | None:
@@ -106,20 +107,67 @@ def _converter(bag: Bag, kind: str) -> Converter | None:
 def _conversion(bag: Bag, kind: str, converter: Converter) -> str:
     differences = [f"{field} is not in the bag and keeps its default" for field in converter.missing]
     differences += [f"{field} is left out" for field in converter.dropped]
-    commit = bag.run.get("commit", "unknown")
     listed = "; ".join(differences) or "the fields stand in another order"
-    return f"{kind} was recorded with another definition (version {commit}) and is converted: {listed}"
-
-
-def _channels(bag: Bag, topics: list[str]) -> dict[str, tuple[list[str], list[str]]]:
-    found: dict[str, tuple[list[str], list[str]]] = {}
-    for topic in topics:
-        _, first = next(bag.messages(topic), (0, None))
-        if first is not None:
-            found[topic] = (list(first.channels), list(first.units))
-    return found
+    version = f"version {bag.run.get('commit', 'unknown')}"
+    return f"{kind} was recorded with another definition ({version}) and is converted: {listed}"
 
 
 def _last_sample(data: bytes) -> int | None:
     shape, stamp = block_shape(data), header(data).stamp_ns
     return stamp + round((shape.scans - 1) / shape.rate * 1e9) if shape.scans else None
+
+
+#: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.
+COMPARED = {
+    "Excitation": ("quality", "amplitude", "frequency"),
+    "CeilingCommand": ("sequence", "height", "excitation_amplitude", "method"),
+}
+#: Another processor rounds otherwise; a height is positioned to 1e-4 m, an amplitude measured to 1e-5 m.
+RELATIVE, ABSOLUTE = 1e-6, 1e-9
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How many messages of a topic the replay repeats."""
+
+    topic: str
+    recorded: int
+    agreeing: int
+    first_difference: str  # in words; empty: all agree
+
+    def __str__(self) -> str:
+        line = f"{self.topic}: {self.agreeing} of {self.recorded} agree"
+        return f"{line}; first difference: {self.first_difference}" if self.first_difference else line
+
+
+def compare(recorded: Bag, replayed: Bag) -> list[Agreement]:
+    """Return the agreement of every topic with estimates or commands; messages belong together by their stamps."""
+    agreements = []
+    for topic, names in ((topic, names) for kind, names in COMPARED.items() for topic in recorded.topics_of(kind)):
+        found = {stamp_of(message): message for _, message in replayed.messages(topic)}
+        messages = [message for _, message in recorded.messages(topic)]
+        start = min(map(stamp_of, messages), default=0)
+        differing = [text for message in messages for text in _difference(message, found, names, start)]
+        agreeing = len(messages) - len(differing)
+        agreements.append(Agreement(topic, len(messages), agreeing, differing[0] if differing else ""))
+    return agreements
+
+
+def _difference(message: Any, found: dict[int, Any], names: tuple[str, ...], start: int) -> Iterator[str]:
+    """Yield in words how `message` differs from the one with its stamp; nothing where it does not."""
+    at = f"{(stamp_of(message) - start) * 1e-9:.3f} s after the first"
+    again = found.get(stamp_of(message))
+    if again is None:
+        yield f"{at}, no answer"
+        return
+    pairs = {name: (getattr(message, name), getattr(again, name)) for name in names}
+    differing = [f"{name} {one!r} is now {other!r}" for name, (one, other) in pairs.items() if not _equal(one, other)]
+    if differing:
+        yield f"{at}, {', '.join(differing)}"
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        both_unknown = math.isnan(one) and math.isnan(other)
+        return both_unknown or math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+    return bool(one == other)

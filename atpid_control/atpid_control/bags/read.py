@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from atpid_control.bags import metadata
-from atpid_control.bags.convert import Converter
-from atpid_control.bags.decode import Decoder
+from atpid_control.bags.decode import Converter, Decoder
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.run_info import RESULT, RUN, SCENE
 from atpid_control.bags.verify import find_file, records
@@ -36,9 +36,8 @@ class Bag:
     types: dict[str, str] = field(default_factory=dict)  # message type by topic
     hashes: dict[str, str] = field(default_factory=dict)  # type hash by topic
     run: dict[str, str] = field(default_factory=dict)  # run_id, commit, created, ...
-    result: dict[str, str] = field(
-        default_factory=dict
-    )  # wall_s, data_s, real_time_factor, lost_scans ...; empty: not closed
+    #: wall_s, data_s, real_time_factor, lost_scans ...; empty: not closed
+    result: dict[str, str] = field(default_factory=dict)
     files: dict[str, bytes] = field(default_factory=dict)  # configuration, verbatim
     raw: list[Raw] = field(default_factory=list)
     _decoder: Decoder = field(default_factory=Decoder)
@@ -62,6 +61,10 @@ class Bag:
         for raw in self.raw:
             if raw.topic == topic:
                 yield raw.log_ns, self.decode(raw)
+
+    def of_kind(self, kind: str) -> Iterator[tuple[int, Any]]:
+        """Yield (log time [ns], message) of message type atpid_interfaces/msg/`kind`, topic by topic."""
+        return chain.from_iterable(map(self.messages, self.topics_of(kind)))
 
     def topics_of(self, kind: str) -> list[str]:
         """Return the topics of message type atpid_interfaces/msg/`kind`, sorted."""
@@ -94,18 +97,11 @@ def open_bag(path: Path | str) -> Bag:
         elif isinstance(record, Metadata):
             {RUN: bag.run, RESULT: bag.result}.get(record.name, {}).update(record.metadata)
     bag.raw.sort(key=lambda raw: raw.log_ns)
-    _describe(bag, channels, file)
-    return bag
-
-
-def _describe(bag: Bag, channels: dict[int, Channel], file: Path) -> None:
     for channel in channels.values():
         if channel.message_encoding != "cdr" or channel.schema_id == 0:
-            given = channel.message_encoding
-            raise BagError(
-                f"{file}: {channel.topic} is encoded as {given!r}; allowed: "
-                "cdr with its definition, as recorder_node writes it"
-            )
+            given = f"{file}: {channel.topic} is encoded as {channel.message_encoding!r}"
+            raise BagError(f"{given}; allowed: cdr with its definition, as recorder_node writes it")
         bag._schemas[channel.topic] = channel.schema_id
         bag.types[channel.topic] = bag._decoder.name(channel.schema_id)
         bag.hashes[channel.topic] = channel.metadata.get("topic_type_hash", "")
+    return bag

@@ -38,14 +38,9 @@ class ReplayFiles:
 
 
 def write_replay_files(
-    bag: Path,
-    folder: Path,
-    *,
-    rate: float = 0.0,
-    record: Path | None = None,
-    scene: Path | None = None,
+    bag: Path, folder: Path, *, rate: float = 0.0, record: Path | None = None, scene: Path | None = None,
     height_map: Path | None = None,
-) -> ReplayFiles:
+) -> ReplayFiles:  # fmt: skip
     """Write what a replay of `bag` needs into `folder`, with the parameters the bag was made with.
 
     rate: speed against the recording [-], 0: as fast as the loop answers.
@@ -58,7 +53,7 @@ def write_replay_files(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         scene_file = scene or _scene(opened, folder)
-        chosen = {part.name: _parameters(opened, part) for part in (IDENTIFIER, SELECTOR)}
+        chosen = {part.name: part.configured() | parameters_kept(opened, part.name) for part in (IDENTIFIER, SELECTOR)}
         map_file = height_map or _height_map(opened, chosen[SELECTOR.name], folder)
         parameters = _all_parameters(chosen, bag, scene_file, map_file, rate, record)
         path = folder / PARAMETER_FILE
@@ -66,11 +61,11 @@ def write_replay_files(
         path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     except OSError as error:
         raise BagError(f"{folder}: cannot be written: {in_words(error)}") from None
-    return ReplayFiles(path, scene_file, map_file, tuple(_notes(opened)))
-
-
-def _parameters(bag: Bag, part: Part) -> dict[str, Any]:
-    return part.configured() | parameters_kept(bag, part.name)
+    notes = [line for part in (IDENTIFIER, SELECTOR) for line in differences(part, parameters_kept(opened, part.name))]
+    recorded, installed = opened.run.get("commit", "unknown"), commit_of(Path(__file__))
+    if recorded.removesuffix("-dirty") != installed.removesuffix("-dirty"):
+        notes.append(f"recorded with version {recorded}, replayed with {installed}")
+    return ReplayFiles(path, scene_file, map_file, (*notes, *changes_while_running(opened)))
 
 
 def _all_parameters(
@@ -89,9 +84,8 @@ def _all_parameters(
 
 def _scene(bag: Bag, folder: Path) -> Path:
     if bag.scene_text is None:
-        raise BagError(
-            f"{bag.path}: no scene is kept in this bag, so the selector cannot be started; give one (--scene)"
-        )
+        missing = f"{bag.path}: no scene is kept in this bag"
+        raise BagError(f"{missing}, so the selector cannot be started; give one (--scene)")
     path = folder / SCENE
     path.write_text(bag.scene_text, encoding="utf-8")
     return path
@@ -107,14 +101,6 @@ def _height_map(bag: Bag, selector: dict[str, Any], folder: Path) -> Path | None
         raise BagError(f"{bag.path}: the height map {name} of the run is not kept in this bag; give it (--map)")
     (folder / name).write_bytes(bag.files[name])
     return folder / name
-
-
-def _notes(bag: Bag) -> list[str]:
-    lines = [line for part in (IDENTIFIER, SELECTOR) for line in differences(part, parameters_kept(bag, part.name))]
-    recorded, installed = bag.run.get("commit", "unknown"), commit_of(Path(__file__))
-    if recorded.removesuffix("-dirty") != installed.removesuffix("-dirty"):
-        lines.append(f"recorded with version {recorded}, replayed with {installed}")
-    return lines + changes_while_running(bag)
 
 
 def parameters_kept(bag: Bag, node: str) -> dict[str, Any]:
@@ -145,10 +131,9 @@ def differences(part: Part, kept: Mapping[str, Any]) -> list[str]:
 
 def changes_while_running(bag: Bag) -> list[str]:
     """Return, one a line, which parameters were changed during the run: a replay keeps the values of its start."""
-    events = (event for topic in bag.topics_of("Event") for _, event in bag.messages(topic))
     return [
         f"{event.header.frame_id}: changed during the run, which is not replayed: {event.text}"
-        for event in events
+        for _, event in bag.of_kind("Event")
         if event.kind == "parameter"
     ]
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import platform
 import secrets
 import subprocess
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
@@ -53,29 +54,21 @@ def new_run(
     for path in files:
         content = _read(path)
         if attached.get(path.name) != content:
-            attached[_free_name(path, attached)] = content
+            # numbered where a file of another folder already has the name
+            names = chain([path.name], (f"{path.stem}-{number}{path.suffix}" for number in count(2)))
+            attached[next(name for name in names if name not in attached)] = content
     identity = run_id or f"{created:%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
     machine = {"python": platform.python_version(), "machine": platform.machine()}
     return RunInfo(identity, commit or commit_of(Path(__file__)), created, {**facts, **machine}, attached)
 
 
-def _free_name(path: Path, taken: Collection[str]) -> str:
-    """Return the file's own name, numbered where a file of another folder already has it."""
-    names = chain([path.name], (f"{path.stem}-{number}{path.suffix}" for number in count(2)))
-    return next(name for name in names if name not in taken)
-
-
 def commit_of(path: Path) -> str:
     """Return `git describe` of the checkout `path` is in ("-dirty": with changes), else the installed version."""
     command = ["git", "-C", str(path.resolve().parent), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
-    try:
+    with suppress(OSError, subprocess.TimeoutExpired):
         answer = subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return _version()
-    return answer.stdout.strip() if answer.returncode == 0 else _version()
-
-
-def _version() -> str:
+        if answer.returncode == 0:
+            return answer.stdout.strip()
     try:
         return f"version {version('atpid_control')}"
     except PackageNotFoundError:

@@ -3,18 +3,73 @@
 
 from __future__ import annotations
 
+import heapq
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from atpid_control.bags import cdr
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.order import StampOrder
-from atpid_control.bags.qos import Qos
+from atpid_control.bags.metadata import Qos
 from atpid_control.bags.run_info import RunInfo
 from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
 from atpid_control.bags.writer import CHUNK, BagWriter
+
+#: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
+HOLD_BACK_NS = 500_000_000
+
+
+class Held(NamedTuple):
+    """A message that waits for its place; compares by stamp, topic, sender and arrival."""
+
+    stamp_ns: int
+    rank: int  # of the topic in the recorder's list
+    frame_id: str
+    arrival: int
+    topic: str
+    data: bytes
+
+
+class StampOrder:
+    """Sorts messages by (stamp, order of topics, sender, arrival), whatever order they arrived in.
+
+    Two runs in lockstep with one seed then give the same sequence, although DDS delivers topics side by side. A message
+    is ready when every topic of the loop has passed its stamp by the hold-back.
+    """
+
+    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = HOLD_BACK_NS) -> None:
+        """Sort messages of `topics`; those in `loop` carry every stamp of the run and so show its progress."""
+        self._ranks = {topic: rank for rank, topic in enumerate(topics)}
+        self._loop, self._hold_back = loop, hold_back_ns
+        self._newest: dict[str, int] = {}
+        self._held: list[Held] = []
+        self._arrivals = count()
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def add(self, topic: str, stamp_ns: int, frame_id: str, data: bytes) -> None:
+        """Take one message."""
+        heapq.heappush(self._held, Held(stamp_ns, self._ranks[topic], frame_id, next(self._arrivals), topic, data))
+        if topic in self._loop:
+            self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
+
+    def ready(self) -> Iterator[Held]:
+        """Yield, in order, the messages that no later one can precede."""
+        if not self._newest:
+            return
+        limit = min(self._newest.values()) - self._hold_back
+        while self._held and self._held[0].stamp_ns < limit:
+            yield heapq.heappop(self._held)
+
+    def rest(self) -> Iterator[Held]:
+        """Yield all that is left, in order: the run is over."""
+        while self._held:
+            yield heapq.heappop(self._held)
+
 
 Offered = Callable[[str], tuple[Qos, ...]]
 
@@ -60,7 +115,7 @@ class Session:
         self.written = dict.fromkeys(self.topics, 0)
         self.continuity = {topic.name: Continuity() for topic in topics if topic.type == BLOCK}
         self._lockstep, self._offered = lockstep, offered
-        self._order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
+        self.order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
         self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
         self._sources: set[str] = set()  # nodes that have published the event `started`
         self._first_ns = 0
@@ -68,11 +123,6 @@ class Session:
         self._began = self._ended = self._progress = 0.0  # monotonic [s]
         self.writer = BagWriter(folder, run, chunk=chunk, compression=compression)
         self.recording = True
-
-    @property
-    def waiting(self) -> int:
-        """Number of messages that wait for their place in the order."""
-        return len(self._order)
 
     @property
     def newest_ns(self) -> int | None:
@@ -95,13 +145,16 @@ class Session:
         if not self._lockstep:
             self._write(topic, data, now_ns, head.stamp_ns)
         else:
-            self._order.add(topic, head.stamp_ns, head.frame_id, data)
-            for held in self._order.ready():
+            self.order.add(topic, head.stamp_ns, head.frame_id, data)
+            for held in self.order.ready():
                 self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
         return missing
 
     def _follow(self, topic: Topic, head: cdr.Header, data: bytes) -> int:
-        """Follow the progress of the run; return how many scans are missing."""
+        """Follow the progress of the run; return how many scans are missing.
+
+        A run's end counts only from a source, where one has announced its begin.
+        """
         missing, reached, now = 0, head.stamp_ns, time.monotonic()
         if topic.type == BLOCK:
             shape = cdr.block_shape(data)
@@ -110,20 +163,17 @@ class Session:
         elif topic.type == TRUTH:
             reached = _end_of(cdr.truth_shape(data), head.stamp_ns)
         elif topic.type == EVENT:
-            self._follow_event(cdr.event_kind(data), head, now)
+            kind = cdr.event_kind(data)
+            if kind == _STARTED:
+                self._sources.add(head.frame_id)
+            elif kind == _FINISHED and (not self._sources or head.frame_id in self._sources):
+                self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
         if topic.in_loop:
             if not self._began:
                 self._began, self._first_ns = now, head.stamp_ns
             self._progress = now if topic.name in self.missing_topics() else self._progress
             self._reached[topic.name] = max(reached, self._reached.get(topic.name, reached))
         return missing
-
-    def _follow_event(self, kind: str, head: cdr.Header, now: float) -> None:
-        """Take the begin and the end of the run; the end only from a source, where one has announced its begin."""
-        if kind == _STARTED:
-            self._sources.add(head.frame_id)
-        elif kind == _FINISHED and (not self._sources or head.frame_id in self._sources):
-            self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
 
     def missing_topics(self) -> list[str]:
         """Return the topics that have not reached the end of a finished run; none before."""
@@ -168,7 +218,7 @@ class Session:
         """Write what still waits, the result and the index; twice does nothing. Raises BagError."""
         if not self.recording:
             return
-        for held in self._order.rest():
+        for held in self.order.rest():
             self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
         self.recording = False
         self.writer.close(self.result())

@@ -32,7 +32,9 @@ def support_series(bag: Bag, begin: float = 0.0, end: float = math.inf) -> tuple
     values: list[Array] = []
     following = first
     for block in blocks:
-        column = _column(block)
+        channels = list(block.channels)
+        data = np.asarray(block.data, dtype=np.float64).reshape(-1, len(channels))
+        column = data[:, channels.index(CHANNEL)]
         at = (block.first_index - first + np.arange(len(column))) / rate
         chosen = (at >= begin) & (at <= end)
         if chosen.any():
@@ -77,12 +79,6 @@ def _blocks(bag: Bag) -> tuple[str, list[Any]]:
             return topic, blocks
     seen = ", ".join(topics) or "none"
     raise BagError(f"{bag.path}: no block has the channel {CHANNEL}; topics with samples: {seen}; record sensors/laser")
-
-
-def _column(block: Any) -> Array:
-    channels = list(block.channels)
-    data = np.asarray(block.data, dtype=np.float64).reshape(-1, len(channels))
-    return data[:, channels.index(CHANNEL)]
 
 
 def _advice(at: float) -> str:

@@ -11,10 +11,8 @@ from atpid_control.bags.errors import BagError
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
 EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
 LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
-
 #: Types of what is paced and stamped by the machine's clock and not by the run: left out in lockstep.
 BY_CLOCK = (DIAGNOSTICS, LOG, TRANSITION)
-
 #: Everything the graph publishes, in the order in which messages of one stamp are written.
 DEFAULT = (
     f"sensors/laser {BLOCK}",

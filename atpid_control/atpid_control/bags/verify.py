@@ -23,7 +23,6 @@ from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.metadata import BagSummary, TopicSummary
-from atpid_control.bags.qos import from_yaml
 from atpid_control.bags.run_info import RESULT, RUN
 from atpid_control.bags.writer import CHUNK, LIBRARY
 
@@ -167,7 +166,7 @@ def _copy(file: Path, target: Path) -> tuple[BagSummary, dict[str, str]]:
                 channels[record.id] = writer.register_channel(
                     record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
                 )
-                qos = from_yaml(record.metadata.get("offered_qos_profiles", ""))
+                qos = yaml.safe_load(record.metadata.get("offered_qos_profiles", "")) or []
                 type_hash = record.metadata.get("topic_type_hash", "")
                 summary.topics[record.topic] = TopicSummary(record.topic, names[record.schema_id], type_hash, qos)
             elif isinstance(record, Message):

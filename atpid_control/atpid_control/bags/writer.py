@@ -4,17 +4,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, cast
 
+import yaml
 from mcap.writer import CompressionType, Writer
 
 from atpid_control.bags import metadata
-from atpid_control.bags.definitions import MessageType, message_type
+from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError, in_words
-from atpid_control.bags.metadata import BagSummary, TopicSummary
-from atpid_control.bags.qos import Qos, as_yaml
+from atpid_control.bags.metadata import BagSummary, Qos, TopicSummary
 from atpid_control.bags.run_info import RESULT, RUN, RunInfo
 
 #: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.03 s of 1 kHz samples sent one by one.
@@ -87,15 +88,12 @@ class BagWriter:
             self._writer = Writer(
                 cast(IO[Any], self._sink), chunk_size=chunk, compression=COMPRESSIONS[compression], enable_crcs=True
             )
-            self._begin()
+            self._writer.start(profile="ros2", library=LIBRARY)
+            self._writer.add_metadata(RUN, run.record())
+            for name, data in run.files.items():
+                self._attach(name, data)
         except OSError as error:
             raise BagError(f"{folder}: cannot make the bag: {in_words(error)}") from None
-
-    def _begin(self) -> None:
-        self._writer.start(profile="ros2", library=LIBRARY)
-        self._writer.add_metadata(RUN, self._run.record())
-        for name, data in self._run.files.items():
-            self._attach(name, data)
 
     def _attach(self, name: str, data: bytes) -> None:
         created = int(self._run.created.timestamp() * 1e9)
@@ -104,10 +102,8 @@ class BagWriter:
 
     def attach(self, name: str, data: bytes) -> None:
         """Keep a file in the bag. Raises BagError where it cannot be written."""
-        try:
+        with self._writing():
             self._attach(name, data)
-        except OSError as error:
-            raise self._fail(error) from None
 
     @property
     def size(self) -> int:
@@ -122,36 +118,31 @@ class BagWriter:
     def add_topic(self, name: str, type_name: str, qos: tuple[Qos, ...] = (Qos(),)) -> None:
         """Add the topic `name` of message type `type_name`, offered with `qos`. Raises TypeUnknownError, BagError."""
         described = message_type(type_name)
-        try:
+        profiles = [profile.mapping() for profile in qos]
+        own = {
+            "offered_qos_profiles": yaml.safe_dump(profiles, sort_keys=False),
+            "topic_type_hash": described.hash,
+        }
+        with self._writing():  # a chunk that is full is written now
             if type_name not in self._types:
                 schema = self._writer.register_schema(type_name, "ros2msg", described.definition.encode())
                 self._types[type_name] = schema
-            self._channels[name] = self._register(name, described, qos)
-        except OSError as error:  # a chunk that is full is written now
-            raise self._fail(error) from None
+            self._channels[name] = self._writer.register_channel(name, "cdr", self._types[type_name], own)
         self._sequences[name] = 0
-        self.summary.topics[name] = TopicSummary(name, type_name, described.hash, qos)
-
-    def _register(self, name: str, described: MessageType, qos: tuple[Qos, ...]) -> int:
-        own = {"offered_qos_profiles": as_yaml(qos), "topic_type_hash": described.hash}
-        return self._writer.register_channel(name, "cdr", self._types[described.name], own)
+        self.summary.topics[name] = TopicSummary(name, type_name, described.hash, profiles)
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         """Append one serialised message of a topic added before. Raises BagError where it cannot be written."""
-        try:
+        with self._writing():
             self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, self._sequences[topic])
-        except OSError as error:
-            raise self._fail(error) from None
         self._sequences[topic] += 1
         self.summary.add(topic, log_ns)
 
     def sync(self) -> None:
         """End the chunk in progress and flush to the disk, against a power cut. Raises BagError."""
-        try:
+        with self._writing():
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._sink.sync()
-        except OSError as error:
-            raise self._fail(error) from None
 
     def close(self, result: Mapping[str, str] | None = None) -> None:
         """Write `result` and the index, then metadata.yaml; twice does nothing. Raises BagError."""
@@ -159,23 +150,26 @@ class BagWriter:
             self._sink.close()
             return
         try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            if result:
-                self._writer.add_metadata(RESULT, dict(result))
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            self._sink.sync()
-            metadata.write(self.folder, self.summary, {**self._run.record(), **(result or {})})
-        except OSError as error:
-            raise self._fail(error) from None
+            with self._writing():
+                self._writer.flush()  # type: ignore[no-untyped-call]
+                if result:
+                    self._writer.add_metadata(RESULT, dict(result))
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._sink.sync()
+                metadata.write(self.folder, self.summary, {**self._run.record(), **(result or {})})
         finally:
             self._sink.close()
             self._closed = True
 
-    def _fail(self, error: OSError) -> BagError:
-        """End the recording; the file can be repaired."""
-        self._closed = True
-        self._sink.close()
-        return BagError(
-            f"{self.folder}: recording stopped after {self.summary.count} messages, {in_words(error)}; "
-            f"then `python -m atpid_control.recording repair {self.folder}` makes the bag whole"
-        )
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """End the recording where the disk refuses what is written inside; the file can be repaired."""
+        try:
+            yield
+        except OSError as error:
+            self._closed = True
+            self._sink.close()
+            raise BagError(
+                f"{self.folder}: recording stopped after {self.summary.count} messages, {in_words(error)}; "
+                f"then `python -m atpid_control.recording repair {self.folder}` makes the bag whole"
+            ) from None

@@ -12,14 +12,58 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
-from atpid_control.beam_calibration.errors import CalibrationError
-from atpid_control.beam_calibration.response import forced, free_columns
-from atpid_control.identification.seed import seed_frequency
+from atpid_control.beam_calibration.recording import CalibrationError
+from atpid_control.identification.window import seed_frequency
 
 Array = NDArray[np.float64]
-TAU = 2.0 * math.pi
 
+
+def free_columns(count: int, step: float, stiffness: float, damping: float) -> Array:
+    """Return the two free motions and a constant (3, n): from any initial state, about any rest position.
+
+    `stiffness` and `damping` are k/m [1/s^2] and c/m [1/s], `step` in [s]. The beam must be underdamped.
+    """
+    t = np.arange(count) * step
+    envelope, omega = np.exp(-0.5 * damping * t), damped_frequency(stiffness, damping)
+    return np.stack([envelope * np.cos(omega * t), envelope * np.sin(omega * t), np.ones(count)])
+
+
+def forced(support: Array, step: float, stiffness: float, damping: float) -> Array:
+    """Return the beam's motion (n,) [m] from rest under the support's (n,) [m], straight between its samples.
+
+    The difference equation is exact for such an input (first-order hold), so no step size enters.
+    """
+    numerator, denominator = _difference_equation(step, stiffness, damping)
+    return np.asarray(lfilter(numerator, denominator, support - support[0]), dtype=np.float64)
+
+
+def damped_frequency(stiffness: float, damping: float) -> float:
+    """Return the angular frequency of the decay [rad/s]; NaN where the beam is not underdamped."""
+    square = stiffness - 0.25 * damping * damping
+    return math.sqrt(square) if square > 0.0 else math.nan
+
+
+def _difference_equation(step: float, stiffness: float, damping: float) -> tuple[Array, Array]:
+    """Return numerator and denominator of the first-order-hold equivalent of (k + c s) / (s^2 + c s + k) for m = 1.
+
+    With H(s)/s^2 expanded in partial fractions 1/s^2 + free motion, its samples' z transform times (1 - z)^2/(z T).
+    """
+    omega, half = damped_frequency(stiffness, damping), 0.5 * damping
+    decay = math.exp(-half * step)
+    turn_cos, turn_sin = decay * math.cos(omega * step), decay * math.sin(omega * step)
+    denominator = np.array([1.0, -2.0 * turn_cos, decay * decay])
+    # ramp response of H: r(t) = t - exp(-d t) sin(w t) / w: both the ramp and the free part start at 0
+    first, second = step - turn_sin / omega, 2.0 * step - 2.0 * turn_cos * turn_sin / omega
+    third = 3.0 * step - (turn_cos * 2.0 * turn_cos * turn_sin + turn_sin * (turn_cos**2 - turn_sin**2)) / omega
+    ramp = np.array([0.0, first, second, third])
+    # the numerator is what makes the difference equation answer a unit ramp with these samples
+    series = np.convolve(np.convolve(denominator, [1.0, -2.0, 1.0]), ramp)[1:4] / step
+    return series, denominator
+
+
+TAU = 2.0 * math.pi
 #: A residual above this share of the motion's own size means that the beam did not move as one mass; of the residual
 #: only what lies below so many natural frequencies counts, since a sensor's noise is no motion.
 MISFIT, MISFIT_BAND = 0.05, 3.0

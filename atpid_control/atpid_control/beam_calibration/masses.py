@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.beam_calibration.errors import CalibrationError
 from atpid_control.beam_calibration.fit import BeamFit
+from atpid_control.beam_calibration.recording import CalibrationError
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.errors import InputError
 from atpid_control.bags.read import open_bag
-from atpid_control.beam_calibration.errors import CalibrationError
+
+
+class CalibrationError(InputError):
+    """A recording that does not determine the beam's parameters, or impossible masses."""
+
 
 Array = NDArray[np.float64]
 

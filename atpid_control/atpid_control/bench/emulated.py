@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_control.graph.parts import PARTS, Parameters, Part, ceiling_parameters, parameters_for
 from atpid_sim.scene import ControlledCeiling, Scene
 
@@ -56,17 +56,10 @@ def parameters_emulated(
     if board:
         parameters["motor_node"] = motor | ceiling | {"port": str(place / "board")}
     rate = scene.sensors.laser.rate
-    parameters["labjack_node"] = _LABJACK.configured() | {
-        "rate": rate,
-        "blocks_per_second": 1.0 / scene.recording.block,
-        "calibrations": list(_CALIBRATIONS),
-    }
-    parameters["feed_node"] = {
-        "feed": str(place / "laser"),
-        "topic": _BEHIND,
-        "rate": rate,
-        "calibrations": list(_CALIBRATIONS),
-    }
+    sampled = {"rate": rate, "calibrations": list(_CALIBRATIONS)}
+    blocks = {"blocks_per_second": 1.0 / scene.recording.block}
+    parameters["labjack_node"] = _LABJACK.configured() | sampled | blocks
+    parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
     return parameters
 
 
@@ -100,7 +93,5 @@ def _device_environment(place: Path) -> list[str]:
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise BenchError(
-            done.stderr.strip().splitlines()[-1] if done.stderr.strip() else "the stand-in cannot be built"
-        )
+        raise BenchError((done.stderr.strip().splitlines() or ["the stand-in cannot be built"])[-1])
     return [word for line in done.stdout.splitlines() for word in shlex.split(line.removeprefix("export "))]

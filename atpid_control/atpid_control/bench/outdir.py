@@ -6,14 +6,28 @@ from __future__ import annotations
 import hashlib
 import json
 import socket
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from atpid_control.graph.errors import BenchError
+from atpid_common.output import writing
+from atpid_control.graph import BenchError
 
 #: Written first: marks a folder of the bench.
 MARKER = "bench.json"
+
+
+@contextmanager
+def of_run(out: Path, source: Path) -> Iterator[None]:
+    """Claim `out`, prepare it and mark it as that of the run of `source`; where an earlier run went is printed."""
+    with claimed(out):
+        moved = prepare(out)
+        with writing(out):
+            mark(out, source)
+        if moved:
+            print(f"an earlier run was moved to {moved}", file=sys.stderr)
+        yield
 
 
 @contextmanager

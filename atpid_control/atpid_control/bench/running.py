@@ -7,13 +7,43 @@ Only nodes/ imports rclpy; it is imported when a run begins, so that this module
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
 from atpid_common.waiting import to_stderr
-from atpid_control.graph.errors import BenchError, PlantFailedError
+from atpid_control.graph import BenchError, PlantFailedError
 from atpid_control.graph.parts import PARTS, Parameters
 from atpid_control.graph.processes import Processes
+
+
+@contextmanager
+def shown(duration: float, label: str) -> Iterator[Callable[[float], None]]:
+    """Yield a function that shows the time reached [s] of `duration` [s]; the bar goes to standard error."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:5.1f} of {task.total:g} s"),
+        TextColumn("{task.fields[speed]}"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(label, total=duration, speed="")
+        begun: float | None = None
+
+        def update(reached: float) -> None:
+            nonlocal begun
+            now = time.monotonic()
+            begun = now if begun is None else begun
+            speed = f"{reached / (now - begun):.1f} x real time" if now > begun else ""
+            bar.update(task, completed=min(reached, duration), speed=speed)
+
+        yield update
+
 
 #: Five interpreters load their libraries, and after an update compile their kernels, before the first handshake [s].
 _START_TIMEOUT = 180.0
@@ -39,20 +69,16 @@ def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
 
 
 def run_realtime(
-    commands: Sequence[tuple[str, list[str]]],
-    logs: Path,
-    progress: Callable[[float], None],
-    *,
-    source: str = "plant_node",
-    namespace: str = "",
-) -> None:
+    commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None], *,
+    source: str = "plant_node", namespace: str = "",
+) -> None:  # fmt: skip
     """Run the graph until the node `source` has ended; `progress` is called with the data time [s].
 
     What the nodes wait for, or compile, before the first estimate goes to standard error. Raises NodeDiedError, at
     once and with its reason, where a node ends early; PlantFailedError where the plant fails, BenchError where data
     stop. KeyboardInterrupt passes through after all nodes have been stopped and the bag is closed.
     """
-    from atpid_control.nodes.bench_watch import watching
+    from atpid_control.nodes.composition import watching
 
     with Processes(commands, logs) as nodes, watching(to_stderr, namespace) as (watch, listen):
         last = nodes[source]

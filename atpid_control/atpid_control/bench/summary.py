@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results of a run: summary.json, and the same as a table."""
+"""Results of a run, how long after a sample its command is out among them: summary.json, and the same as a table."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from itertools import zip_longest
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,61 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from atpid_common.latency import percentile
 from atpid_control.bags.read import Bag, stamp_of
-from atpid_control.bench.latency import latency_of, summary_line
-from atpid_control.report.stages import Stage
-from atpid_control.report.thesis import Printed, beside
+from atpid_control.identification.identifier import last_stamp_ns
+from atpid_control.report.stages import Printed, Stage, beside
 from atpid_control.report.view import View, not_arrived
 from atpid_sim.scene import Scene
+
+#: Stages of the loop, from the last sample of a block on.
+STAGES = ("sample_to_block", "block_to_estimate", "estimate_to_command", "sample_to_command")
+
+Latency = Mapping[str, Mapping[str, float]]
+
+_COLUMNS = (
+    "time\n[s]", "excited\n[m]", "identified\n[m]", "f\n[Hz]", "height\n[m]", "beam\n[m]", "closed\n[m]",
+    "effi-\nciency",
+)  # fmt: skip
+
+
+def latency_of(bag: Bag) -> Latency:
+    """Return median, 99th percentile and maximum of each stage [s] of a run in real time; empty where there is none.
+
+    A recorded time is that of the recorder, so a stage can come out a little too short or too long, even negative.
+    """
+    return {
+        name: {"p50": percentile(values, 0.5), "p99": percentile(values, 0.99), "max": max(values)}
+        for name, values in zip(STAGES, zip(*_answered(bag), strict=True), strict=False)
+    }
+
+
+def summary_line(latency: Latency) -> str:
+    """Return the line of the summary; empty where nothing was measured."""
+    if not latency:
+        return ""
+    whole = latency["sample_to_command"]
+    stages = ", ".join(f"{name.replace('_', ' ')} {1e3 * latency[name]['p99']:.1f}" for name in STAGES[:-1])
+    figures = f"median {1e3 * whole['p50']:.1f}, 99 % {1e3 * whole['p99']:.1f}, largest {1e3 * whole['max']:.1f} ms"
+    return f"sample to command: {figures} (99 % of {stages} ms)"
+
+
+def _answered(bag: Bag) -> Iterator[tuple[float, float, float, float]]:
+    """Yield the stages' durations [s] for each block of the laser that has an estimate and a command."""
+    estimates, commands = (
+        {stamp_of(message): received for received, message in bag.of_kind(kind)}  # when each was recorded [ns]
+        for kind in ("Excitation", "CeilingCommand")
+    )
+    for topic in bag.topics_of("SampleBlock"):
+        if not topic.endswith("laser"):
+            continue
+        for block_ns, block in bag.messages(topic):
+            scans = len(block.data) // max(1, len(block.channels))
+            end = last_stamp_ns(stamp_of(block), int(block.first_index), scans, float(block.rate))
+            if end in estimates and end in commands:
+                times = (end, block_ns, estimates[end], commands[end])
+                first, second, third = ((after - before) * 1e-9 for before, after in pairwise(times))
+                yield first, second, third, (times[-1] - end) * 1e-9
 
 
 def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
@@ -88,26 +137,17 @@ def unanswered_blocks(bag: Bag) -> int:
 
     A device goes on after the plant has finished: blocks after that are not answered.
     """
-    end = _finished(bag)
+    finished = (received for received, event in bag.of_kind("Event") if event.kind == "finished")
+    end = min(finished, default=2**63)
     lasers = [topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")]
     blocks = sum(1 for topic in lasers for received, _ in bag.messages(topic) if received <= end)
-    answers = [
-        len({stamp_of(message) for topic in bag.topics_of(kind) for _, message in bag.messages(topic)})
-        for kind in ("Excitation", "CeilingCommand")
-    ]
+    answers = (len({stamp_of(m) for _, m in bag.of_kind(kind)}) for kind in ("Excitation", "CeilingCommand"))
     return max(0, blocks - min(answers))
-
-
-def _finished(bag: Bag) -> int:
-    """Return when the event `finished` of the plant was received [ns]; the far future where there is none."""
-    events = (item for topic in bag.topics_of("Event") for item in bag.messages(topic))
-    return min((received for received, event in events if event.kind == "finished"), default=2**63)
 
 
 def notable(bag: Bag) -> list[tuple[str, str]]:
     """Return (kind, text) of all warnings and alarms in order."""
-    found = (event for topic in bag.topics_of("Event") for _, event in bag.messages(topic))
-    return [(str(event.kind), str(event.text)) for event in found if event.severity > 0]
+    return [(str(event.kind), str(event.text)) for _, event in bag.of_kind("Event") if event.severity > 0]
 
 
 def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console) -> None:
@@ -137,23 +177,9 @@ def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console)
 
 def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> Table:
     """Return the table, with what the thesis prints beside where it is the thesis's scene."""
-    table = Table(
-        title="at the end of each stage; amplitudes are half peak-to-peak",
-        title_justify="left",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        collapse_padding=True,
-    )
-    for name in (
-        "time\n[s]",
-        "excited\n[m]",
-        "identified\n[m]",
-        "f\n[Hz]",
-        "height\n[m]",
-        "beam\n[m]",
-        "closed\n[m]",
-        "effi-\nciency",
-    ):
+    title = "at the end of each stage; amplitudes are half peak-to-peak"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for name in _COLUMNS:
         table.add_column(Text(name), justify="right", no_wrap=True)
     for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\neff.") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
@@ -163,6 +189,9 @@ def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> T
 
 
 def _row(stage: Stage) -> list[str]:
+    efficiency = f"{round(100 * stage.efficiency, 1) + 0.0:.1f} %" if math.isfinite(stage.efficiency) else "nan"
+    if stage.amplitude_spread is not None:
+        efficiency = stage.efficiency_text()
     shown = (
         f"{stage.excitation_amplitude:.5f}",
         f"{stage.identified_amplitude:.5f}",
@@ -170,15 +199,9 @@ def _row(stage: Stage) -> list[str]:
         f"{stage.height:.4f}{'' if stage.arrived else '*'}",
         f"{stage.amplitude:.4f}",
         f"{stage.undamped_amplitude:.3f}",
-        _efficiency(stage),
+        efficiency,
     )
     return [f"{stage.t0:g} to {stage.t1:g}", *("" if "nan" in text else text for text in shown)]
-
-
-def _efficiency(stage: Stage) -> str:
-    if stage.amplitude_spread is not None:
-        return stage.efficiency_text()
-    return f"{round(100 * stage.efficiency, 1) + 0.0:.1f} %" if math.isfinite(stage.efficiency) else "nan"
 
 
 def _printed(stage: Printed) -> list[str]:

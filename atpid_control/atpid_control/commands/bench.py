@@ -16,9 +16,8 @@ from rich.console import Console
 from atpid_common.output import writing
 from atpid_control.bench import outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
-from atpid_control.bench.progress import shown
 from atpid_control.bench.rehearsal import rehearse
-from atpid_control.bench.running import commands_of, run_lockstep, run_realtime
+from atpid_control.bench.running import commands_of, run_lockstep, run_realtime, shown
 from atpid_control.graph.domain import named_domain, own_domain
 from atpid_control.graph.parts import Parameters, parameters_for, write_parameters
 from atpid_control.graph.processes import stoppable
@@ -30,21 +29,14 @@ from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("scene", type=Path, help="scene file (docs/scenes.md)")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="folder for bag, summary and report; an earlier run is kept"
-    )
-    parser.add_argument("--real-time", action="store_true", help="every node its own process, paced by the clock")
-    parser.add_argument(
-        "--emulated-stand",
-        action="store_true",
-        help="real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board",
-    )
-    parser.add_argument(
-        "--domain",
-        type=int,
-        help="ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one",
-    )
+    add = parser.add_argument
+    add("scene", type=Path, help="scene file (docs/scenes.md)")
+    add("--out", type=Path, required=True, help="folder for bag, summary and report; an earlier run is kept")
+    add("--real-time", action="store_true", help="every node its own process, paced by the clock")
+    emulated = "real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board"
+    add("--emulated-stand", action="store_true", help=emulated)
+    domain = "ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one"
+    add("--domain", type=int, help=domain)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,20 +49,10 @@ def run(args: argparse.Namespace) -> int:
     if isinstance(scene.ceiling, ControlledCeiling):
         # checked here, before an earlier run is moved or a node started
         make_selector(scene.ceiling.controller, scene, height_map)
-    with outdir.claimed(out):
-        moved = outdir.prepare(out)
-        with writing(out):
-            outdir.mark(out, scene_file)
-        if moved:
-            print(f"an earlier run was moved to {moved}", file=sys.stderr)
+    with outdir.of_run(out, scene_file):
         _run_graph(args, scene, scene_file, height_map, out)
-        return _conclude(scene, out, _mode(args))
-
-
-def _mode(args: argparse.Namespace) -> str:
-    if args.emulated_stand:
-        return "emulated stand"
-    return "real time" if args.real_time else "lockstep"
+        mode = "emulated stand" if args.emulated_stand else "real time" if args.real_time else "lockstep"
+        return _conclude(scene, out, mode)
 
 
 def _run_graph(args: argparse.Namespace, scene: Scene, scene_file: Path, height_map: Path | None, out: Path) -> None:
@@ -89,12 +71,9 @@ def _run_graph(args: argparse.Namespace, scene: Scene, scene_file: Path, height_
 
 
 def _run_nodes(
-    args: argparse.Namespace,
-    scene: Scene,
-    out: Path,
-    parameters: Parameters,
+    args: argparse.Namespace, scene: Scene, out: Path, parameters: Parameters,
     commands: Callable[[Path], list[tuple[str, list[str]]]],
-) -> None:
+) -> None:  # fmt: skip
     parameter_file = out / "parameters.yaml"
     # the map is stored in the bag, which has to replay the same commands after the map has changed
     chosen = parameters["selector_node"]["map"]

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common import output
-from atpid_control.beam_calibration.errors import CalibrationError
 from atpid_control.beam_calibration.fit import BeamFit, fit_beam
 from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
-from atpid_control.beam_calibration.recording import read_recording
+from atpid_control.beam_calibration.recording import CalibrationError, read_recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,13 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("recording", type=Path, help="a decay or sweep with the damper closed or empty: bag or .csv (time, channels)")
     add("--moving-mass", type=float, metavar="KG", help="the moving mass: reduced beam mass, container, grain [kg]")
     add("--moving-mass-std", type=float, default=0.0, metavar="KG", help="its standard deviation [kg]")
-    add(
-        "--grain-mass",
-        type=float,
-        default=0.0,
-        metavar="KG",
-        help="the grain's part of it; a scene's beam is without [kg]",
-    )
+    grain = "the grain's part of it; a scene's beam is without [kg]"
+    add("--grain-mass", type=float, default=0.0, metavar="KG", help=grain)
     add("--added-mass", type=float, metavar="KG", help="mass added to the beam for the second recording [kg]")
     add("--with-added", type=Path, metavar="RECORDING", help="the second recording")
     add("--from", dest="begin", type=float, default=0.0, metavar="S", help="begin of the part used [s]")
@@ -42,28 +36,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate and print; raise CalibrationError for bad input."""
-    _check(args)
-    if args.out is not None:
-        output.file(args.out)
-    fit = _fitted(args.recording, args)
-    parameters = _parameters(fit, args)
-    if parameters is None and args.out is not None:
-        raise CalibrationError(
-            "--out: a beam: block needs a mass, and a recording determines k/m and c/m only; give --moving-mass, or "
-            "--added-mass with --with-added"
-        )
-    if args.out is not None and parameters is not None:
-        with output.writing(args.out):
-            args.out.write_text(parameters.to_yaml(), encoding="utf-8")
-    print(json.dumps(_plain(fit, parameters)) if args.json else _text(fit, parameters))
-    return 0
-
-
-def _check(args: argparse.Namespace) -> None:
     if (args.added_mass is None) != (args.with_added is None):
         raise CalibrationError("--added-mass and --with-added: given one; allowed: both or none")
     if args.added_mass is not None and args.moving_mass is not None:
         raise CalibrationError("--moving-mass and --added-mass: given both; allowed: one of them")
+    if args.out is not None:
+        output.file(args.out)
+    fit = _fitted(args.recording, args)
+    parameters = _parameters(fit, args)
+    if args.out is not None:
+        if parameters is None:
+            raise CalibrationError(
+                "--out: a beam: block needs a mass, and a recording determines k/m and c/m only; give --moving-mass, "
+                "or --added-mass with --with-added"
+            )
+        with output.writing(args.out):
+            args.out.write_text(parameters.to_yaml(), encoding="utf-8")
+    print(json.dumps(_plain(fit, parameters)) if args.json else _text(fit, parameters))
+    return 0
 
 
 def _fitted(path: Path, args: argparse.Namespace) -> BeamFit:
@@ -99,8 +89,6 @@ def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:
         f"# natural frequency {fit.frequency:.5f} Hz, damping ratio {fit.damping_ratio:.5f}",
     ]
     if parameters is None:
-        lines.append(
-            "# stiffness, damping and mass cannot be separated without a known mass: --moving-mass or --added-mass"
-        )
-        return "\n".join(lines)
-    return "\n".join(lines) + "\n" + parameters.to_yaml().rstrip()
+        needed = "a known mass: --moving-mass or --added-mass"
+        return "\n".join([*lines, f"# stiffness, damping and mass cannot be separated without {needed}"])
+    return "\n".join([*lines, parameters.to_yaml().rstrip()])

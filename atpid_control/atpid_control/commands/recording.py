@@ -20,19 +20,12 @@ BAD_INPUT = 2
 def main(arguments: Sequence[str] | None = None) -> int:
     """Verify or repair a bag, or write the files kept in it or its support's motion; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m atpid_control.recording", description=__doc__)
-    parser.add_argument("action", choices=("verify", "repair", "extract"))
-    parser.add_argument("bag", type=Path, help="folder of the bag")
-    parser.add_argument(
-        "--out", type=Path, default=Path(), help="extract: folder for scene, parameters, map (default: here)"
-    )
-    parser.add_argument(
-        "--support",
-        type=interval,
-        nargs="?",
-        const=(0.0, math.inf),
-        metavar="FROM:TO",
-        help="extract: instead of those, the support's motion as support.csv for a scene; a part of it, in s",
-    )
+    add = parser.add_argument
+    add("action", choices=("verify", "repair", "extract"))
+    add("bag", type=Path, help="folder of the bag")
+    add("--out", type=Path, default=Path(), help="extract: folder for scene, parameters, map (default: here)")
+    support = "extract: instead of those, the support's motion as support.csv for a scene; a part of it, in s"
+    add("--support", type=interval, nargs="?", const=(0.0, math.inf), metavar="FROM:TO", help=support)
     given = parser.parse_args(arguments)
     if given.support and given.action != "extract":
         parser.error(f"--support: given with {given.action}; allowed: with extract")
@@ -42,7 +35,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         elif given.action == "extract":
             _extract(given.bag, given.out)
         else:
-            _verify(given.bag, given.action == "repair")
+            found = repair(given.bag) if given.action == "repair" else verify(given.bag)
+            for topic, count in sorted(found.by_topic.items()):
+                print(f"{count:8d}  {topic}")
+            seconds, size = (found.end_ns - found.start_ns) * 1e-9, found.size / 1e6
+            read = f"{found.messages} messages over {seconds:.3f} s, {size:.2f} MB, every one read and decoded"
+            print(f"{found.folder}: {read}")
     except BagError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -60,20 +58,11 @@ def interval(text: str) -> tuple[float, float]:
     return begin, end
 
 
-def _verify(bag: Path, repairing: bool) -> None:
-    found = repair(bag) if repairing else verify(bag)
-    for topic, count in sorted(found.by_topic.items()):
-        print(f"{count:8d}  {topic}")
-    seconds, size = (found.end_ns - found.start_ns) * 1e-9, found.size / 1e6
-    print(f"{found.folder}: {found.messages} messages over {seconds:.3f} s, {size:.2f} MB, every one read and decoded")
-
-
 def _extract(bag: Path, out: Path) -> None:
     files = open_bag(bag).files
     if not files:
-        raise BagError(
-            f"{bag}: no scene or other file was kept in this bag (parameters scene and files of recorder_node)"
-        )
+        needed = "parameters scene and files of recorder_node"
+        raise BagError(f"{bag}: no scene or other file was kept in this bag ({needed})")
     for name, data in files.items():
         # only the name: a bag from elsewhere must not write outside the folder given
         path = out / Path(name).name

@@ -9,13 +9,11 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from atpid_control.bags.agreement import compare
-from atpid_control.bags.playback import load_playback
+from atpid_control.bags.playback import compare, load_playback
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.replay_files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
 from atpid_control.bench import outdir
-from atpid_control.bench.progress import shown
-from atpid_control.bench.running import run_realtime
+from atpid_control.bench.running import run_realtime, shown
 from atpid_control.commands.replay_files import add_files, rate
 from atpid_control.graph.domain import own_domain
 from atpid_control.graph.processes import stoppable
@@ -23,31 +21,33 @@ from atpid_control.graph.processes import stoppable
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("bag", type=Path, help="folder of the bag")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="folder for the bag of the replay; earlier ones are kept"
-    )
-    parser.add_argument("--rate", type=rate, default=0.0, help="speed against the recording; 0: as fast as possible")
+    add = parser.add_argument
+    add("bag", type=Path, help="folder of the bag")
+    add("--out", type=Path, required=True, help="folder for the bag of the replay; earlier ones are kept")
+    add("--rate", type=rate, default=0.0, help="speed against the recording; 0: as fast as possible")
     add_files(parser)
-    parser.add_argument("--domain", type=int, help="ROS domain to use; default: a free one")
+    add("--domain", type=int, help="ROS domain to use; default: a free one")
 
 
 def run(args: argparse.Namespace) -> int:
     """Replay, print how many estimates and commands agree; return 0. Raises BagError and BenchError."""
     bag, out = args.bag.resolve(), args.out.resolve()
     playback = load_playback(bag, PLAYED)  # refused here, before an earlier replay is moved or a node started
-    with outdir.claimed(out):
-        moved = outdir.prepare(out)
-        outdir.mark(out, bag)
-        if moved:
-            print(f"an earlier run was moved to {moved}", file=sys.stderr)
+    with outdir.of_run(out, bag):
         files = write_replay_files(
             bag, out / "kept", rate=args.rate, record=out / "bag", scene=args.scene, height_map=args.map
         )
         for note in files.notes:
             print(note, file=sys.stderr)
         namespace = namespace_of(playback.bag)
-        commands = _commands(files.parameters, namespace)
+        # in the order of stopping
+        ros = [
+            "--ros-args",
+            "--params-file",
+            str(files.parameters),
+            *(["-r", f"__ns:={namespace}"] if namespace else []),
+        ]
+        commands = [(part.name, [str(part.executable), *ros]) for part in (REPLAY, IDENTIFIER, SELECTOR, RECORDER)]
         with own_domain(args.domain), stoppable(), shown(playback.seconds, bag.name) as progress:
             run_realtime(commands, out / "log", progress, source=REPLAY.name, namespace=namespace)
         return _conclude(playback.bag, out)
@@ -58,13 +58,6 @@ def namespace_of(bag: Bag) -> str:
     suffix = "/excitation"
     topics = [topic for topic in bag.topics_of("Excitation") if topic.endswith(suffix)]
     return topics[0].removesuffix(suffix) if topics else ""
-
-
-def _commands(parameter_file: Path, namespace: str) -> list[tuple[str, list[str]]]:
-    """Return (name, command) of every node, in the order of stopping."""
-    ros = ["--ros-args", "--params-file", str(parameter_file)]
-    ros += ["-r", f"__ns:={namespace}"] if namespace else []
-    return [(part.name, [str(part.executable), *ros]) for part in (REPLAY, IDENTIFIER, SELECTOR, RECORDER)]
 
 
 def _conclude(recorded: Bag, out: Path) -> int:

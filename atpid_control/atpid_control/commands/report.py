@@ -13,9 +13,8 @@ from atpid_sim.display import working
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("bag", type=Path, help="folder of the bag")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="folder for report.html and the pictures: new, empty, or an earlier one"
-    )
+    folder = "folder for report.html and the pictures: new, empty, or an earlier one"
+    parser.add_argument("--out", type=Path, required=True, help=folder)
 
 
 def run(args: argparse.Namespace) -> int:

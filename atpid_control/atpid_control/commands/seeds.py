@@ -13,22 +13,19 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_control.studies.seeds import SeedRun, configured, run_all
 from atpid_sim.display import counting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("scenes", type=Path, nargs="+", metavar="SCENE", help="scenes whose ceiling a controller moves")
-    parser.add_argument("--seeds", type=int, default=50, help="runs of each scene, each with a noise of its own")
-    parser.add_argument(
-        "--decibels", type=float, help="signal to noise at the smallest amplitude [dB]; default: the scene's noise"
-    )
-    parser.add_argument(
-        "--margin", type=float, help="standard deviations the height is safe for; default: selector.yaml"
-    )
-    parser.add_argument("--json", action="store_true", help="print every run as JSON instead of the table")
+    add = parser.add_argument
+    add("scenes", type=Path, nargs="+", metavar="SCENE", help="scenes whose ceiling a controller moves")
+    add("--seeds", type=int, default=50, help="runs of each scene, each with a noise of its own")
+    add("--decibels", type=float, help="signal to noise at the smallest amplitude [dB]; default: the scene's noise")
+    add("--margin", type=float, help="standard deviations the height is safe for; default: selector.yaml")
+    add("--json", action="store_true", help="print every run as JSON instead of the table")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,16 +51,8 @@ def table(done: list[SeedRun]) -> Table:
     """Return one row a stage: the worst and the mean of all seeds."""
     result = Table(box=SIMPLE_HEAD, pad_edge=False, title="over all seeds", title_justify="left")
     result.add_column("scene")
-    for name in (
-        "A [m]",
-        "seeds",
-        "height [m]",
-        "efficiency [%]\nmean",
-        "\nworst",
-        "longest\nrumble [s]",
-        "step\nbacks",
-        "drifts",
-    ):
+    figures = ("efficiency [%]\nmean", "\nworst", "longest\nrumble [s]", "step\nbacks", "drifts")
+    for name in ("A [m]", "seeds", "height [m]", *figures):
         result.add_column(name, justify="right", no_wrap=True)
     for scene in dict.fromkeys(one.scene for one in done):
         runs = [one for one in done if one.scene == scene]

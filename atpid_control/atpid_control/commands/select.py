@@ -26,18 +26,15 @@ _AT_THE_END = 0.02
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("scene", metavar="SCENE.yaml", help="the system and its excitation")
+    add = parser.add_argument
+    add("scene", metavar="SCENE.yaml", help="the system and its excitation")
     choices = [name for name in methods() if name != "fixed"]
-    parser.add_argument("--method", required=True, choices=choices, help="how the height is selected")
-    parser.add_argument("--map", type=Path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
-    parser.add_argument("--amplitude-std", type=float, default=0.0, metavar="S", help="of the amplitude [m]; default 0")
-    parser.add_argument(
-        "--margin", type=float, default=0.0, metavar="K", help="standard deviations to be safe for; default 0"
-    )
-    parser.add_argument(
-        "--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    add("--method", required=True, choices=choices, help="how the height is selected")
+    add("--map", type=Path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
+    add("--amplitude-std", type=float, default=0.0, metavar="S", help="of the amplitude [m]; default 0")
+    add("--margin", type=float, default=0.0, metavar="K", help="standard deviations to be safe for; default 0")
+    add("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
+    add("--json", action="store_true", help="print one JSON object and nothing else")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,18 +63,13 @@ def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
     if not isinstance(scene.ceiling, ControlledCeiling):
         return []
     low, high = scene.ceiling.range
+    height, allowed = f"height: {chosen.height:.4f} m", f"ceiling.range ({low:g} to {high:g} m)"
     nearest = min(max(chosen.height, low), high)
     if nearest != chosen.height:
-        return [
-            f"height: {chosen.height:.4f} m is beyond ceiling.range ({low:g} to {high:g} m); the loop would send the "
-            f"ceiling to {nearest:g} m"
-        ]
+        return [f"{height} is beyond {allowed}; the loop would send the ceiling to {nearest:g} m"]
     stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
     if chosen.method == "direct" and stopped:
-        return [
-            f"height: {chosen.height:.4f} m lies at the end of ceiling.range ({low:g} to {high:g} m), in which "
-            "`direct` selects; a greater height may do better"
-        ]
+        return [f"{height} lies at the end of {allowed}, in which `direct` selects; a greater height may do better"]
     return []
 
 
@@ -140,17 +132,10 @@ def _show(name: str, scene: Scene, amplitude: float, chosen: Selection, warnings
     console = Console()
     console.print(table)
     if chosen.stages:
-        console.print(_stages(chosen))
+        steps = Table("stage", "height [m]", "beam amplitude [m]", "")
+        for stage in chosen.stages:
+            shown = ("" if math.isnan(value) else f"{value:.4f}" for value in (stage.height, stage.amplitude))
+            steps.add_row(stage.name, *shown, stage.note)
+        console.print(steps)
     for line in warnings:
         console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
-
-
-def _stages(chosen: Selection) -> Table:
-    table = Table("stage", "height [m]", "beam amplitude [m]", "")
-    for stage in chosen.stages:
-        table.add_row(stage.name, _number(stage.height), _number(stage.amplitude), stage.note)
-    return table
-
-
-def _number(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.4f}"

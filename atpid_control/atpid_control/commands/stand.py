@@ -8,7 +8,7 @@ import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import yaml
 
@@ -44,16 +44,16 @@ def run(args: argparse.Namespace) -> int:
     load_scene(args.scene)
     if args.bag is not None:
         check_new(args.bag)
-    with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder, suppress(KeyboardInterrupt), stoppable():
-        _watch(commands_of(args, Path(folder)))
-    return DONE
-
-
-def _watch(commands: list[tuple[str, list[str]]]) -> NoReturn:
-    with Processes(commands, None) as nodes:
+    with (
+        tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder,
+        suppress(KeyboardInterrupt),
+        stoppable(),
+        Processes(commands_of(args, Path(folder)), None) as nodes,
+    ):
         while True:
             nodes.check(except_for="")
             time.sleep(TURN)
+    return DONE
 
 
 def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[str]]]:

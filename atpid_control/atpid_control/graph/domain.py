@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import contextmanager, suppress
 from itertools import count
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 
 #: Domains whose ports lie below Linux's ephemeral range, without 0, the default.
 LOWEST, HIGHEST = 1, 101

@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_sim.scene import ControlledCeiling, Scene
 
 Parameters = dict[str, dict[str, Any]]

@@ -7,13 +7,13 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 
 from atpid_common.interrupt import ENDING_SIGNALS
-from atpid_control.graph.errors import BenchError, NodeDiedError
+from atpid_control.graph import BenchError, NodeDiedError
 
 #: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].
 _TIMEOUT = 10.0
@@ -76,10 +76,8 @@ class NodeProcess:
             if self.status is not None:
                 return
             self._process.send_signal(number)
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                continue
 
 
 class Processes:
@@ -94,7 +92,6 @@ class Processes:
         self.nodes: list[NodeProcess] = []
 
     def __enter__(self) -> Processes:
-        """Start all of them."""
         try:
             for name, command in self._commands:
                 log = self._logs / f"{name}.log" if self._logs else None
@@ -104,21 +101,14 @@ class Processes:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop them."""
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def stop(self) -> None:
         """Stop one after the other; a second Ctrl-C must not leave half of them running."""
-        before = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS}
-        try:
+        with _handled(signal.SIG_IGN):
             for node in self.nodes:
                 node.stop()
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
     def check(self, except_for: str) -> None:
         """Raise NodeDiedError, with its name and the reason, if any node but `except_for` has ended."""
@@ -128,7 +118,6 @@ class Processes:
                 raise NodeDiedError(f"{node.name} ended with status {node.status}: {node.reason()}{where}")
 
     def __getitem__(self, name: str) -> NodeProcess:
-        """Return the node called `name`."""
         return next(node for node in self.nodes if node.name == name)
 
 
@@ -139,9 +128,15 @@ def stoppable() -> Iterator[None]:
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in ENDING_SIGNALS}
+    with _handled(interrupt):
+        yield
+
+
+@contextmanager
+def _handled(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> Iterator[None]:
+    before = {number: signal.signal(number, handler) for number in ENDING_SIGNALS}
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, former in before.items():
+            signal.signal(number, former)

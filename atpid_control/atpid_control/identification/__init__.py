@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Amplitude, frequency and phase of the excitation, with error bars, from a sliding window of samples."""
 
-from atpid_control.identification.estimate import Estimate, Origin, Quality
-from atpid_control.identification.identifier import BeamInverse, Identifier, warm_up
-from atpid_control.identification.settings import IdentificationError, Settings
+from atpid_control.identification.estimate import Estimate, IdentificationError, Origin, Quality, Settings
+from atpid_control.identification.identifier import Identifier, warm_up
 
-__all__ = ["BeamInverse", "Estimate", "IdentificationError", "Identifier", "Origin", "Quality", "Settings", "warm_up"]
+__all__ = ["Estimate", "IdentificationError", "Identifier", "Origin", "Quality", "Settings", "warm_up"]

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.sine_fit import fit_sine
+from atpid_control.identification.window import seed_frequency
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import trajectory
@@ -39,14 +39,12 @@ class SimulatedRelation:
         key = round(height / HEIGHT_STEP)
         if key not in self._tables:
             lowest = 2.0 * self._scene.grain.radius
-            self._tables[key] = self._simulated(max(key * HEIGHT_STEP, lowest))
+            tabulated = max(key * HEIGHT_STEP, lowest)
+            results = [self._response(tabulated, float(amplitude)) for amplitude in self._amplitudes]
+            known = [(a, *result) for a, result in zip(self._amplitudes, results, strict=True) if result is not None]
+            support, response, spread = np.array(known).T
+            self._tables[key] = support, response, spread
         return self._tables[key]
-
-    def _simulated(self, height: float) -> tuple[Array, Array, Array]:
-        results = [self._response(height, float(amplitude)) for amplitude in self._amplitudes]
-        known = [(a, *result) for a, result in zip(self._amplitudes, results, strict=True) if result is not None]
-        support, response, spread = np.array(known).T
-        return support, response, spread
 
     def _response(self, height: float, amplitude: float) -> tuple[float, float] | None:
         """Return the fundamental of the beam's steady motion and its spread [m]; None where it cannot be simulated."""

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
-from atpid_control.identification.compiled import compiled
-from atpid_control.identification.linear import dot, explained, factor, gram, project
+from atpid_control.identification.linear import compiled, dot, explained, factor, gram, project
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

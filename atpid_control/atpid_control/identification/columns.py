@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.identification.compiled import compiled
+from atpid_control.identification.linear import compiled
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,6 @@ SLOPE = 15  # amplitude and frequency changing at a constant rate
 RECENT = 17  # another amplitude and phase in the newest quarter, half and whole period
 OLD = 23  # and in the oldest quarter and half
 COUNT = 27
-
 #: Groups of columns, (first, one past the last): the first three lie on a steady tone, the others make it unsteady.
 GROUPS = (
     (DRIFT, HARMONICS), (HARMONICS, HUM), (HUM, SLOPE), (SLOPE, RECENT), (RECENT, RECENT + 2), (RECENT + 2, RECENT + 4),

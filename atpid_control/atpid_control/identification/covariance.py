@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
 from atpid_control.identification.choice import chosen_columns, residual_of
-from atpid_control.identification.compiled import compiled
-from atpid_control.identification.linear import dot, factor, gram, inverse_corner, project, substitute
+from atpid_control.identification.linear import compiled, dot, factor, gram, inverse_corner, project, substitute
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

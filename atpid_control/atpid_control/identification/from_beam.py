@@ -62,12 +62,9 @@ class ModelInverse:
     """From the beam's motion to the support's, by the model at the present height."""
 
     def __init__(
-        self,
-        beam: ClosedBeam,
-        closed_height: float,
-        relation: AmplitudeRelation,
+        self, beam: ClosedBeam, closed_height: float, relation: AmplitudeRelation,
         model_error: tuple[float, float] = MODEL_ERROR,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Take the closed beam, the height at which the damper is closed [m], and the relation where it is open.
 
         `model_error`: relative standard deviations of stiffness and damping [-].

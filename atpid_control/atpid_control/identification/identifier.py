@@ -5,29 +5,64 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.identification.change import ChangeTracker
-from atpid_control.identification.estimate import Estimate, Origin
-from atpid_control.identification.seed import seed_frequency
-from atpid_control.identification.settings import IdentificationError, Settings
+from atpid_control.identification.estimate import Estimate, IdentificationError, Origin, Quality, Settings
+from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
-from atpid_control.identification.window import SampleBuffer, half_peak_to_peak
+from atpid_control.identification.window import SampleBuffer, half_peak_to_peak, seed_frequency
+from atpid_sim.plant.stream import stamp_ns
+
+#: Steady estimates differ by noise alone up to this many of their standard deviations.
+SIGMAS = 6.0
+#: A share of `change` this small in frequency counts as one: heights depend on it much more than on amplitude.
+FREQUENCY_SHARE = 0.5
+
+
+class ChangeTracker:
+    """Compares each estimate with the first steady one since the last change.
+
+    `changed` stays true from the first sign of a change up to and including the steady estimate that ends it. The first
+    steady estimate of all is a change too: from nothing.
+    """
+
+    def __init__(self, change: float) -> None:
+        """Take the relative change of amplitude that counts [-]."""
+        self._change = change
+        self._reference: tuple[float, float, float, float] | None = None
+        self._pending = False
+
+    def configure(self, change: float) -> None:
+        """Compare by another relative change [-] from the next estimate on."""
+        self._change = change
+
+    def judge(
+        self, quality: Quality, amplitude: float, amplitude_std: float, frequency: float, frequency_std: float
+    ) -> bool:
+        """Return whether a change was seen, this estimate included; [m], [m], [Hz], [Hz]."""
+        if quality == Quality.POOR:
+            return self._pending
+        if quality != Quality.STEADY:
+            self._pending = self._pending or quality == Quality.TRANSIENT or self._reference is not None
+            return self._pending
+        newest = (amplitude, amplitude_std, frequency, frequency_std)
+        seen = self._pending or self._reference is None or self._differs(self._reference, newest)
+        if seen:
+            self._reference = newest
+        self._pending = False
+        return seen
+
+    def _differs(self, old: tuple[float, float, float, float], new: tuple[float, float, float, float]) -> bool:
+        amplitude = max(self._change * old[0], SIGMAS * math.hypot(old[1], new[1]))
+        frequency = max(FREQUENCY_SHARE * self._change * old[2], SIGMAS * math.hypot(old[3], new[3]))
+        return abs(new[0] - old[0]) > amplitude or abs(new[2] - old[2]) > frequency
+
 
 Array = NDArray[np.float64]
 TAU = 2.0 * math.pi
-
-
-class BeamInverse(Protocol):
-    """The support's motion inferred from the beam's by a model (see `from_beam`)."""
-
-    def support_of(self, beam: Estimate, height: float) -> Estimate:
-        """Return the support's estimate for the beam's estimate `beam` and the ceiling at `height` [m]."""
-        ...
 
 
 def warm_up() -> None:
@@ -39,7 +74,7 @@ def warm_up() -> None:
 class Identifier:
     """Takes blocks of samples and returns an estimate for each; its only clock is that of the samples."""
 
-    def __init__(self, settings: Settings, inverse: BeamInverse | None = None) -> None:
+    def __init__(self, settings: Settings, inverse: ModelInverse | None = None) -> None:
         """With `inverse` the excitation is inferred from the beam, otherwise read from the support."""
         self._settings, self._inverse = settings, inverse
         # the growth of a transient beam is estimated better in a longer window
@@ -56,16 +91,9 @@ class Identifier:
         self._tracker.configure(settings.change)
 
     def push(
-        self,
-        first_index: int,
-        rate: float,
-        support: Array | None,
-        beam: Array | None,
-        t_last: float,
-        *,
-        delay: float = 0.0,
-        height: float = math.nan,
-    ) -> Estimate:
+        self, first_index: int, rate: float, support: Array | None, beam: Array | None, t_last: float, *,
+        delay: float = 0.0, height: float = math.nan,
+    ) -> Estimate:  # fmt: skip
         """Take the next block and return the estimate at its last sample.
 
         `support` and `beam` are (n,) [m], NaN where invalid, or None where not measured; `rate` [Hz]; `t_last` [s] is
@@ -151,3 +179,14 @@ class Identifier:
             return math.nan
         signal = buffer.newest(math.ceil(window / buffer.step))[Origin.BEAM]
         return half_peak_to_peak(signal, buffer.step, frequency)
+
+
+def last_stamp_ns(begin_ns: int, first_index: int, scans: int, rate: float) -> int:
+    """Return when a block's last scan was taken [ns]: the stream's start plus index over rate, rounded once.
+
+    begin_ns: stamp of its first scan; first_index: of that scan; scans: how many it has; rate [Hz].
+    """
+    if scans == 0 or not rate > 0.0:
+        return begin_ns
+    start = begin_ns - stamp_ns(0, first_index, rate)
+    return stamp_ns(start, first_index + scans - 1, rate)

@@ -1,12 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least squares on a few columns, compiled: normal equations and Cholesky, written out because they are small."""
+"""Least squares on a few columns: normal equations and Cholesky, written out because they are small.
+
+`compiled` is numba's compiler behind one typed name, with the cache of `atpid_sim.kernel_cache`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.identification.compiled import compiled
+from atpid_sim.kernel_cache import share_cache
+
+#: The modules with compiled functions.
+KERNELS = ("choice", "columns", "covariance", "linear", "sine_fit")
+F = TypeVar("F", bound=Callable[..., object])
+
+share_cache("identification", (Path(__file__).parent / f"{name}.py" for name in KERNELS))
+
+
+def compiled(function: F) -> F:
+    """Compile `function` to machine code, kept in the cache; sums may be reordered so that they vectorise."""
+    return cast(F, numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})(function))
+
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
 from atpid_control.identification.choice import best_group, chosen_columns, without_spikes
-from atpid_control.identification.compiled import compiled
 from atpid_control.identification.covariance import CHANGE, OK, RESULTS, USED, report
-from atpid_control.identification.linear import factor, gram, project, substitute
+from atpid_control.identification.linear import compiled, factor, gram, project, substitute
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

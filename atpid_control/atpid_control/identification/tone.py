@@ -10,15 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.identification.choice import PENALTY
-from atpid_control.identification.estimate import Quality
-from atpid_control.identification.seed import seed_frequency
-from atpid_control.identification.settings import Settings
+from atpid_control.identification.estimate import Quality, Settings
 from atpid_control.identification.sine_fit import SineFit, fit_sine
-from atpid_control.identification.window import SampleBuffer, without_clipping
+from atpid_control.identification.window import SampleBuffer, seed_frequency, without_clipping
 
 Array = NDArray[np.float64]
 TAU = 2.0 * math.pi
-
 #: A tone must stand out of the residual by so many standard deviations: noise alone reaches it once in 10^10 fits.
 SIGNIFICANT = 7.0
 #: Windows are cut by the seed's frequency, so one period may turn out this much shorter.

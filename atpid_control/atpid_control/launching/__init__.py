@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the launch files share.
 
-`arguments` and `launch_files` need the standard library only: `ros2 launch` runs in the Python of the ROS installation,
-which does not have the project's requirements. Only `description` imports `launch` and `launch_ros`.
+`arguments` checks with the standard library only: `ros2 launch` runs in the Python of the ROS installation, which does
+not have the project's requirements. Only `description` and `supervision` import `launch` and `launch_ros`.
 """

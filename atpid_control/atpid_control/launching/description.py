@@ -16,8 +16,13 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from atpid_control.launching.arguments import Argument, ParameterFile, check, check_names
-from atpid_control.launching.replay_parameters import parameter_file
+from atpid_control.launching.arguments import (
+    Argument,
+    ParameterFile,
+    check,
+    check_names,
+    parameter_file,
+)
 from atpid_control.launching.supervision import supervision
 
 PACKAGE = "atpid_control"
@@ -48,7 +53,6 @@ class ReplayParameters(Substitution):
     """The parameter file for the replay of the bag that the launch arguments name."""
 
     def __init__(self) -> None:
-        """Write nothing yet."""
         super().__init__()
         self._path = ""
 
@@ -62,11 +66,9 @@ def _declared(argument: Argument) -> DeclareLaunchArgument:
     default: Any = argument.default
     if isinstance(default, ParameterFile):
         default = config(default.package, default.name)
+    choices = list(argument.choices) or None
     return DeclareLaunchArgument(
-        argument.name,
-        default_value=default,
-        description=argument.description,
-        choices=list(argument.choices) or None,
+        argument.name, default_value=default, description=argument.description, choices=choices
     )
 
 
@@ -86,8 +88,5 @@ def _on_command_line(launch_file: Path) -> bool:
     """
     words = sys.argv[1:]
     by_package = (PACKAGE, launch_file.name) in pairwise(words)
-    return by_package or any(Path(word).name == launch_file.name and _same(Path(word), launch_file) for word in words)
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.exists() and one.samefile(other)
+    named = [path for path in map(Path, words) if path.name == launch_file.name and path.exists()]
+    return by_package or any(path.samefile(launch_file) for path in named)

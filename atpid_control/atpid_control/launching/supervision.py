@@ -21,7 +21,7 @@ from launch.events.process import ProcessExited, ProcessStarted, ShutdownProcess
 from launch_ros.actions import Node
 
 from atpid_common.errors import AtpidError
-from atpid_control.launching.launch_files import START
+from atpid_control.launching.arguments import START
 
 #: How long a node may take to end after SIGINT before it is sent SIGTERM, and after that before it is killed [s].
 SIGTERM_TIMEOUT, SIGKILL_TIMEOUT = 5.0, 10.0
@@ -50,7 +50,6 @@ class SupervisedNode(Node):
     """A node whose end ends the launch: well, if `ends_run` and its exit status is 0."""
 
     def __init__(self, package: str, executable: str, *, ends_run: bool, ends_last: bool, **options: Any) -> None:
-        """See `node`."""
         self.label, self.ends_run, self.ends_last = executable, ends_run, ends_last
         super().__init__(
             package=package,
@@ -80,14 +79,9 @@ class NodeEnded(Event):
 
 
 def node(
-    package: str,
-    executable: str,
-    parameters: Sequence[Any],
-    *,
-    ends_run: bool = False,
-    ends_last: bool = False,
+    package: str, executable: str, parameters: Sequence[Any], *, ends_run: bool = False, ends_last: bool = False,
     **options: Any,
-) -> SupervisedNode:
+) -> SupervisedNode:  # fmt: skip
     """Return a node of a launch. ends_run: its end is that of the run; ends_last: it is stopped after the others."""
     return SupervisedNode(
         package, executable, parameters=list(parameters), ends_run=ends_run, ends_last=ends_last, **options
@@ -97,26 +91,20 @@ def node(
 def supervision() -> LaunchDescription:
     """Return the actions that judge the end of each `node`."""
     supervisor = Supervisor()
+    handlers = (
+        (lambda e: isinstance(e, ProcessStarted) and isinstance(e.action, SupervisedNode), supervisor.on_start),
+        (lambda e: isinstance(e, NodeEnded), supervisor.on_end),
+    )
     return LaunchDescription([
-        RegisterEventHandler(EventHandler(matcher=_is_start, entities=[OpaqueFunction(function=supervisor.on_start)])),
-        RegisterEventHandler(
-            EventHandler(
-                matcher=lambda event: isinstance(event, NodeEnded),
-                entities=[OpaqueFunction(function=supervisor.on_end)],
-            )
-        ),
+        RegisterEventHandler(EventHandler(matcher=matcher, entities=[OpaqueFunction(function=act)]))
+        for matcher, act in handlers
     ])  # fmt: skip
-
-
-def _is_start(event: Event) -> bool:
-    return isinstance(event, ProcessStarted) and isinstance(event.action, SupervisedNode)
 
 
 class Supervisor:
     """Ends a launch when one of its nodes has ended; an exception is how `launch` ends with a status other than 0."""
 
     def __init__(self) -> None:
-        """Start without nodes."""
         self._running: list[SupervisedNode] = []
         self._outcome: NodeEndedError | str = ""  # why the launch ends; empty: it goes on
 
@@ -161,15 +149,10 @@ def _outcome_of(ended: NodeEnded, *, stopping: bool, shutdown: bool) -> NodeEnde
         return ""  # interrupted before `START` could block it: the node had not begun
     if status != 0:
         rest = " while it was being stopped" if stopping else "; the launch ends"
-        return NodeEndedError(f"{name} {_in_words(status)}{rest}")
+        how = f"ended with exit status {status}" if status > 0 else f"was ended by {signal.Signals(-status).name}"
+        return NodeEndedError(f"{name} {how}{rest}")
     if stopping:
         return ""
     if ended.node.ends_run:
         return f"{name} has finished the run"
     return NodeEndedError(f"{name} ended by itself (exit status 0) before the run was over; the launch ends")
-
-
-def _in_words(status: int) -> str:
-    if status > 0:
-        return f"ended with exit status {status}"
-    return f"was ended by {signal.Signals(-status).name}"

@@ -16,7 +16,6 @@ from typing import ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
 #: Nice value of a computing thread above that of the process: it still gets a third of a core beside a busy process.
 NICE = 5
 

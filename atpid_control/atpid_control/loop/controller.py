@@ -7,12 +7,14 @@ import math
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
+from atpid_control.loop.drift import DriftAlarm, ModelCheck, Twin
 from atpid_control.loop.hold import OFF_RESONANCE, Hold, Verdict
 from atpid_control.loop.protocol import ALARM, Answer, Command, ControlSettings
 from atpid_control.loop.step_back import StepBackMonitor
-from atpid_control.loop.twin import ModelCheck, Twin
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 
 #: A ceiling this close to where it was sent is there [m].
@@ -36,13 +38,9 @@ class SelectingController:
     """
 
     def __init__(
-        self,
-        settings: ControlSettings,
-        selector: HeightSelector,
-        limits: tuple[float, float],
-        twin: Twin | None = None,
-        executor: Executor | None = None,
-    ) -> None:
+        self, settings: ControlSettings, selector: HeightSelector, limits: tuple[float, float],
+        twin: Twin | None = None, executor: Executor | None = None,
+    ) -> None:  # fmt: skip
         """Take the method, and the lowest and highest height [m].
 
         twin: predicts the beam's amplitude, to be compared with the measured one; None: it is not compared.
@@ -53,7 +51,7 @@ class SelectingController:
         self._executor = executor if selector.simulates else InlineExecutor()
         self._hold, self._selector, self._limits = Hold(settings.hold), selector, limits
         self._step_back = StepBackMonitor(settings.step_back, limits[0])
-        self._model_check = ModelCheck(twin, settings.drift.alarm(), executor) if twin is not None else None
+        self._model_check = ModelCheck(twin, DriftAlarm(settings.drift), executor) if twin is not None else None
         self._settings = settings
         self._computation: _Computation | None = None
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
@@ -68,7 +66,7 @@ class SelectingController:
             self._hold.configure(settings.hold, select_anew=another_margin and self._command.sequence > 0)
         self._step_back.configure(settings.step_back)
         if self._model_check is not None and settings.drift != before.drift:
-            self._model_check.alarm = settings.drift.alarm()
+            self._model_check.alarm = DriftAlarm(settings.drift)
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
@@ -99,19 +97,11 @@ class SelectingController:
         done = self._take_done(estimate)
         outdated = done is not None and not self._hold.inside(estimate, done.verdict.amplitude)
         if verdict.select and self._computation is None and (done is None or outdated):
-            self._begin(verdict, estimate, height)
+            excitation = (verdict.amplitude, verdict.amplitude_std, estimate.frequency)
+            select, margin = self._selector.select, self._settings.margin
+            result = self._executor.submit(select, *excitation, margin=margin, height=height)
+            self._computation = _Computation(verdict, margin, result)
         return done or self._take_done(estimate)
-
-    def _begin(self, verdict: Verdict, estimate: Estimate, height: float) -> None:
-        result = self._executor.submit(
-            self._selector.select,
-            verdict.amplitude,
-            verdict.amplitude_std,
-            estimate.frequency,
-            margin=self._settings.margin,
-            height=height,
-        )
-        self._computation = _Computation(verdict, self._settings.margin, result)
 
     def _take_done(self, estimate: Estimate) -> _Computation | None:
         """Return a selection that is done; drop it where excitation or margin have changed meanwhile.
@@ -197,3 +187,28 @@ class SelectingController:
             return Answer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
         return Answer(self._command, "refused", f"the ceiling stays: {text}", value)
+
+
+class ProfileController:
+    """Sends the heights a scene prescribes, for scenes whose ceiling no controller moves."""
+
+    def on_event(self, kind: str) -> None:
+        """Nothing moves this ceiling but the scene."""
+
+    def configure(self, settings: ControlSettings) -> None:
+        """Nothing moves this ceiling but the scene."""
+
+    def __init__(self, heights: tuple[tuple[float, float], ...]) -> None:
+        """Take the points (t [s], h [m]), straight in between."""
+        self._times, self._heights = zip(*heights, strict=True)
+        self._command = Command(method="fixed")
+
+    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+        """See `Controller.answer`."""
+        del estimate, height
+        target = float(np.interp(time, self._times, self._heights))
+        if target != self._command.height:
+            self._command = replace(
+                self._command, sequence=self._command.sequence + 1, height=target, reason="prescribed by the scene"
+            )
+        return Answer(self._command)

@@ -13,10 +13,14 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
+from atpid_common.errors import InputError
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.errors import HoldError
 
 OFF_RESONANCE = "frequency off resonance"
+
+
+class HoldError(InputError):
+    """Settings of the hold or the step back that contradict themselves."""
 
 
 @dataclass(frozen=True)
@@ -62,18 +66,12 @@ class Hold:
     """The dead band and hold: a state machine over estimates, without a clock."""
 
     def __init__(self, settings: HoldSettings) -> None:
-        """Start with nothing selected."""
         self._settings = settings
-        self._acted = math.nan
+        self.acted_amplitude = math.nan  # amplitude the present height was selected for [m]; NaN: none yet
         self._failed = math.nan
         self._select_anew = False
         self._rising = _window(settings)
         self._falling = 0
-
-    @property
-    def acted_amplitude(self) -> float:
-        """Amplitude the present height was selected for [m]; NaN: none yet."""
-        return self._acted
 
     def configure(self, settings: HoldSettings, *, select_anew: bool = False) -> None:
         """Judge by other settings from the next estimate on.
@@ -91,19 +89,23 @@ class Hold:
             # while the excitation changes its frequency has not settled either
             settling = estimate.quality == Quality.TRANSIENT and trouble == OFF_RESONANCE
             return Verdict(False, trouble, refused=estimate.quality != Quality.NONE and not settling)
-        inside = self.inside(estimate, self._acted)
+        inside = self.inside(estimate, self.acted_amplitude)
         if inside and not self._select_anew:
             self._reset()
             return Verdict(False, "inside dead band")
         if self.inside(estimate, self._failed):
             return Verdict(False, "no height for this amplitude", refused=True)
-        if estimate.amplitude < self._acted and not inside:
-            return self._judge_falling(estimate)
+        if estimate.amplitude < self.acted_amplitude and not inside:
+            self._rising.clear()
+            self._falling += 1
+            if self._falling < self._settings.falling_count:
+                return Verdict(False, "falling, not yet sure")
+            return Verdict(True, "falling", estimate.amplitude, estimate.amplitude_std)
         return self._judge_rising(estimate)
 
     def acted(self, amplitude: float) -> None:
         """Record the amplitude [m] that was acted on."""
-        self._acted, self._failed, self._select_anew = amplitude, math.nan, False
+        self.acted_amplitude, self._failed, self._select_anew = amplitude, math.nan, False
         self._reset()
 
     def failed(self, amplitude: float) -> None:
@@ -119,15 +121,8 @@ class Hold:
         """
         if self.inside(estimate, amplitude):
             return True
-        start = 0.0 if math.isnan(self._acted) else self._acted
+        start = 0.0 if math.isnan(self.acted_amplitude) else self.acted_amplitude
         return start < amplitude < estimate.amplitude or estimate.amplitude < amplitude < start
-
-    def _judge_falling(self, estimate: Estimate) -> Verdict:
-        self._rising.clear()
-        self._falling += 1
-        if self._falling < self._settings.falling_count:
-            return Verdict(False, "falling, not yet sure")
-        return Verdict(True, "falling", estimate.amplitude, estimate.amplitude_std)
 
     def _judge_rising(self, estimate: Estimate) -> Verdict:
         self._falling = 0
@@ -160,7 +155,7 @@ class Hold:
     def trouble(self, estimate: Estimate) -> str:
         """Return why the estimate must not be acted on; empty if it may."""
         if estimate.quality == Quality.NONE:
-            return "no estimate yet" if math.isnan(self._acted) else "no estimate"
+            return "no estimate yet" if math.isnan(self.acted_amplitude) else "no estimate"
         if estimate.quality == Quality.POOR:
             return "poor estimate"
         if not all(map(math.isfinite, (estimate.amplitude, estimate.amplitude_std, estimate.frequency))):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.identification.window import half_peak_to_peak
-from atpid_control.loop.errors import WatchError
+from atpid_control.loop.drift import WatchError
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,6 @@ class RumbleWatch:
     """Follows the measured beam period by period; periods are those of the excitation."""
 
     def __init__(self, settings: RumbleSettings) -> None:
-        """Start without samples."""
         self._settings = settings
         self._amplitudes: deque[float] = deque(maxlen=PERIODS)
         self._held = np.empty(0)
@@ -139,10 +138,6 @@ def scatter_of(amplitudes: Array) -> tuple[float, float]:
     return float(np.sqrt(left @ left / (PERIODS - _MODEL.shape[1]))), float(abs(coefficients[-1]))
 
 
-def _model() -> Array:
-    x = np.linspace(-1.0, 1.0, PERIODS)
-    return np.stack([np.ones(PERIODS), x, x * x, (-1.0) ** np.arange(PERIODS)], axis=1)
-
-
-_MODEL = _model()
+_X = np.linspace(-1.0, 1.0, PERIODS)
+_MODEL = np.stack([np.ones(PERIODS), _X, _X * _X, (-1.0) ** np.arange(PERIODS)], axis=1)
 _SOLVE = np.linalg.pinv(_MODEL)

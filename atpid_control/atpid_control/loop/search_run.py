@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,25 +25,10 @@ _SETTLED = 0.005
 _MOST_WINDOWS = 14
 #: A height is worse than the best where the amplitude is larger by more than this [-], twice what settling leaves.
 _WORSE = 0.01
-
 #: A ceiling this close to its target has arrived [m], ten times what the motor resolves.
 _ARRIVED = 5e-3
-
 #: Time limit for the ceiling to arrive and for the first block of the beam [s].
 _TIMEOUT = 60.0
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Progress of a search."""
-
-    iterations: int
-    height: float  # where the ceiling is [m]
-    amplitude: float  # half peak-to-peak of the beam observed last [m], NaN: none yet
-    best_height: float  # [m]
-    best_amplitude: float  # [m]
-    done: bool
-    message: str  # how it ended, empty while it runs
 
 
 class SearchRun:
@@ -53,17 +38,18 @@ class SearchRun:
         """Begin at the plan's lowest height; raise SearchError for a dwell that is too short."""
         if plan.dwell < _LEAST_DWELL:
             raise SearchError(f"dwell: given {plan.dwell:g} s; allowed is at least {_LEAST_DWELL:g} s")
-        self._plan, self._search = plan, StepSearch(plan, _WORSE)
-        self._sent_at = self._arrived_at = self._amplitude = math.nan
+        self._plan, self.search = plan, StepSearch(plan, _WORSE)
+        self._sent_at = self._arrived_at = math.nan
+        self.height = math.nan  # where the ceiling is [m]
+        self.amplitude = math.nan  # half peak-to-peak of the beam observed last [m], NaN: none yet
+        self.message = ""  # how it ended, empty while it runs
         self._window: list[tuple[float, float]] = []  # (lowest, highest) of each block in the present window [m]
         self._amplitudes: list[float] = []  # of the windows at this height [m]
-        self._height = math.nan
-        self.message = ""
 
     @property
     def target(self) -> float:
         """Where the ceiling should go or stay [m]; after an end without result, where it is."""
-        return self._search.target
+        return self.search.target
 
     @property
     def done(self) -> bool:
@@ -73,20 +59,7 @@ class SearchRun:
     @property
     def success(self) -> bool:
         """Whether it ended with a height."""
-        return self.done and self._search.done
-
-    def progress(self) -> Progress:
-        """Return the progress."""
-        found = self._search
-        return Progress(
-            found.iterations,
-            self._height,
-            self._amplitude,
-            found.best_height,
-            found.best_amplitude,
-            self.done,
-            self.message,
-        )
+        return self.done and self.search.done
 
     def watch(self, time: float, beam: Array) -> None:
         """Take a block of the beam's displacement (n,) [m] that ended at `time` [s]; NaN: not measured."""
@@ -95,13 +68,17 @@ class SearchRun:
 
     def step(self, time: float, height: float) -> None:
         """Go on, at `time` [s] with the ceiling at `height` [m]."""
-        self._height = height
+        self.height = height
         if self.done:
             return
         if math.isnan(self._sent_at):
             self._sent_at = time
         if math.isnan(self._arrived_at):
-            self._wait_for_ceiling(time, height)
+            if abs(height - self.search.target) <= _ARRIVED:
+                self._arrived_at = time
+            elif time > self._sent_at + _TIMEOUT:
+                target = f"{self.search.target:g} m in {_TIMEOUT:g} s"
+                self.stop(f"the ceiling has not reached {target}; it is at {height:g} m")
             return
         end = self._arrived_at + (_BEFORE + _WINDOW * (1 + len(self._amplitudes))) * self._plan.dwell
         # the first blocks may still be missing
@@ -112,12 +89,6 @@ class SearchRun:
         """End without a result."""
         if not self.done:
             self.message = message
-
-    def _wait_for_ceiling(self, time: float, height: float) -> None:
-        if abs(height - self._search.target) <= _ARRIVED:
-            self._arrived_at = time
-        elif time > self._sent_at + _TIMEOUT:
-            self.stop(f"the ceiling has not reached {self._search.target:g} m in {_TIMEOUT:g} s; it is at {height:g} m")
 
     def _end_window(self, time: float) -> None:
         lows, highs = zip(*self._window, strict=True) if self._window else ((math.nan,), (math.nan,))
@@ -132,15 +103,15 @@ class SearchRun:
             self._observe(time, max(amplitude, before))
 
     def _observe(self, time: float, amplitude: float) -> None:
-        self._amplitude = amplitude
+        self.amplitude = amplitude
         try:
-            self._search.observe(amplitude)
+            self.search.observe(amplitude)
         except SearchError as error:
             self.stop(str(error))
             return
         self._amplitudes, self._arrived_at, self._sent_at = [], math.nan, time
-        if self._search.done:
-            self.message = f"best height {self._search.target:.4f} m after {self._search.iterations} heights"
+        if self.search.done:
+            self.message = f"best height {self.search.target:.4f} m after {self.search.iterations} heights"
 
 
 class SearchingController:
@@ -196,11 +167,10 @@ class SearchingController:
 
     def _searching(self, command: Command, height: float) -> Command:
         assert self.run is not None
-        found = self.run.progress()
         target = self.run.target if not self.run.done or self.run.success else self._halt(height)
         if target != self._target:
             self._target, self._issued = target, self._issued + 1
-        reason = self.run.message or f"search: height {found.iterations + 1}"
+        reason = self.run.message or f"search: height {self.run.search.iterations + 1}"
         return replace(command, height=target, predicted_amplitude=math.nan, method="search", reason=reason)
 
     def _halt(self, height: float) -> float:

@@ -8,22 +8,21 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from atpid_control import identification
-from atpid_control.loop.controller import SelectingController
-from atpid_control.loop.drift import DriftSettings
+from atpid_control.loop.controller import ProfileController, SelectingController
+from atpid_control.loop.drift import DriftSettings, SteadyTwin
 from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.profile_controller import ProfileController
 from atpid_control.loop.protocol import Controller, ControlSettings
 from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.step_back import StepBack
-from atpid_control.loop.twin import SteadyTwin
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
 Value = Callable[[str], Any]
+S = TypeVar("S")
 
 
 def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None) -> HeightSelector:
@@ -31,8 +30,7 @@ def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None
     if method != "direct":
         return make_selector(method, scene, height_map)
     # here, since only this method has to load the simulation
-    from atpid_control.selection.direct import DirectSelector
-    from atpid_control.selection.margin import Uncertainty
+    from atpid_control.selection.direct import DirectSelector, Uncertainty
 
     return DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
 
@@ -43,15 +41,7 @@ def control_settings(value: Value, frequency: float) -> ControlSettings:
     Raises HoldError or WatchError where they contradict themselves.
     """
     return ControlSettings(
-        hold=HoldSettings(
-            dead_band=float(value("dead_band")),
-            sigmas=float(value("sigmas")),
-            steady_count=int(value("steady_count")),
-            rising_count=int(value("rising_count")),
-            falling_count=int(value("falling_count")),
-            frequency=frequency,
-            frequency_tolerance=float(value("frequency_tolerance")),
-        ),
+        hold=_read(HoldSettings, value, frequency=frequency),
         step_back=StepBack(
             share=float(value("step_back")),
             settle=int(value("settle_count")),
@@ -59,11 +49,7 @@ def control_settings(value: Value, frequency: float) -> ControlSettings:
             excess=float(value("step_back_excess")),
             memory=float(value("step_back_memory")),
         ),
-        drift=DriftSettings(
-            tolerance=float(value("drift_tolerance")),
-            noise=float(value("drift_noise")),
-            periods=float(value("drift_periods")),
-        ),
+        drift=_read(DriftSettings, value, "drift_"),
         margin=float(value("margin")),
     )
 
@@ -86,15 +72,16 @@ def identification_settings(value: Value) -> identification.Settings:
     """Return the identification's settings by identifier.yaml; raise IdentificationError where they do not fit."""
     limits = float(value("lower_limit")), float(value("upper_limit"))
     saturation = None if limits == (-math.inf, math.inf) else limits
-    names = [field.name for field in fields(identification.Settings) if field.name != "saturation"]
-    return identification.Settings(saturation=saturation, **{name: float(value(name)) for name in names})
+    return _read(identification.Settings, value, saturation=saturation)
 
 
 def rumble_settings(value: Value) -> RumbleSettings:
     """Return the rumble watch's settings by identifier.yaml; raise WatchError where they do not fit."""
-    return RumbleSettings(
-        onset=float(value("rumble_onset")),
-        calm=float(value("rumble_calm")),
-        calm_periods=int(value("rumble_calm_periods")),
-        least_amplitude=float(value("rumble_least_amplitude")),
-    )
+    return _read(RumbleSettings, value, "rumble_")
+
+
+def _read(kind: Callable[..., S], value: Value, prefix: str = "", **given: Any) -> S:
+    """Return the settings `kind`, each field that is not `given` read from the parameter of its name after `prefix`."""
+    types = {"int": int, "float": float}
+    named = {field.name: str(field.type) for field in fields(cast(Any, kind)) if field.name not in given}
+    return kind(**given, **{name: types[written](value(prefix + name)) for name, written in named.items()})

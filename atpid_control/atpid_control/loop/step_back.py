@@ -7,11 +7,10 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from atpid_control.loop.errors import HoldError
+from atpid_control.loop.hold import HoldError
 
 #: An amplitude below this share of the one before the span, so many values, is decaying.
 DECAY, DECAY_SPAN = 0.97, 8
-
 #: So many bursts of rumble with the ceiling standing count as one rumble, however short each is.
 _BURSTS = 2
 

@@ -1,29 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole graph in one process on one executor, as the lockstep bench runs it: fast, and the same every time."""
+"""The graph as the bench runs it: in lockstep all nodes on one executor, or watched from outside in real time."""
 
 from __future__ import annotations
 
 import importlib
 import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import rclpy
+from atpid_interfaces.msg import Event, Excitation
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
+from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
-from atpid_control.graph.errors import BenchError, NodeDiedError, PlantFailedError
+from atpid_control.graph import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
 HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
-
 #: Every entity costs time in every round of the executor, and parameter services are not used in a run.
 NODE_OPTIONS: dict[str, Any] = {"start_parameter_services": False, "enable_rosout": False}
 
@@ -55,7 +58,7 @@ def _without_events(node: Node) -> Callable[[], None]:
 
 
 class Composition:
-    """Nodes on one single-threaded executor, in a context of their own, without signal handlers."""
+    """Nodes on one single-threaded executor in this process: fast, and the same every time; no signal handlers."""
 
     def __init__(self, parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]]) -> None:
         """Start (package, name) parts with their parameters; what a node refuses is raised as it is."""
@@ -80,7 +83,6 @@ class Composition:
             self._stack = undo.pop_all()
 
     def __enter__(self) -> Composition:
-        """Return the running composition."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -132,7 +134,57 @@ def _check(nodes: Mapping[str, Any]) -> None:
 def _stopped(plant: Any, computed: int) -> str:
     if computed == 0:
         return f"the graph did not get ready within {HANDSHAKE_TIMEOUT:g} s: still waiting for {plant.waiting_for()}"
-    at = computed / plant.stream.rate
-    return (
-        f"the loop stopped at {at:g} s: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
-    )
+    stopped = f"the loop stopped at {computed / plant.stream.rate:g} s"
+    return f"{stopped}: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
+
+
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class BenchWatch(Node):
+    """Follows the estimates' stamps, the events and, until the first estimate, the log; it publishes nothing."""
+
+    def __init__(self, report: Callable[[str], None], **node_options: Any) -> None:
+        """Subscribe. `report` is called with each warning, and with what is compiled, before the first estimate."""
+        super().__init__("bench_watch", **node_options)
+        self.elapsed = 0.0  # data time since the first estimate [s]
+        self.failure = ""  # why the plant failed, one sentence
+        self._report = report
+        self._reported: set[str] = set()
+        self._first: int | None = None
+        self.create_subscription(Excitation, "excitation", self._on_excitation, STATES)
+        self.create_subscription(Event, "events", self._on_event, EVENTS)
+        self.create_subscription(Log, "/rosout", self._on_log, ROSOUT)
+
+    def _on_excitation(self, message: Excitation) -> None:
+        if message.handshake:
+            return
+        now = nanoseconds_of(message.header.stamp)
+        self._first = self._first or now
+        self.elapsed = (now - self._first) * 1e-9
+
+    def _on_event(self, event: Event) -> None:
+        if event.kind == Event.FAILED:
+            self.failure = event.text
+
+    def _on_log(self, log: Log) -> None:
+        text = f"{log.name}: {log.msg}"
+        relevant = log.level >= Log.WARN or log.msg.startswith(COMPILING)
+        if relevant and self._first is None and text not in self._reported:
+            self._reported.add(text)
+            self._report(text)
+
+
+@contextmanager
+def watching(report: Callable[[str], None], namespace: str = "") -> Iterator[tuple[BenchWatch, Callable[[], None]]]:
+    """Yield the watch and a function that spins it for up to a tenth of a second."""
+    rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        watch = BenchWatch(report, namespace=namespace)
+        executor = SingleThreadedExecutor()
+        executor.add_node(watch)
+        yield watch, lambda: executor.spin_once(timeout_sec=0.1)
+        executor.shutdown()
+        watch.destroy_node()
+    finally:
+        rclpy.try_shutdown()

@@ -8,16 +8,39 @@ import traceback
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from functools import partial
+from typing import TypeVar
 
 from atpid_interfaces.srv import SelectHeight
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 
 from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
-from atpid_control.nodes.background import computed
 from atpid_control.selection import HeightSelector, Selection
-from atpid_control.selection.request import Request, Resonance, resolved
+from atpid_control.selection.checks import Request, Resonance, resolved
+
+T = TypeVar("T")
+
+
+async def computed(node: Node, executor: Executor, compute: Callable[[], T]) -> T:
+    """Return what `compute` returns, or raise what it raises; to be awaited in a callback of `node`.
+
+    The callback has to be in a ReentrantCallbackGroup, else it holds up the other callbacks of its group.
+    """
+    result = executor.submit(compute)
+    if not result.done():
+        finished = Future()
+
+        def wake(_: object) -> None:
+            finished.set_result(None)
+            if node.executor is not None:
+                node.executor.wake()
+
+        result.add_done_callback(wake)
+        await finished
+    return result.result()
+
 
 METHODS = ("lookup", "pca", "direct")
 
@@ -28,13 +51,9 @@ class HeightServices:
     """Services of a node. A selector is made at the first request, and used by these services only."""
 
     def __init__(
-        self,
-        node: Node,
-        executor: Executor,
-        make: Callable[[str], HeightSelector],
-        method: str,
+        self, node: Node, executor: Executor, make: Callable[[str], HeightSelector], method: str,
         situation: Callable[[], tuple[Estimate | None, float, Resonance]],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Serve.
 
         executor: where heights are computed, one call at a time; make: returns the selector of a method, raises
@@ -66,13 +85,8 @@ class HeightServices:
     def _select(self, method: str, excitation: Request, height: float) -> Selection:
         if method not in self._selectors:
             self._selectors[method] = self._make(method)
-        return self._selectors[method].select(
-            excitation.amplitude,
-            excitation.amplitude_std,
-            excitation.frequency,
-            margin=excitation.margin,
-            height=height,
-        )
+        given = (excitation.amplitude, excitation.amplitude_std, excitation.frequency)
+        return self._selectors[method].select(*given, margin=excitation.margin, height=height)
 
 
 def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,10 +28,10 @@ from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
-from atpid_control.identification.stamps import last_stamp_ns
-from atpid_control.loop.rumble import RumbleSettings, RumbleState, RumbleWatch
+from atpid_control.identification.identifier import last_stamp_ns
+from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
 from atpid_control.loop.settings import identification_settings, rumble_settings
-from atpid_control.nodes.identifier_parameters import TABLE, inverse_of
+from atpid_control.nodes.parameter_tables import IDENTIFIER, inverse_of
 
 LASER = "sensors/laser"
 
@@ -45,7 +45,7 @@ class IdentifierNode(Node):
         `done`: exit status.
         """
         super().__init__("identifier_node", parameter_overrides=parameter_overrides, **node_options)
-        self.parameters = LiveParameters(self, TABLE)
+        self.parameters = LiveParameters(self, IDENTIFIER)
         self._names = (self.parameters["support_channel"], self.parameters["beam_channel"])
         inverse = inverse_of(self.parameters.__getitem__)
         settings, rumble, timeout = _settings(self.parameters.__getitem__)
@@ -95,7 +95,9 @@ class IdentifierNode(Node):
         try:
             estimate, self.last_error = self._identify(block, last_ns), ""
         except IdentificationError as error:
-            self._log_once(str(error))
+            if str(error) != self.last_error:
+                self.get_logger().error(str(error))
+            self.last_error = str(error)
             estimate = Estimate()
         message = Excitation(**_fields(estimate))
         message.header.stamp, message.header.frame_id = time_of(last_ns), block.header.frame_id
@@ -128,21 +130,19 @@ class IdentifierNode(Node):
         before = self._rumble.state
         after = self._rumble.push(block.first_index, block.rate, beam, estimate.frequency)
         if after.rumbling != before.rumbling:
-            self._publish_event(*_rumble_event(after), message)
-
-    def _log_once(self, text: str) -> None:
-        if text != self.last_error:
-            self.get_logger().error(text)
-        self.last_error = text
+            severity, kind, text = Event.INFO, Event.CALM, "the beam's response is regular again"
+            if after.rumbling:
+                severity, kind = Event.WARNING, Event.RUMBLE
+                scatter = f"scatters by {after.scatter:.1%} from period to period"
+                text = f"the beam's amplitude {scatter} at {after.amplitude:.4f} m"
+            self._events.publish(severity, kind, text, after.scatter, message.header.stamp)
 
     def _publish_change(self, estimate: Estimate, message: Excitation) -> None:
         """Publish a change once, when it has become steady again: then its size is known."""
         if estimate.changed and estimate.quality == Quality.STEADY:
             text = f"excitation is now {estimate.amplitude:.5f} m at {estimate.frequency:.3f} Hz"
-            self._publish_event(Event.INFO, Event.EXCITATION_CHANGED, estimate.amplitude, text, message)
-
-    def _publish_event(self, severity: int, kind: str, value: float, text: str, message: Excitation) -> None:
-        self._events.publish(severity, kind, text, value, message.header.stamp)
+            stamp = message.header.stamp
+            self._events.publish(Event.INFO, Event.EXCITATION_CHANGED, text, estimate.amplitude, stamp)
 
     def _statuses(self) -> list[DiagnosticStatus]:
         return [self._progress.status(self, self.last_error)]
@@ -215,14 +215,6 @@ def last_stamp(block: SampleBlock) -> int:
     return last_stamp_ns(nanoseconds_of(block.header.stamp), block.first_index, scans_of(block), block.rate)
 
 
-def _rumble_event(state: RumbleState) -> tuple[int, str, float, str]:
-    """Return severity, kind, value and text of a rumble's beginning or end."""
-    if not state.rumbling:
-        return Event.INFO, Event.CALM, state.scatter, "the beam's response is regular again"
-    text = f"the beam's amplitude scatters by {state.scatter:.1%} from period to period at {state.amplitude:.4f} m"
-    return Event.WARNING, Event.RUMBLE, state.scatter, text
-
-
 #: Fields of an estimate that the message does not have.
 _NOT_IN_MESSAGE = ("time", "growth", "growth_std")
 
@@ -232,10 +224,8 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
     return fields | {"quality": int(estimate.quality), "origin": int(estimate.origin)}
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the identifier as a process of its own; return the exit status."""
-    return run_node(IdentifierNode, args)
-
+#: Runs the identifier as a process of its own; returns the exit status.
+main = partial(run_node, IdentifierNode)
 
 if __name__ == "__main__":
     sys.exit(main())

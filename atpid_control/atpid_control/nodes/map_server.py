@@ -40,7 +40,7 @@ class _MapJob:
     def __init__(self, goal: ComputeMap.Goal, executor: Executor) -> None:
         self.done, self.total = 0, len(goal.amplitudes) * len(goal.mass_fractions)
         self.began = time.monotonic()
-        self._stop = threading.Event()
+        self.stop = threading.Event()  # set: it ends after the present point
         self.result = executor.submit(self._make, goal)
 
     def _make(self, goal: ComputeMap.Goal) -> tuple[bool, str]:
@@ -55,12 +55,8 @@ class _MapJob:
 
     def _on_point(self, done: int, total: int) -> None:
         self.done, self.total = done, total
-        if self._stop.is_set():
+        if self.stop.is_set():
             raise _StoppedError(f"stopped after {done} of {total} points; the same call goes on from there")
-
-    def stop(self) -> None:
-        """Stop it after the present point."""
-        self._stop.set()
 
     def remaining(self) -> float:
         """Return the time to go [s], extrapolated from the points done."""
@@ -71,7 +67,6 @@ class MapServer:
     """Serves the action on a node; one map at a time."""
 
     def __init__(self, node: Node) -> None:
-        """Serve."""
         self._node = node
         # one thread of lower priority than the loop, which the threads it starts inherit
         self._executor = threaded("compute-map")
@@ -92,7 +87,7 @@ class MapServer:
     def close(self) -> None:
         """Stop a map that is being made, and destroy the action; idempotent."""
         if self._job:
-            self._job.stop()
+            self._job.stop.set()
         self._executor.shutdown(cancel_futures=True)
         if self._server in self._node.waitables:
             self._server.destroy()
@@ -102,7 +97,7 @@ class MapServer:
         if job is None or goal is None or ended is None or ended.done():
             return
         if goal.is_cancel_requested:
-            job.stop()
+            job.stop.set()
         goal.publish_feedback(ComputeMap.Feedback(done=job.done, total=job.total, remaining=job.remaining()))
         if job.result.done():
             ended.set_result(None)

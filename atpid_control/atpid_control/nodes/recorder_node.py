@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records the graph's topics to a bag; serialised messages are written without being decoded."""
+"""Records the graph's topics to a bag; serialised messages are written as they are received."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,16 +29,14 @@ from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.bags import BagError, Qos, check_new, new_run
 from atpid_control.bags.session import Session
-from atpid_control.bags.topics import DEFAULT, Topic, parse
+from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bags.writer import CHUNK, COMPRESSIONS
-from atpid_control.nodes.parameter_reader import ParameterReader
-from atpid_control.nodes.wire import DEPTH, class_of, qos_of, subscription_qos
+from atpid_control.nodes.wire import DEPTH, ParameterReader, class_of, qos_of, subscription_qos
 from atpid_sim.scene import load_scene
 
 TURN = 0.05  # between two checks whether the run has ended [s]
 STATUS_PERIOD = 1.0  # [s]
 NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node"]
-
 PARAMETERS = (
     Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
     Row("scene", "", "scene file, kept in the bag verbatim; empty: none"),
@@ -61,7 +60,8 @@ class RecorderNode(Node):
         super().__init__("recorder_node", parameter_overrides=parameter_overrides, **node_options)
         self._values = declare(self, PARAMETERS)
         self._lockstep = bool(self._values["lockstep"])
-        self.topics = [self._resolved(topic) for topic in parse(self._values["topics"], self._lockstep)]
+        chosen = parse(self._values["topics"], self._lockstep)
+        self.topics = [replace(topic, name=self.resolve_topic_name(topic.name)) for topic in chosen]
         files = [Path(name) for name in self._values["files"] if name]
         scene = Path(self._values["scene"]) if self._values["scene"] else None
         clock = "lockstep" if self._lockstep else "real time"
@@ -75,9 +75,6 @@ class RecorderNode(Node):
         self._received = time.monotonic()  # the last message [s]
         self._make_topics()
 
-    def _resolved(self, topic: Topic) -> Topic:
-        return Topic(self.resolve_topic_name(topic.name), topic.type, topic.best_effort, topic.transient_local)
-
     def _make_topics(self) -> None:
         self._status = self.create_publisher(RecorderStatus, "recorder/status", STATUS)
         self._events = EventPublisher(self)
@@ -89,11 +86,12 @@ class RecorderNode(Node):
         self._parameter_reader = ParameterReader(self, nodes, self._keep_parameters)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._own_timers = [
-            self.create_timer(TURN, self._turn, clock=steady),
+            self.create_timer(TURN, partial(self._guarded, self._turn), clock=steady),
             self.create_timer(STATUS_PERIOD, self._each_second, clock=steady),
         ]
-        if self._values["sync_period"] > 0.0:
-            self._own_timers.append(self.create_timer(self._values["sync_period"], self._sync, clock=steady))
+        period, sync = self._values["sync_period"], partial(self._guarded, self._sync)
+        if period > 0.0:
+            self._own_timers.append(self.create_timer(period, sync, clock=steady))
 
     # recording
 
@@ -112,9 +110,12 @@ class RecorderNode(Node):
         if self.error:
             return
         self._received = time.monotonic()
+        # by the middleware, whose thread no writing or syncing holds up
+        simulated = bool(self.get_parameter("use_sim_time").value)
+        received_ns = (0 if simulated else info["received_timestamp"]) or int(self.get_clock().now().nanoseconds)
         try:
             session = self._open()
-            missing = session.receive(topic, data, self._received_ns(info))
+            missing = session.receive(topic, data, received_ns)
         except BagError as error:
             self._fail(error)
             return
@@ -124,19 +125,18 @@ class RecorderNode(Node):
             text = f"{missing} scans missing on {topic}: lost before the recorder"
             self._publish_event(Event.WARNING, Event.DROPPED, text, float(missing))
 
-    def _received_ns(self, info: dict[str, int]) -> int:
-        """Return when a message was received [ns]: by the middleware, whose thread no writing or syncing holds up."""
-        simulated = bool(self.get_parameter("use_sim_time").value)
-        return (0 if simulated else info["received_timestamp"]) or int(self.get_clock().now().nanoseconds)
-
-    def _turn(self) -> None:
+    def _guarded(self, act: Callable[[], None]) -> None:
+        """Call `act` unless the recording has failed; an error of the bag ends it."""
         if self.error:
             return
         try:
-            if self._open().complete:
-                self._finish()
+            act()
         except BagError as error:
             self._fail(error)
+
+    def _turn(self) -> None:
+        if self._open().complete:
+            self._finish()
 
     def _finish(self) -> None:
         """Close the bag; the node stays, so that its status is still published."""
@@ -151,21 +151,12 @@ class RecorderNode(Node):
         self._publish_status()
 
     def _sync(self) -> None:
-        if self.session is None or self.error:
-            return
-        try:
+        if self.session is not None:
             self.session.sync()
-        except BagError as error:
-            self._fail(error)
 
     def _keep_parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        if self.error:
-            return
-        document = {f"/**/{name}": {"ros__parameters": dict(values)}}
-        try:
-            self._open().keep(f"{name}.yaml", yaml.safe_dump(document, sort_keys=False).encode())
-        except BagError as error:
-            self._fail(error)
+        text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False)
+        self._guarded(lambda: self._open().keep(f"{name}.yaml", text.encode()))
 
     def _fail(self, error: BagError) -> None:
         self.error = str(error)
@@ -216,7 +207,7 @@ class RecorderNode(Node):
             "bag": self.bag,
             "messages": sum(session.written.values()) if session else 0,
             "size [bytes]": session.writer.size if session else 0,
-            "waiting for their place [messages]": session.waiting if session else 0,
+            "waiting for their place [messages]": len(session.order) if session else 0,
             "last message [s ago]": f"{time.monotonic() - self._received:.1f}",
             "lost scans": lost,
             "last error": self.error or "none",
@@ -235,10 +226,8 @@ class RecorderNode(Node):
             self.get_logger().error(self.error)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the recorder as a process of its own; return the exit status."""
-    return run_node(RecorderNode, args)
-
+#: Runs the recorder as a process of its own; returns the exit status.
+main = partial(run_node, RecorderNode)
 
 if __name__ == "__main__":
     sys.exit(main())

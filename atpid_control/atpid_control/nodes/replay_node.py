@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from atpid_interfaces.msg import CeilingCommand, Event, Excitation, RecorderStatus
+from atpid_interfaces.msg import CeilingCommand, Event, Excitation
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -36,24 +36,20 @@ TURN = 0.005  # resolution of a paced replay, and of /clock [s]
 TIMEOUT = 5.0  # how long an answer may take before a warning [s]
 #: Stamps of one instant may differ by rounding [ns].
 SAME_INSTANT = 10_000
-
 ANSWERS = {"ceiling/command": CeilingCommand, "excitation": Excitation}
 PARAMETERS = (
     Row("bag", "", "folder of the bag to play"),
     Row("rate", 1.0, "speed against the recording; 0: as fast as the loop answers, block by block", "", 0.0, 1000.0),
     Row(
-        "topics",
-        ["sensors/*"],
+        "topics", ["sensors/*"],
         "topics to play, * for anything; add ceiling/state where the selector needs the height",
     ),
     Row(
-        "answer",
-        "ceiling/command",
-        "whose answer ends a block; excitation where there is no selector",
+        "answer", "ceiling/command", "whose answer ends a block; excitation where there is no selector",
         choices=tuple(ANSWERS),
     ),
     Row("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
-)
+)  # fmt: skip
 
 
 class ReplayNode(Node):
@@ -82,7 +78,13 @@ class ReplayNode(Node):
         self._clock_out = self.create_publisher(ClockMessage, "/clock", 10)
         self._events = EventPublisher(self)
         self.create_subscription(ANSWERS[self._answer], self._answer, self._on_answer, STATES)
-        self._recorder = RecorderWatch(self, self._on_recorder, self._report_recorder, expected=expect_recorder)
+        # a warning, no event: a replay is recorded by its stamps, and two of one bag give the same
+        self._recorder = RecorderWatch(
+            self,
+            lambda status: self._handshake.on_status(status),
+            lambda _severity, _kind, text, _value: self.get_logger().warning(text),
+            expected=expect_recorder,
+        )
         self._leaving = Leaving(
             self,
             lambda: (*self._out.values(), self._events.publisher),
@@ -119,7 +121,7 @@ class ReplayNode(Node):
         seconds = self.playback.seconds
         paced = f"at {self._rate:g} x real time" if self._rate else "as fast as it is answered"
         text = f"replaying {self._bag.name}: {seconds:g} s {paced}"
-        self._publish_event(Event.INFO, Event.STARTED, text, seconds, self.playback.start_ns)
+        self._events.publish(Event.INFO, Event.STARTED, text, seconds, time_of(self.playback.start_ns))
         self._turn_timer.reset()
         if not self._rate:
             self._next_block()
@@ -138,13 +140,6 @@ class ReplayNode(Node):
         return False
 
     # the loop
-
-    def _on_recorder(self, status: RecorderStatus) -> None:
-        self._handshake.on_status(status)
-
-    def _report_recorder(self, _severity: int, _kind: str, text: str, _value: float) -> None:
-        # no event: a replay is recorded by its stamps, and two of one bag give the same
-        self.get_logger().warning(text)
 
     def _on_answer(self, message: Any) -> None:
         if message.handshake:
@@ -180,9 +175,8 @@ class ReplayNode(Node):
                 self._end()
         if self._awaited is not None and now - self._played_at > TIMEOUT:
             self._played_at = now
-            at = (self._awaited - self.playback.start_ns) * 1e-9
-            text = f"no {self._answer} answers the block that ends at {at:.3f} s: check that its nodes are running"
-            self.get_logger().warning(text)
+            at = f"the block that ends at {(self._awaited - self.playback.start_ns) * 1e-9:.3f} s"
+            self.get_logger().warning(f"no {self._answer} answers {at}: check that its nodes are running")
 
     def _play(self, item: Item) -> None:
         self.played += 1
@@ -204,11 +198,8 @@ class ReplayNode(Node):
         seconds = self.playback.seconds
         text = f"{seconds:g} s replayed in {wall:.2f} s ({seconds / wall:.1f} x real time)"
         self._turn_timer.cancel()
-        self._publish_event(Event.INFO, Event.FINISHED, text, seconds, self.playback.last_stamp_ns)
+        self._events.publish(Event.INFO, Event.FINISHED, text, seconds, time_of(self.playback.last_stamp_ns))
         self._leaving.when_recorded(DONE)
-
-    def _publish_event(self, severity: int, kind: str, text: str, value: float, stamp_ns: int) -> None:
-        self._events.publish(severity, kind, text, value, time_of(stamp_ns))
 
     def _statuses(self) -> list[DiagnosticStatus]:
         waiting = self._handshake.waiting_for() if self._handshake.active else ""
@@ -230,10 +221,8 @@ class ReplayNode(Node):
         self._diagnostics.cancel()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Replay as a process of its own; return the exit status."""
-    return run_node(ReplayNode, args)
-
+#: Runs the replay as a process of its own; returns the exit status.
+main = partial(run_node, ReplayNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
-from atpid_control.loop.search_run import Progress, SearchingController, SearchRun
+from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
 
 _BEAM = "beam_displacement"
@@ -51,11 +51,17 @@ class SearchServer:
         run, goal = self._controller.run, self._goal
         if goal is None or self._ended is None or self._ended.done():
             return
-        found = run.progress() if run is not None else None
-        if found is not None and found.iterations != self._reported:
-            self._reported = found.iterations
-            goal.publish_feedback(_feedback(found))
-        if found is None or found.done:
+        if run is not None and run.search.iterations != self._reported:
+            self._reported = run.search.iterations
+            goal.publish_feedback(
+                SearchHeight.Feedback(
+                    iteration=run.search.iterations,
+                    height=run.height,
+                    beam_amplitude=run.amplitude,
+                    best_height=run.search.best_height,
+                )
+            )
+        if run is None or run.done:
             self._ended.set_result(None)
 
     def stop(self, reason: str) -> None:
@@ -101,23 +107,14 @@ class SearchServer:
         self._controller.watch(begin * 1e-9 + len(values) / block.rate, beam)
 
 
-def _feedback(found: Progress) -> Any:
-    return SearchHeight.Feedback(
-        iteration=found.iterations,
-        height=found.height,
-        beam_amplitude=found.amplitude,
-        best_height=found.best_height,
-    )
-
-
 def _result(run: SearchRun) -> Any:
-    found = run.progress()
+    found = run.search
     if found.iterations == 0:
-        return _no_result(found.message)
+        return _no_result(run.message)
     best = f"the best of {found.iterations} heights was {found.best_height:.4f} m"
     return SearchHeight.Result(
         success=run.success,
-        message=found.message if run.success else f"{found.message}; {best}",
+        message=run.message if run.success else f"{run.message}; {best}",
         height=found.best_height,
         beam_amplitude=found.best_amplitude,
         iterations=found.iterations,

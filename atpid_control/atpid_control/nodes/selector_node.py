@@ -6,9 +6,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Sequence
-from concurrent.futures import Executor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,16 +38,15 @@ from atpid_control.loop.search_run import SearchingController
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.nodes.map_server import MapServer
+from atpid_control.nodes.parameter_tables import selector_table
 from atpid_control.nodes.search_server import SearchServer
-from atpid_control.nodes.selector_parameters import table
 from atpid_control.selection import HeightSelector, SelectionError
-from atpid_control.selection.request import Resonance
+from atpid_control.selection.checks import Resonance
 from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.scene import ControlledCeiling
 
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5
-
 ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
 
 
@@ -58,12 +56,14 @@ class SelectorNode(Node):
     def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
         """Read scene and map; raise an AtpidError where they, or parameters, do not fit. `done`: exit status."""
         super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
-        self.parameters = LiveParameters(self, table())
+        self.parameters = LiveParameters(self, selector_table())
         self._scene = scene_given(self)
         self._block, self._lockstep = self._scene.recording.block, bool(self.parameters["lockstep"])
         self._method = self.parameters["method"] or getattr(self._scene.ceiling, "controller", "fixed")
         # selections for the loop and on request run in executors of their own
-        self._loop_executor, self._request_executor = self._executors()
+        self._loop_executor, self._request_executor = (
+            InlineExecutor() if self._lockstep else threaded(name) for name in ("loop-selection", "requested-selection")
+        )
         with announced(COMPILING, self.get_logger().info):
             self._controller = self._make_controller()
         self.done: Future = Future()
@@ -76,11 +76,6 @@ class SelectorNode(Node):
         self._make_topics()
         self._serve()
         self.parameters.follow(self._settings, self._configure, self._events.publish)
-
-    def _executors(self) -> tuple[Executor, Executor]:
-        if self._lockstep:
-            return InlineExecutor(), InlineExecutor()
-        return threaded("loop-selection"), threaded("requested-selection")
 
     def _make_selector(self, method: str) -> HeightSelector:
         given = self.parameters["map"]
@@ -106,10 +101,13 @@ class SelectorNode(Node):
         stale, qos = self._supervision.stale, self._supervision.qos
         stale.watch(ESTIMATES, "the ceiling is not controlled")
         stale.watch(STATE, "whether the ceiling follows its commands is not known")
+        profile = QoSProfile(depth=10 if self._lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
+        if not self._lockstep:
+            profile.deadline = Duration(seconds=max(COMMAND_DEADLINE, MISSING * self._block))
         self._commands = self.create_publisher(
             CeilingCommand,
             COMMANDS,
-            self._command_profile(),
+            profile,
             event_callbacks=qos.publisher(COMMANDS, deadline_counts=lambda: stale.running),
         )
         # before the estimates: a rumble is published before the estimate of the same block
@@ -118,12 +116,6 @@ class SelectorNode(Node):
             Excitation, ESTIMATES, self._on_excitation, STATES, event_callbacks=qos.subscription(ESTIMATES)
         )
         self.create_subscription(CeilingState, STATE, self._on_state, STATES, event_callbacks=qos.subscription(STATE))
-
-    def _command_profile(self) -> QoSProfile:
-        profile = QoSProfile(depth=10 if self._lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
-        if not self._lockstep:
-            profile.deadline = Duration(seconds=max(COMMAND_DEADLINE, MISSING * self._block))
-        return profile
 
     def _serve(self) -> None:
         self._height_services = HeightServices(
@@ -184,18 +176,15 @@ class SelectorNode(Node):
             answer = self._answer
             self._events.publish(answer.severity, answer.kind, answer.text, answer.value, message.header.stamp)
         self._follow_refusal()
-        self._check_duration(message, time.monotonic() - begun)
+        taken = time.monotonic() - begun
+        if not self._lockstep and taken > self._block:  # in lockstep the loop waits for it
+            text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
+            self._events.publish(Event.WARNING, Event.SLOW, text, taken, message.header.stamp)
 
     def _publish(self, answered: Excitation, command: Command) -> None:
         message = CeilingCommand(**vars(command))
         message.header, message.handshake = answered.header, answered.handshake
         self._commands.publish(message)
-
-    def _check_duration(self, answered: Excitation, taken: float) -> None:
-        """Report an answer that held up the loop; not in lockstep, where the loop waits for it."""
-        if not self._lockstep and taken > self._block:
-            text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
-            self._events.publish(Event.WARNING, Event.SLOW, text, taken, answered.header.stamp)
 
     # services
 
@@ -251,10 +240,8 @@ class SelectorNode(Node):
         self._alone_timer.cancel()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the selector as a process of its own; return the exit status."""
-    return run_node(SelectorNode, args)
-
+#: Runs the selector as a process of its own; returns the exit status.
+main = partial(run_node, SelectorNode)
 
 if __name__ == "__main__":
     sys.exit(main())

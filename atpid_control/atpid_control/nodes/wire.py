@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between bags and rclpy: message classes by name, quality of service."""
+"""Between bags and rclpy: message classes by name, quality of service, and the parameters a bag holds."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
 
 from atpid_control.bags import Qos
 from atpid_control.bags.definitions import split_name
@@ -45,3 +51,48 @@ def qos_of(profile: QoSProfile) -> Qos:
         liveliness=profile.liveliness.short_key,
         lease_ns=profile.liveliness_lease_duration.nanoseconds,
     )
+
+
+#: Parameters that rclpy declares for every node.
+_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+Keep = Callable[[str, Mapping[str, Any]], None]
+
+
+class ParameterReader:
+    """Gets the parameters of each node once, as soon as its services are there."""
+
+    def __init__(self, node: Node, names: Sequence[str], keep: Keep) -> None:
+        """Take the nodes' names; `keep` is called with a node's name and its parameters."""
+        self._node, self._keep = node, keep
+        self._open = {name: self._client(ListParameters, name, "list_parameters") for name in names}
+        self._requested: set[str] = set()
+
+    def poll(self) -> None:
+        """Request the parameters of nodes that have appeared since; to be called periodically."""
+        for name, client in self._open.items():
+            if name not in self._requested and client.service_is_ready():
+                self._requested.add(name)
+                client.call_async(ListParameters.Request()).add_done_callback(self._on_names(name))
+
+    def _on_names(self, name: str) -> Callable[[Future], None]:
+        def request_values(answer: Future) -> None:
+            listed = [key for key in answer.result().result.names if not key.startswith(_OF_RCLPY)]
+            client = self._client(GetParameters, name, "get_parameters")
+            request = GetParameters.Request(names=listed)
+            client.call_async(request).add_done_callback(self._on_values(name, listed, client))
+
+        return request_values
+
+    def _on_values(self, name: str, listed: Sequence[str], client: Client) -> Callable[[Future], None]:
+        def keep(answer: Future) -> None:
+            values = map(parameter_value_to_python, answer.result().values)
+            plain = (v if v is None or isinstance(v, bool | int | float | str) else list(v) for v in values)
+            self._keep(name, dict(zip(listed, plain, strict=False)))
+            self._node.destroy_client(client)
+            self._node.destroy_client(self._open.pop(name))
+
+        return keep
+
+    def _client(self, kind: Any, name: str, service: str) -> Client:
+        return self._node.create_client(kind, f"{name}/{service}")

@@ -25,16 +25,11 @@ def thinned(time: Array, value: Array, points: int = _POINTS) -> tuple[list[floa
         width = -(-len(time) // (points // 2))
         starts = np.arange(0, len(time), width)
         blocks = [value[start : start + width] for start in starts]
-        low = starts + [_place(np.argmin, block) for block in blocks]
-        high = starts + [_place(np.argmax, block) for block in blocks]
+        filled = [np.where(np.isfinite(block), block, 0.0) for block in blocks]
+        low, high = (starts + [int(place(block)) for block in filled] for place in (np.argmin, np.argmax))
         chosen = np.unique(np.concatenate([low, high, [len(time) - 1]]))
         time, value = time[chosen], value[chosen]
     return [round(float(t), 5) for t in time], [round(float(v), 7) if np.isfinite(v) else None for v in value]
-
-
-def _place(which: Any, block: Array) -> int:
-    filled = np.where(np.isfinite(block), block, 0.0)
-    return int(which(filled))
 
 
 def overview(view: View) -> Figure:
@@ -53,14 +48,8 @@ def overview(view: View) -> Figure:
         draw(figure, view, f"y{axis}", top)
         top = bottom - _GAP
     last = "y" + (str(len(panels)) if len(panels) > 1 else "")
-    span = [0.0, view.run.duration]
-    figure["layout"]["xaxis"] = {
-        **_axis(),
-        "anchor": last,
-        "range": span,
-        "title": {"text": "time, s"},
-        "minallowed": 0.0,
-    }
+    time = {"range": [0.0, view.run.duration], "title": {"text": "time, s"}, "minallowed": 0.0}
+    figure["layout"]["xaxis"] = {**_axis(), "anchor": last, **time}
     figure["layout"]["shapes"] = [
         {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0, "y1": 1, "layer": "below",
          "line": {"width": 0}, "fillcolor": "@window"}
@@ -192,14 +181,11 @@ def _ceiling(figure: Figure, view: View, axis: str, top: float) -> None:
     if len(height):
         _line(figure, axis, time, height, "moved", "@own", 1.8, "%{y:.4f} m")
         _label(figure, axis, float(height[-1]), "moved", "@own", -8.0 if view.own_name == "adaptive" else 0.0)
-    for number, (begin, end) in enumerate(view.windows if view.printed else []):
-        printed = view.printed[number] if view.printed else None
-        if printed:
-            figure["data"].append(
-                {"type": "scatter", "mode": "markers+text", "x": [0.5 * (begin + end)], "y": [printed.height],
-                 "text": [f"thesis {printed.height_sign}{printed.height:.2g}"], "textposition": "bottom center",
-                 "textfont": {"color": "@accent"}, "yaxis": axis, "name": "thesis", "hoverinfo": "skip",
-                 "marker": {"symbol": "diamond", "size": 9, "color": "@accent",
-                            "line": {"color": "@paper", "width": 1}}}
-            )  # fmt: skip
+    for printed, (begin, end) in zip(view.printed or [], view.windows, strict=False):
+        figure["data"].append(
+            {"type": "scatter", "mode": "markers+text", "x": [0.5 * (begin + end)], "y": [printed.height],
+             "text": [f"thesis {printed.height_sign}{printed.height:.2g}"], "textposition": "bottom center",
+             "textfont": {"color": "@accent"}, "yaxis": axis, "name": "thesis", "hoverinfo": "skip",
+             "marker": {"symbol": "diamond", "size": 9, "color": "@accent", "line": {"color": "@paper", "width": 1}}}
+        )  # fmt: skip
     figure["layout"][f"yaxis{axis[1:]}"]["rangemode"] = "tozero"

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The same beam with the damper closed, simulated: the baseline of a report."""
+"""A recorded run simulated again: with the damper closed, a report's baseline, and as recorded: is it reproducible?"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from atpid_control.report.run import Array, Run
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import Scene
+from atpid_sim.scene import ControlledCeiling, Scene
 from atpid_sim.simulation.integration import is_closed
-from atpid_sim.simulation.simulate import trajectory
+from atpid_sim.simulation.simulate import Result, simulate, trajectory
 
 #: Displacement of the closed damper's beam (n,) [m] at given times (n,) [s].
 Closed = Callable[[Scene, Array], Array]
@@ -43,3 +44,31 @@ def closed_motion(run: Run, closed: Closed | None = None) -> Array | None:
         return (closed or closed_by_simulation)(run.scene, run.motion.time)
     except NumericalFailure:
         return None
+
+
+#: A change of the ceiling's velocity below this is rounding [m a sample].
+_KINK = 1e-9
+
+
+def repeated(run: Run, begin: float, end: float) -> Result | None:
+    """Return the simulation of a recorded run with the window (begin, end) [s]; it repeats itself to judge its result.
+
+    None for a run that was not simulated, one without a scene, and where the simulation fails.
+    """
+    if not run.simulated or run.scene is None:
+        return None
+    changes: dict[str, Any] = {"duration": end, "steady_window": [begin, end]}
+    if isinstance(run.scene.ceiling, ControlledCeiling):
+        times, heights = corners(run.motion.time, np.maximum(run.motion.ceiling, 2.0 * run.scene.grain.radius))
+        changes["ceiling"] = {"profile": [[float(t), float(h)] for t, h in zip(times, heights, strict=True)]}
+    try:
+        return simulate(run.scene.with_(**changes))
+    except NumericalFailure:
+        return None
+
+
+def corners(time: Array, height: Array) -> tuple[Array, Array]:
+    """Return the points (k,) [s, m] between which a sampled height (n,) of piecewise constant velocity is straight."""
+    bends = np.abs(np.diff(height, 2)) > _KINK
+    kept = np.flatnonzero(np.concatenate(([True], bends, [True])))
+    return time[kept], height[kept]

@@ -1,17 +1,59 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the report of a bag: one page and its pictures."""
+"""Makes the report of a bag: a self-contained page, light or dark by the reader's setting, and its pictures."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
+from html import escape
+from importlib.resources import files
 from pathlib import Path
 
+from plotly.offline import get_plotlyjs
+
 from atpid_common.errors import InputError
+from atpid_control.report import charts, sections
 from atpid_control.report.comparison import Closed
-from atpid_control.report.page import page
-from atpid_control.report.picture import save_pictures
+from atpid_control.report.picture import DARK, LIGHT, Palette, save_pictures
+from atpid_control.report.sections import table
 from atpid_control.report.stages import Stage
 from atpid_control.report.view import View, headline, view_of
+
+
+def page(view: View) -> str:
+    """Return the whole page as HTML."""
+    title = escape(headline(view))
+    figures = {"overview": charts.overview(view), "grain": charts.grain(view)}
+    shown = {name: figure for name, figure in figures.items() if figure is not None}
+    colours = f":root{{{_colours(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{_colours(DARK)}}}}}\n"
+    # a closing tag inside the text would end the script element
+    data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    first = (sections.header, sections.tiles, sections.overview, table, sections.grain, sections.energy)
+    parts = [*(make(view) for make in first), sections.events(view.run.events), sections.facts(view)]
+    return "\n".join(
+        [
+            "<!doctype html>",
+            f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<style>{colours}{_data('page.css')}</style></head><body><main>",
+            *(part for part in parts if part),
+            "<footer>Made by <code>python -m atpid_control report</code> from the bag alone. Drag in a chart to zoom, "
+            "double-click to go back.</footer></main>",
+            f'<script type="application/json" id="figures">{data}</script>',
+            f"<script>{get_plotlyjs()}</script>",
+            f"<script>{_data('page.js')}</script>",
+            "</body></html>\n",
+        ]
+    )
+
+
+def _data(name: str) -> str:
+    return files("atpid_control.report").joinpath("data", name).read_text(encoding="utf-8")
+
+
+def _colours(palette: Palette) -> str:
+    return "".join(f"--{name}:{value};" for name, value in asdict(palette).items())
+
 
 PAGE = "report.html"
 #: Marks a folder of the bench (bench/outdir.py).

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,39 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from atpid_control.report.theme import SCHEMES, Palette
 from atpid_control.report.view import View
 from atpid_sim.figure_numbers import metadata_of
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of one scheme: grey for the given excitation and the closed damper, blue for the damper.
+
+    Orange is kept for the thesis's printed figures and for warnings. The contrast of text is at least 4.5 to 1.
+    """
+
+    paper: str
+    ink: str
+    muted: str  # axes, captions
+    grid: str
+    given: str  # the closed damper, the true excitation, the command
+    given_text: str  # the same where it is text
+    own: str  # the damper, the estimate, the ceiling
+    soft: str  # the same, as an area
+    accent: str  # the thesis's figures, warnings
+    window: str  # where a stage is measured
+
+
+LIGHT = Palette(
+    paper="#ffffff", ink="#1a1d21", muted="#5f6770", grid="#e7e9ec", given="#b4bac1", given_text="#6b727a",
+    own="#0f6aa3", soft="#cfe3f0", accent="#b4540a", window="#f2f5f8",
+)  # fmt: skip
+DARK = Palette(
+    paper="#14171b", ink="#e9ebee", muted="#9aa2ab", grid="#2a2f36", given="#5b646e", given_text="#98a1ab",
+    own="#62b2e6", soft="#1d3b50", accent="#eb9b57", window="#1b2026",
+)  # fmt: skip
+SCHEMES = {"light": LIGHT, "dark": DARK}
+
 
 _DPI = 160
 _SIZE = 9.5
@@ -105,11 +136,8 @@ def _beam(axes: Any, view: View, palette: Palette) -> None:
     for stage, (begin, end) in zip(view.stages, view.windows, strict=True):
         if alone or not math.isfinite(stage.efficiency):
             continue
-        middle = 0.5 * (begin + end)
-        axes.text(
-            middle, 1.31 * reach, stage.efficiency_text(), ha="center", va="top", color=palette.own,
-            fontsize=_SIZE + 5.5, fontweight="bold",
-        )  # fmt: skip
+        style = {"ha": "center", "va": "top", "fontsize": _SIZE + 5.5, "fontweight": "bold"}
+        axes.text(0.5 * (begin + end), 1.31 * reach, stage.efficiency_text(), color=palette.own, **style)
 
 
 def beam_title(view: View, alone: bool) -> str:
@@ -180,9 +208,8 @@ def _ceiling(axes: Any, view: View, palette: Palette) -> None:
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)
         if view.own_name == "adaptive" and math.isfinite(stage.height):
-            axes.text(
-                middle, stage.height + 0.06 * top, f"{stage.height:.3f}", ha="center", va="bottom", color=palette.own
-            )
+            text, above = f"{stage.height:.3f}", stage.height + 0.06 * top
+            axes.text(middle, above, text, ha="center", va="bottom", color=palette.own)
         if view.printed:
             printed = view.printed[number]
             axes.plot(middle, printed.height, "D", color=palette.accent, ms=4.5, mec=palette.paper, mew=0.8, zorder=5)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from atpid_sim.simulation.excitation import amplitude_at
 
 Array = NDArray[np.float64]
 STEADY = 1  # Excitation.STEADY
+#: Fields of PlantTruth in the order of `Ledger`.
+_LEDGER = ("input_energy", "ceiling_work", "beam_loss", "contact_loss", "stored_energy", "impacts")
 
 
 @dataclass(frozen=True)
@@ -115,55 +117,50 @@ class Run:
 def read_run(source: Path | Bag) -> Run:
     """Return the run in a bag; raise BagError where it has no block of displacements."""
     bag = source if isinstance(source, Bag) else open_bag(source)
-    laser = _laser(bag)
-    start = laser.start_ns
-    truth = [
-        message for topic in bag.topics_of("PlantTruth") for _, message in bag.messages(topic) if len(message.beam)
-    ]
+    blocks = _laser_blocks(bag)
+    motion, start = _measured_motion(blocks), stamp_of(blocks[0])
+    truth = [message for _, message in bag.of_kind("PlantTruth") if len(message.beam)]
     scene, problem = _scene(bag)
+    time, quality, amplitude, amplitude_std, frequency = _columns(
+        bag, start, "Excitation", "quality", "amplitude", "amplitude_std", "frequency"
+    )
     return Run(
         bag=bag,
         scene=scene,
         scene_problem=problem,
-        motion=_true_motion(truth) if truth else laser.motion,
+        motion=_true_motion(truth) if truth else motion,
         simulated=bool(truth),
-        estimates=_estimates(bag, start),
-        ceiling=_ceiling(bag, start),
-        ledger=_ledger(truth[-1]) if truth else None,
+        estimates=Estimates(time, quality == STEADY, amplitude, amplitude_std, frequency),
+        ceiling=Ceiling(
+            *_columns(bag, start, "CeilingCommand", "height"), *_columns(bag, start, "CeilingState", "height")
+        ),
+        ledger=Ledger(*(getattr(truth[-1], name) for name in _LEDGER)) if truth else None,
         events=_events(bag, start),
-        blocks=laser.blocks,
-        lost=laser.lost,
+        blocks=len(blocks),
+        lost=int(blocks[-1].first_index) + _scans(blocks[-1]) - int(blocks[0].first_index) - sum(map(_scans, blocks)),
     )
 
 
-@dataclass(frozen=True)
-class _Laser:
-    motion: Motion
-    start_ns: int
-    blocks: int
-    lost: int
-
-
-def _laser(bag: Bag) -> _Laser:
+def _laser_blocks(bag: Bag) -> list[Any]:
     for topic in bag.topics_of("SampleBlock"):
         blocks = [message for _, message in bag.messages(topic) if len(message.data)]
         if blocks and "beam_displacement" in blocks[0].channels:
-            return _joined(blocks)
+            return blocks
     raise BagError(f"{bag.path}: no samples of beam_displacement in this bag, so there is nothing to report on")
 
 
-def _joined(blocks: list[Any]) -> _Laser:
-    first = blocks[0]
-    index = np.concatenate([b.first_index + np.arange(len(b.data) // len(b.channels)) for b in blocks])
+def _scans(block: Any) -> int:
+    return len(block.data) // len(block.channels)
+
+
+def _measured_motion(blocks: list[Any]) -> Motion:
+    first, names = blocks[0], list(blocks[0].channels)
+    index = np.concatenate([b.first_index + np.arange(_scans(b)) for b in blocks])
     data = np.concatenate([np.asarray(b.data, dtype=float).reshape(-1, len(b.channels)) for b in blocks])
-    names = list(first.channels)
     nothing = np.full(len(index), np.nan)
     support = data[:, names.index("support_displacement")] if "support_displacement" in names else nothing
     time = (index - first.first_index) / first.rate
-    motion = Motion(time, support, data[:, names.index("beam_displacement")], nothing, nothing)
-    lost = int(index[-1] - index[0] + 1 - len(index))
-    start = stamp_of(first)
-    return _Laser(motion, start, len(blocks), lost)
+    return Motion(time, support, data[:, names.index("beam_displacement")], nothing, nothing)
 
 
 def _true_motion(truth: list[Any]) -> Motion:
@@ -176,46 +173,20 @@ def _true_motion(truth: list[Any]) -> Motion:
     return Motion((index - first.first_index) / first.rate, *series)
 
 
-def _ledger(truth: Any) -> Ledger:
-    return Ledger(
-        truth.input_energy,
-        truth.ceiling_work,
-        truth.beam_loss,
-        truth.contact_loss,
-        truth.stored_energy,
-        int(truth.impacts),
-    )
-
-
-def _estimates(bag: Bag, start: int) -> Estimates:
-    found = [message for topic in bag.topics_of("Excitation") for _, message in bag.messages(topic)]
-    values = np.array(
-        [(_seconds(m, start), m.quality, m.amplitude, m.amplitude_std, m.frequency) for m in found], dtype=float
-    ).reshape(-1, 5)
-    return Estimates(values[:, 0], values[:, 1] == STEADY, values[:, 2], values[:, 3], values[:, 4])
-
-
-def _ceiling(bag: Bag, start: int) -> Ceiling:
-    commands, states = (
-        np.array(
-            [(_seconds(m, start), m.height) for topic in bag.topics_of(kind) for _, m in bag.messages(topic)],
-            dtype=float,
-        ).reshape(-1, 2)
-        for kind in ("CeilingCommand", "CeilingState")
-    )
-    return Ceiling(commands[:, 0], commands[:, 1], states[:, 0], states[:, 1])
+def _columns(bag: Bag, start: int, kind: str, *names: str) -> Array:
+    """Return (1 + len(names), k): the messages' times since the start [s], and these fields of theirs."""
+    rows = [(_seconds(m, start), *(getattr(m, name) for name in names)) for _, m in bag.of_kind(kind)]
+    return np.array(rows, dtype=float).reshape(-1, 1 + len(names)).T
 
 
 def _events(bag: Bag, start: int) -> list[RunEvent]:
     """Return the events; consecutive equal ones are one."""
     events: list[RunEvent] = []
-    for topic in bag.topics_of("Event"):
-        for _, m in bag.messages(topic):
-            new = RunEvent(_seconds(m, start), int(m.severity), m.kind, m.header.frame_id, m.text)
-            if events and (events[-1].kind, events[-1].text) == (new.kind, new.text):
-                last = events.pop()
-                new = RunEvent(last.time, last.severity, last.kind, last.source, last.text, last.count + 1)
-            events.append(new)
+    for _, m in bag.of_kind("Event"):
+        if events and (events[-1].kind, events[-1].text) == (m.kind, m.text):
+            events[-1] = replace(events[-1], count=events[-1].count + 1)
+        else:
+            events.append(RunEvent(_seconds(m, start), int(m.severity), m.kind, m.header.frame_id, m.text))
     return events
 
 

@@ -7,14 +7,12 @@ import math
 from html import escape
 
 from atpid_control.report.run import Ledger, RunEvent
-from atpid_control.report.stages import Stage
-from atpid_control.report.thesis import measured_decrement
-from atpid_control.report.view import View, headline
+from atpid_control.report.stages import Printed, Stage, measured_decrement
+from atpid_control.report.view import View, headline, not_arrived
 
 _OPTIMAL_NOTE = (
-    "At the right height the grain meets floor and ceiling once each in every period, "
-    "each time against the motion of the "
-    "beam. Higher, and impacts lose synchronism; lower, and each impact dissipates less."
+    "At the right height the grain meets floor and ceiling once each in every period, each time against the motion of "
+    "the beam. Higher, and impacts lose synchronism; lower, and each impact dissipates less."
 )
 _SEVERITIES = ("info", "warning", "alarm")
 
@@ -60,14 +58,10 @@ def tiles(view: View) -> str:
     if view.decrements is not None:
         own, closed = view.decrements
         scene = view.run.scene
-        made = (
-            [
-                _decrement(own, "with the grain free", measured_decrement(scene, scene.ceiling.heights[0][1]), ""),
-                _decrement(closed, "with the damper closed", measured_decrement(scene, 0.0), " reference"),
-            ]
-            if scene is not None
-            else []
-        )
+        made = [] if scene is None else [
+            _decrement(own, "with the grain free", measured_decrement(scene, scene.ceiling.heights[0][1]), ""),
+            _decrement(closed, "with the damper closed", measured_decrement(scene, 0.0), " reference"),
+        ]  # fmt: skip
     return f'<div class="tiles">{"".join(made)}</div>' if made else ""
 
 
@@ -132,6 +126,8 @@ def energy(view: View) -> str:
     total = sum(value for _, value, _ in parts) or 1.0
     parts = [part for part in parts if part[1] > 0.0]
     bar = "".join(f'<i style="flex:{value / total:.6f};background:var(--{colour})"></i>' for _, value, colour in parts)
+    mantissa, exponent = f"{ledger.residual:.0e}".split("e")
+    left = f"{mantissa} · 10<sup>{int(exponent)}</sup>".replace("-", "−") if ledger.residual else "the last digit"
     keys = "".join(
         f'<li><i style="background:var(--{colour})"></i>{name} <b>{value:.4g} J</b> '
         f"({100.0 * value / total:.0f} %)</li>"
@@ -140,7 +136,7 @@ def energy(view: View) -> str:
     return (
         f'<h2>Where the energy went</h2><p class="note">{_supplied(ledger)}.'
         f"{'' if view.always_closed else f' The grain had {ledger.impacts} contacts with floor and ceiling.'} "
-        f"The ledger closes to {_power(ledger.residual)} of the energy supplied.</p>"
+        f"The ledger closes to {left} of the energy supplied.</p>"
         f'<div class="bar" role="img" aria-label="Shares of the energy">{bar}</div><ul class="keys">{keys}</ul>'
     )
 
@@ -153,13 +149,6 @@ def _supplied(ledger: Ledger) -> str:
     if ledger.stored < 0.0:
         supplied.append(f"{-ledger.stored:.4g} J were stored at the start")
     return ", ".join(supplied)
-
-
-def _power(value: float) -> str:
-    if value == 0.0:
-        return "the last digit"
-    mantissa, exponent = f"{value:.0e}".split("e")
-    return f"{mantissa} · 10<sup>{int(exponent)}</sup>".replace("-", "−")
 
 
 def events(events: list[RunEvent]) -> str:
@@ -178,12 +167,15 @@ def events(events: list[RunEvent]) -> str:
 def facts(view: View) -> str:
     """Return where the run comes from, what was lost, and which defaults the scene takes."""
     run, result, scene = view.run.bag.run, view.run.bag.result, view.run.scene
+    clock, factor = run.get("clock", "–"), result.get("real_time_factor")
+    if factor and clock == "lockstep":
+        clock = f"{clock}, {float(factor):.1f} times as fast as real time"
     known = {
         "scene": run.get("scene", "–"),
         "seed": str(scene.seed) if scene else "–",
         "run": run.get("run_id", "–"),
         "commit": run.get("commit", "–"),
-        "clock": _clock(run.get("clock", "–"), result.get("real_time_factor")),
+        "clock": clock,
         "lost": f"{view.run.lost} scans of {len(view.run.motion.time)}, in {view.run.blocks} blocks",
         "answers": f"{len(view.run.estimates.time)} estimates, {len(view.run.ceiling.commanded_time)} commands",
         "recording": "whole" if result.get("finished") == "yes" else "ended before the run did",
@@ -203,5 +195,73 @@ def _listed(title: str, lines: list[str]) -> str:
     return f"<p class='note defaults'>{title}</p><ul class='note'>{items}</ul>" if items else ""
 
 
-def _clock(kind: str, factor: str | None) -> str:
-    return f"{kind}, {float(factor):.1f} times as fast as real time" if factor and kind == "lockstep" else kind
+_THESIS_NOTE = (
+    ' Beneath, in <b class="accent">orange</b>, what the thesis prints (section 4.3; read off figures, and sometimes '
+    "with the static deflection in it); in grey, the best that a search over all heights finds with this model."
+)
+_COLUMNS = (
+    "stage", "support amplitude", "identified", "error", "frequency", "ceiling height", "beam, closed", "beam",
+    "efficiency",
+)  # fmt: skip
+
+
+def table(view: View) -> str:
+    """Return the stages' figures with the thesis's beneath."""
+    if not view.stages:
+        return ""
+    rows = [_row(stage, view.printed[n] if view.printed else None) for n, stage in enumerate(view.stages)]
+    thesis = _THESIS_NOTE if view.printed else ""
+    head = "".join(f"<th>{name}</th>" for name in _COLUMNS)
+    notes = [f"* {escape(text)}." for text in not_arrived(view)]
+    notes += ["Where the motion is irregular, efficiency is given as the range of repeated simulations."] * any(
+        stage.amplitude_spread for stage in view.stages
+    )
+    below = "".join(f'<p class="note">{text}</p>' for text in notes)
+    return (
+        "<h2>Stage by stage</h2>"
+        f'<p class="note">Amplitudes are half peak-to-peak, in the shaded windows.{thesis}</p>'
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>{below}'
+    )
+
+
+def _row(stage: Stage, printed: Printed | None) -> str:
+    error = 100.0 * (stage.identified_amplitude / stage.excitation_amplitude - 1.0)
+    thesis = best = {"height": "", "closed": "", "beam": "", "efficiency": ""}
+    if printed is not None:
+        thesis = {
+            "height": f"{escape(printed.height_sign)}{printed.height:.2f} m",
+            "closed": f"{printed.closed:.2f} m",
+            "beam": f"{printed.amplitude:.2f} m",
+            "efficiency": f"{100.0 * printed.efficiency:.0f} %",
+        }
+        best = {"height": f"{printed.best_height:.2f} m", "efficiency": f"{100.0 * printed.best_efficiency:.0f} %"}
+    efficiency = stage.efficiency_text() if stage.amplitude_spread else number(100.0 * stage.efficiency, ".1f", "%")
+    cells = [
+        (f"{stage.t0:.4g} to {stage.t1:.4g} s", "", ""),
+        (number(1e3 * stage.excitation_amplitude, ".4g", "mm"), "", ""),
+        (number(1e3 * stage.identified_amplitude, ".3f", "mm"), "", ""),
+        (number(error, "+.3f", "%"), "", ""),
+        (number(stage.identified_frequency, ".3f", "Hz"), "", ""),
+        (number(stage.height, ".3f", "m") + ("" if stage.arrived else " *"), thesis["height"], best["height"]),
+        (number(stage.undamped_amplitude, ".3f", "m"), thesis["closed"], ""),
+        (number(stage.amplitude, ".3f", "m"), thesis["beam"], ""),
+        (f"<b class='own'>{efficiency}</b>", thesis["efficiency"], best["efficiency"]),
+    ]
+    return "<tr>" + "".join(_cell(name, *cell) for name, cell in zip(_COLUMNS, cells, strict=True)) + "</tr>"
+
+
+def _cell(name: str, text: str, thesis: str, best: str) -> str:
+    """Return a cell; a narrow page shows its column's name beside it in place of the head."""
+    beneath = f'<span class="thesis">{thesis}</span>' if thesis else ""
+    beneath += f'<span class="best">{best}</span>' if best else ""
+    return f'<td data-name="{name}"><div>{text}{beneath}</div></td>'
+
+
+def number(value: float, form: str, unit: str) -> str:
+    """Return a value in the page's form: a true minus sign, no sign on zero, a dash for NaN."""
+    if not math.isfinite(value):
+        return "–"
+    text = f"{value:{form}}"
+    if float(text) == 0.0:  # rounded to zero, it has no sign
+        text = text.lstrip("+-")
+    return f"{text} {unit}".replace("-", "−")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stages of a run, intervals of constant excitation, and what was measured at the end of each."""
+"""The stages of a run, intervals of constant excitation: what was measured at the ends, and what the thesis prints."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.bags.read import Bag
-from atpid_control.report.comparison import Closed, closed_motion
-from atpid_control.report.repetition import repeated
+from atpid_control.report.comparison import Closed, closed_motion, repeated
 from atpid_control.report.run import Array, Run, read_run
-from atpid_sim.scene import Scene
+from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation.excitation import amplitude_points
 
 #: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
 _ARRIVED = 5e-3
-
 #: Length of the window at the end of a stage in which everything is measured [s].
 WINDOW = 2.0
 
@@ -120,6 +118,8 @@ def _measure(run: Run, closed: Array | None, t0: float, t1: float) -> Stage:
     estimated = _within(run.estimates.time, begin, end) & run.estimates.steady
     given = run.true_amplitude()
     again = repeated(run, begin, end)
+    spread = again.spread if again else None
+    repetitions = [value for value in (*(spread or ()), amplitude) if math.isfinite(value)]
     return Stage(
         t0=t0,
         t1=t1,
@@ -132,14 +132,8 @@ def _measure(run: Run, closed: Array | None, t0: float, t1: float) -> Stage:
         efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
         commanded_height=_commanded(run, end),
         reproducible=again.reproducible if again else None,
-        amplitude_spread=_spread(again.spread, amplitude) if again and again.spread else None,
+        amplitude_spread=(min(repetitions), max(repetitions)) if spread else None,
     )
-
-
-def _spread(repeated: tuple[float, float, float], amplitude: float) -> tuple[float, float]:
-    """Return least and largest amplitude [m] of the recorded run and its repetitions."""
-    found = [value for value in (*repeated, amplitude) if math.isfinite(value)]
-    return min(found), max(found)
 
 
 def _commanded(run: Run, end: float) -> float:
@@ -170,3 +164,65 @@ def half_range(values: Array) -> float:
 def _mean(values: Array) -> float:
     seen = values[np.isfinite(values)]
     return float(seen.mean()) if len(seen) else math.nan
+
+
+@dataclass(frozen=True)
+class Printed:
+    """One stage as printed."""
+
+    excitation: float  # [m]; the first is printed as 0.15, a slip (DESIGN: the 0.3 m of Fig. 4.5 belong to 0.015)
+    height: float  # [m]
+    amplitude: float  # of the beam, adaptive [m]
+    closed: float  # of the beam, closed damper [m]
+    best_height: float  # what a search over all heights finds with this model [m]
+    best_efficiency: float  # there [-]
+    height_sign: str = ""  # "above", where the thesis prints it
+
+    @property
+    def efficiency(self) -> float:
+        """1 - amplitude / closed [-]."""
+        return 1.0 - self.amplitude / self.closed
+
+
+SECTION_4_3 = (
+    Printed(0.015, 0.30, 0.07, 0.30, 0.29, 0.80),
+    Printed(0.040, 0.70, 0.17, 0.85, 0.76, 0.81, "> "),
+    Printed(0.030, 0.57, 0.13, 0.65, 0.57, 0.81),
+)
+MASS_FRACTION, STIFFNESS = 0.1, 427.6
+
+
+def beside(run: Run, stages: list[Stage]) -> list[Printed] | None:
+    """Return the thesis's stages where `run` is its adaptive bench, else None."""
+    scene = run.scene
+    if scene is None or scene.ceiling.kind != "controlled" or len(stages) != len(SECTION_4_3):
+        return None
+    same_system = np.isclose([scene.grain.mass_fraction, scene.beam.stiffness], [MASS_FRACTION, STIFFNESS]).all()
+    given = [stage.excitation_amplitude for stage in stages]
+    same_stages = np.allclose(given, [printed.excitation for printed in SECTION_4_3], rtol=1e-6)
+    return list(SECTION_4_3) if same_system and same_stages else None
+
+
+#: Largest ratio of successive peaks measured on the stand (section 2.3.1), by mass fraction and height [m].
+MEASURED_DECREMENTS = {
+    (0.025, 0.05): 1.345, (0.025, 0.10): 1.38, (0.025, 0.15): 1.40, (0.025, 0.20): 1.42,
+    (0.05, 0.20): 1.52, (0.1, 0.20): 1.8, (0.2, 0.20): 2.5,
+}  # fmt: skip
+MEASURED_CLOSED = 1.31
+MEASURED_STIFFNESS, MEASURED_DEFLECTION = 117.6, 0.2
+
+
+def measured_decrement(scene: Scene, height: float) -> float | None:
+    """Return what the stand showed for a free decay like the scene's with the ceiling at `height` [m], 0 for closed.
+
+    None where that was not measured.
+    """
+    if not isinstance(scene.excitation, FreeExcitation):
+        return None
+    given = (scene.beam.stiffness, scene.excitation.free.deflection)
+    if not np.allclose(given, (MEASURED_STIFFNESS, MEASURED_DEFLECTION)):
+        return None
+    if height <= 2.0 * scene.grain.radius:
+        return MEASURED_CLOSED
+    here = (scene.grain.mass_fraction, height)
+    return next((value for measured, value in MEASURED_DECREMENTS.items() if np.allclose(measured, here)), None)

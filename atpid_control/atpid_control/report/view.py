@@ -12,8 +12,7 @@ import numpy as np
 from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_height, closed_motion
 from atpid_control.report.run import Array, Run, read_run
-from atpid_control.report.stages import Stage, measure, window_of
-from atpid_control.report.thesis import Printed, beside
+from atpid_control.report.stages import Printed, Stage, beside, measure, window_of
 from atpid_sim.scene import ControlledCeiling
 from atpid_sim.simulation.decay import largest_decrement
 
@@ -106,11 +105,8 @@ def headline(view: View) -> str:
     if view.always_closed:
         return "The closed damper: the beam as it is without an impact damper."
     if view.decrements is not None:
-        own, closed = view.decrements
-        return (
-            f"After the release successive peaks fall by a factor of up to {own:.2f}; with the damper closed by "
-            f"{closed:.2f}."
-        )
+        fall = "After the release successive peaks fall by a factor of up to {:.2f}; with the damper closed by {:.2f}."
+        return fall.format(*view.decrements)
     known = [stage for stage in view.stages if math.isfinite(stage.efficiency)]
     if not known:
         return "The recorded run."

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a computing selector's input, and its simulation for a frequency."""
+"""Checks of a selector's input and of a request for a height, and the simulation for a frequency."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+from atpid_control.identification import Estimate
 from atpid_control.selection.protocol import SelectionError
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import HarmonicExcitation, Scene, SceneError
@@ -35,3 +37,52 @@ def response_at(damper: DamperResponse, scene: Scene, frequency: float, rtol: fl
         return DamperResponse(scene.with_(frequency=frequency), rtol)
     except SceneError as error:
         raise SelectionError(str(error)) from None
+
+
+#: Most standard deviations of a margin [-].
+MOST_MARGIN = 100.0
+
+
+@dataclass(frozen=True)
+class Request:
+    """An excitation, and the margin the height must have."""
+
+    amplitude: float  # [m]; 0: that of the latest steady estimate, with its error bar and frequency
+    amplitude_std: float = 0.0  # [m]
+    frequency: float = 0.0  # [Hz]; 0: resonance of the closed damper
+    margin: float = 0.0  # standard deviations [-]
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """The frequency heights are valid for."""
+
+    frequency: float  # of the closed damper [Hz]
+    tolerance: float  # relative [-]
+
+
+def resolved(request: Request, latest: Estimate | None, resonance: Resonance) -> Request:
+    """Return the request with amplitude and frequency filled in.
+
+    latest: the latest steady estimate of the excitation; None: there is none yet. Raises SelectionError, which states
+    what was given and what is allowed.
+    """
+    _check("amplitude", request.amplitude, " m", "above 0 m, or 0 for the latest steady estimate")
+    _check("amplitude_std", request.amplitude_std, " m", "0 m or above")
+    _check("margin", request.margin, "", f"0 to {MOST_MARGIN:g} standard deviations", MOST_MARGIN)
+    around = f"{resonance.frequency:.4g} Hz within {100.0 * resonance.tolerance:g} %, or 0 for that resonance"
+    _check("frequency", request.frequency, " Hz", around)
+    if request.amplitude == 0.0:
+        if latest is None:
+            raise SelectionError("amplitude: given 0 and no steady estimate yet; allowed: above 0 m")
+        request = Request(latest.amplitude, latest.amplitude_std, latest.frequency, request.margin)
+    frequency = request.frequency or resonance.frequency
+    if abs(frequency / resonance.frequency - 1.0) > resonance.tolerance:
+        raise SelectionError(f"frequency: given {frequency:g} Hz; allowed: {around}")
+    return Request(request.amplitude, request.amplitude_std, frequency, request.margin)
+
+
+def _check(name: str, given: float, unit: str, allowed: str, most: float = math.inf) -> None:
+    """Raise SelectionError unless `given` is finite and from 0 to `most`."""
+    if not (math.isfinite(given) and 0.0 <= given <= most):
+        raise SelectionError(f"{name}: given {given:g}{unit}; allowed: {allowed}")

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Complex Model of the PCA (thesis section 4.4): the soft-contact simulation, continued from height to height."""
+"""Complex Model of the PCA (thesis section 4.4): the soft-contact simulation, continued from height to height.
+
+The criteria of optimal grain motion (equations 4.1 to 4.5) are judged on its impacts and trajectory.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.selection.criteria import Verdict, judge
 from atpid_control.selection.predictive import Impact, response_lag
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
@@ -19,13 +21,76 @@ from atpid_sim.simulation.integration import impact_log, sample_series
 
 Array = NDArray[np.float64]
 
+#: gamma of equation 4.5: a contact shorter than gamma/2 periods is no sticking.
+GAMMA = 0.1
+#: Equation 4.4 asks for impacts at the beam's top speed "or when its velocity decreases"; this share of it counts.
+_NEAR_TOP = 0.5
+#: Impacts closer together than this share of a period belong to one meeting.
+_ONE_MEETING = 0.05
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Which criteria of optimal grain motion hold."""
+
+    floor_opposed: bool  # 4.1: on the floor the beam goes up and the grain comes down
+    ceiling_opposed: bool  # 4.2: on the ceiling the reverse
+    every_period: bool  # 4.3: both walls are struck in every period
+    near_top_speed: bool  # 4.4: the beam is near its top speed at the impacts
+    no_sticking: bool  # 4.5: contacts are short
+
+    @property
+    def hold(self) -> bool:
+        """Whether all criteria hold."""
+        return not self.broken
+
+    @property
+    def broken(self) -> tuple[str, ...]:
+        """Equation numbers of the criteria that do not hold."""
+        names = ("4.1", "4.2", "4.3", "4.4", "4.5")
+        values = (
+            self.floor_opposed, self.ceiling_opposed, self.every_period, self.near_top_speed, self.no_sticking,
+        )  # fmt: skip
+        return tuple(name for name, value in zip(names, values, strict=True) if not value)
+
+
+def judge(impacts: Array, times: Array, velocities: Array, longest: float, period: float) -> Verdict:
+    """Judge a window.
+
+    impacts: (k, 3) time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]; times, velocities: (n,) of the beam [s],
+    [m/s]; longest: longest contact [s]; period: of the excitation [s].
+    """
+    inside = impacts[(impacts[:, 0] >= times[0]) & (impacts[:, 0] <= times[-1])]
+    floor, ceiling = (_meetings(inside[inside[:, 1] == wall], period) for wall in (1.0, -1.0))
+    if not len(floor) or not len(ceiling):
+        return Verdict(False, False, False, False, longest < 0.5 * GAMMA * period)
+    beam_floor, beam_ceiling = (np.interp(wall[:, 0], times, velocities) for wall in (floor, ceiling))
+    top = float(np.max(np.abs(velocities)))
+    gaps = (np.diff(np.concatenate([[times[0]], wall[:, 0], [times[-1]]])) for wall in (floor, ceiling))
+    near = np.concatenate([beam_floor, -beam_ceiling]) >= _NEAR_TOP * top
+    return Verdict(
+        floor_opposed=bool(np.all((beam_floor > 0.0) & (beam_floor - floor[:, 2] < 0.0))),
+        ceiling_opposed=bool(np.all((beam_ceiling < 0.0) & (beam_ceiling + ceiling[:, 2] > 0.0))),
+        every_period=bool(max(map(np.max, gaps)) < 1.5 * period),
+        near_top_speed=bool(np.all(near)),
+        no_sticking=longest < 0.5 * GAMMA * period,
+    )
+
+
+def _meetings(impacts: Array, period: float) -> Array:
+    """Return the first impact of each meeting with one wall: the small bounces after it are part of it."""
+    if not len(impacts):
+        return impacts
+    apart = np.diff(impacts[:, 0]) > _ONE_MEETING * period
+    first: Array = impacts[np.concatenate([[True], apart])]
+    return first
+
+
 #: Samples a period from which velocities at impacts are read.
 _SAMPLES = 128
 _LOG = 4000
-
 #: The grain starts this far above the floor, so that the impact begins in flight [m].
 _JUST_ABOVE = 1e-9
-
 #: How long an impact may last, in periods, and how finely its end is looked for.
 _LONGEST_IMPACT, _SAMPLES_OF_IMPACT = 0.6, 600
 
@@ -72,7 +137,9 @@ class ComplexModel:
             return None
         self._advance(self._state, throw)
         self._leave_floor()
-        return self._impact()
+        now, s = self._state, self._damper.system
+        equilibrium = s.beam_mass * s.gravity / s.stiffness
+        return Impact(now.beam + equilibrium, now.beam_velocity, now.grain_velocity)
 
     def observe(self, height: float, settle: float, window: float) -> Observed:
         """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods."""
@@ -107,11 +174,6 @@ class ComplexModel:
         apart = apart[apart > 0]
         last = int(apart[0]) if len(apart) else _SAMPLES_OF_IMPACT
         self._advance(self._state, self.time + last * length / _SAMPLES_OF_IMPACT)
-
-    def _impact(self) -> Impact:
-        state, s = self._state, self._damper.system
-        equilibrium = s.beam_mass * s.gravity / s.stiffness
-        return Impact(state.beam + equilibrium, state.beam_velocity, state.grain_velocity)
 
 
 def _throw(impacts: Array, since: float) -> float | None:

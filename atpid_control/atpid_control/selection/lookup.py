@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Look-up of the best height in a map computed before (thesis section 4.2, first kind of control)."""
+"""Heights not computed here: of a map made before (thesis section 4.2, first kind of control), or the scene's own."""
 
 from __future__ import annotations
 
@@ -9,6 +9,24 @@ import time
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_sim.maps import HeightMap, MapError
 from atpid_sim.scene import Scene
+
+
+class FixedSelector:
+    """Always the height the scene gives: for scenes whose ceiling no controller moves."""
+
+    method, simulates = "fixed", False
+
+    def __init__(self, height: float) -> None:
+        """Take the height [m]."""
+        self._height = height
+
+    def select(
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:  # fmt: skip
+        """Return the height; see `HeightSelector.select`."""
+        del amplitude, amplitude_std, frequency, margin, height
+        return Selection(self._height, math.nan, math.nan, self.method)
 
 
 class LookupSelector:
@@ -23,14 +41,9 @@ class LookupSelector:
         self._mass_fraction = scene.grain.mass_fraction
 
     def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         """Return the height of the map; see `HeightSelector.select`."""
         del frequency, height  # a map holds for one frequency and any ceiling before; the hold guards the frequency
         begun = time.perf_counter()

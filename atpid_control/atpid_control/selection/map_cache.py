@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,7 +25,6 @@ from atpid_sim.scene.ceiling import CONTROLLERS
 #: Amplitudes a map made here covers at least [m]; every scene of the thesis lies inside.
 _USUAL = (0.002, 0.08)
 _POINTS = 41
-
 #: How closely the largest amplitude that can be simulated is looked for, as a factor.
 _CLOSE = 1.1
 
@@ -46,7 +44,10 @@ def map_for(scene: Scene, cache: Path | None = None) -> Path | None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map
     folder = cache or user_cache()
-    return next((path for path in _known(folder) if _fits(path, scene)), None) or _make(scene, folder)
+    known = sorted(folder.glob("*.npz"))
+    with suppress(InputError):  # used without a workspace
+        known = sorted((share_folder("atpid_control") / "config" / "maps").glob("*.npz")) + known
+    return next((path for path in known if _fits(path, scene)), None) or _make(scene, folder)
 
 
 def user_cache() -> Path:
@@ -62,12 +63,6 @@ def amplitudes_of(scene: Scene) -> tuple[float, float]:
     values = [given] if isinstance(given, float) else [amplitude for _, amplitude in given]
     positive = [value for value in values if value > 0.0]
     return (min(positive), max(positive)) if positive else _USUAL
-
-
-def _known(cache: Path) -> Iterator[Path]:
-    with suppress(InputError):  # used without a workspace
-        yield from sorted((share_folder("atpid_control") / "config" / "maps").glob("*.npz"))
-    yield from sorted(cache.glob("*.npz"))
 
 
 def _fits(path: Path, scene: Scene) -> bool:
@@ -95,16 +90,15 @@ def _make(scene: Scene, folder: Path) -> Path:
         reached = _largest_computable(scene, 1.25 * high, last)
     if reached < last:
         print(f"amplitudes above {reached:.4g} m cannot be simulated: the map ends there", file=sys.stderr)
+    # evenly spaced unless the smallest would lie within the first step
+    spaced = np.linspace if reached <= _POINTS * first else np.geomspace
+    amplitudes = [float(a) for a in spaced(first, reached, _POINTS)]
     with counting("height map", _POINTS) as count:
-        made = build_map(
-            scene, _grid(first, reached), [scene.grain.mass_fraction], path, lambda done, _: count(done)
-        )  # fmt: skip
+        made = build_map(scene, amplitudes, [scene.grain.mass_fraction], path, lambda done, _: count(done))
     if made.failures:
-        first_lost = made.failures[0]
-        print(
-            f"{len(made.failures)} of its {_POINTS} points could not be computed; the first, {first_lost.amplitude:g} "
-            f"m: {first_lost.reason}", file=sys.stderr,
-        )  # fmt: skip
+        first_lost = f"the first, {made.failures[0].amplitude:g} m: {made.failures[0].reason}"
+        lost = f"{len(made.failures)} of its {_POINTS} points"
+        print(f"{lost} could not be computed; {first_lost}", file=sys.stderr)
     return path
 
 
@@ -126,12 +120,6 @@ def _computable(damper: DamperResponse, amplitude: float) -> bool:
     except NumericalFailure:
         return False
     return True
-
-
-def _grid(first: float, last: float) -> list[float]:
-    """Return the map's amplitudes [m]: evenly spaced unless the smallest would lie within the first step."""
-    even = last <= _POINTS * first
-    return [float(a) for a in (np.linspace if even else np.geomspace)(first, last, _POINTS)]
 
 
 def _is_map_of(path: Path, scene: Scene) -> bool:

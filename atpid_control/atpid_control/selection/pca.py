@@ -5,25 +5,58 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 
 from atpid_control.selection.checks import check_excitation, response_at
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import simplified
 from atpid_control.selection.protocol import Selection, SelectionError, Stage
-from atpid_control.selection.tuning import tune
 from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
+#: First step, as a share of the height, and how much smaller each change of direction makes it.
+_SHARE, _DIVISOR = 0.10, 1.5
+#: The search ends when successive heights change the amplitude by less than this share.
+_DONE = 0.01
+#: And no later than this many heights, or turns (the step is then half a percent): the thesis needed 16 heights.
+_MOST, _TURNS = 24, 12
+
+Probe = Callable[[float], float]
+
+
+def tune(probe: Probe, height: float, amplitude: float, lowest: float, highest: float) -> tuple[float, float]:
+    """Return the best height [m] and its amplitude [m], from a height whose amplitude [m] is known (Fig. 4.33).
+
+    probe: height [m] to amplitude [m]. Down by a tenth until the amplitude grows, then up by a tenth / 1.5 until it
+    grows, then by a tenth / (1.5 n), n one more at each turn, until successive heights differ by less than 1 % and
+    neither is worse than the best by more.
+    """
+    best = last = (amplitude, height)
+    direction, turns = -1.0, 0
+    for _ in range(_MOST):
+        share = _SHARE / (_DIVISOR * turns) if turns else _SHARE
+        here = min(max(last[1] * (1.0 + direction * share), lowest), highest)
+        if here == last[1]:
+            direction, turns = -direction, turns + 1
+            continue
+        value = probe(here)
+        best = min(best, (value, here))
+        small = abs(value - last[0]) < _DONE * last[0] and value <= (1.0 + _DONE) * best[0]
+        if turns > _TURNS or (turns >= 2 and small):
+            break
+        if value > last[0]:
+            direction, turns = -direction, turns + 1
+        last = (value, here)
+    return best[1], best[0]
+
+
 #: Iterations of Complex and Predictive Model before the last height is tuned whether the criteria hold or not.
 _ITERATIONS = 6
-
 #: Periods the grain gets to come back to the floor.
 _RETURN = 4.0
-
 #: Heights below this share of the ballistic clearance are nearly closed: guesses are limited to it.
 _LEAST_SHARE = 0.1
-
 #: Tolerance of the runs: 1 % of an amplitude is resolved.
 _RTOL = 1e-4
 
@@ -43,14 +76,9 @@ class PcaSelector:
         self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
     def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         """Return the height for an excitation; see `HeightSelector.select`."""
         del height  # the algorithm begins with the closed damper, wherever the ceiling is
         check_excitation(amplitude, amplitude_std, frequency, margin)

@@ -7,6 +7,7 @@ A scene names the built-in ones (atpid_sim/scene/ceiling.py) or a plug-in; `fixe
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
@@ -31,34 +32,26 @@ def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
 
 
 def _fixed(scene: Scene, _height_map: Path | None) -> HeightSelector:
-    from atpid_control.selection.fixed import FixedSelector
+    from atpid_control.selection.lookup import FixedSelector
 
     return FixedSelector(scene.ceiling.heights[-1][1])
 
 
-def _pca(scene: Scene, _height_map: Path | None) -> HeightSelector:
-    from atpid_control.selection.pca import PcaSelector
+def _computing(module: str, name: str) -> Factory:
+    """Return the factory of a class that takes the scene alone; its module, with the simulation, is loaded at need."""
 
-    return PcaSelector(scene)
+    def make(scene: Scene, _height_map: Path | None) -> HeightSelector:
+        selector: HeightSelector = getattr(import_module(f"atpid_control.selection.{module}"), name)(scene)
+        return selector
 
-
-def _direct(scene: Scene, _height_map: Path | None) -> HeightSelector:
-    from atpid_control.selection.direct import DirectSelector
-
-    return DirectSelector(scene)
-
-
-def _search(scene: Scene, _height_map: Path | None) -> HeightSelector:
-    from atpid_control.selection.search import SearchSelector
-
-    return SearchSelector(scene)
+    return make
 
 
 METHODS: dict[str, Factory] = {
     "lookup": _lookup,
-    "pca": _pca,
-    "direct": _direct,
-    "search": _search,
+    "pca": _computing("pca", "PcaSelector"),
+    "direct": _computing("direct", "DirectSelector"),
+    "search": _computing("search", "SearchSelector"),
     "fixed": _fixed,
 }
 
@@ -72,10 +65,8 @@ def plug_ins() -> dict[str, EntryPoint]:
     for point in sorted(set(entry_points(group=SELECTORS)), key=lambda point: (point.name, point.value)):
         if point.name in METHODS or point.name in found:
             other = f"by {found[point.name].value}" if point.name in found else "by a built-in method"
-            raise SelectionError(
-                f"selector {point.name}: {point.value} has a name that is taken {other}; rename its entry point in "
-                f"the group {SELECTORS}"
-            )
+            taken = f"selector {point.name}: {point.value} has a name that is taken {other}"
+            raise SelectionError(f"{taken}; rename its entry point in the group {SELECTORS}")
         found[point.name] = point
     return found
 

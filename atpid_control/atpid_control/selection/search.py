@@ -38,9 +38,8 @@ class Plan:
         if not (self.dwell > 0.0 and math.isfinite(self.dwell)):
             raise SearchError(f"dwell: given {self.dwell:g} s; allowed is a time above 0")
         if not 0.0 < self.lowest < self.highest < math.inf:
-            raise SearchError(
-                f"limits: given {self.lowest:g} to {self.highest:g} m; allowed are two rising heights above 0"
-            )
+            limits = f"{self.lowest:g} to {self.highest:g} m"
+            raise SearchError(f"limits: given {limits}; allowed are two rising heights above 0")
 
 
 class StepSearch:
@@ -70,10 +69,8 @@ class StepSearch:
 
 #: Where no plan is given: steps of a twentieth of the ballistic clearance, and the thesis's 3 s of watching at rest.
 _STEPS, _DWELL, _WATCHED = 20, 3.0, 1.0
-
 #: Rate at which the plant is watched [Hz], and the block it is advanced by [s].
 _RATE = 1000.0
-
 #: Speed of the ceiling where the scene gives none: a step in the thesis's opening time of 1 s.
 _TRAVEL = 1.0
 
@@ -91,14 +88,9 @@ class SearchSelector:
         self._speed = getattr(scene.ceiling, "speed", None)
 
     def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
-    ) -> Selection:
+    ) -> Selection:  # fmt: skip
         """Return the height the search ends at, begun with the closed damper; see `HeightSelector.select`."""
         del height  # it begins with the closed damper, as the thesis does
         check_excitation(amplitude, amplitude_std, frequency, margin)
@@ -119,17 +111,9 @@ class SearchSelector:
             raise SelectionError(f"search: {error}") from error
         stages.append(Stage("result", search.target, seen, f"{plant.time:.0f} s on the plant"))
         efficiency = 1.0 - seen / self._damper.closed_amplitude(amplitude)
-        wall = time.perf_counter() - begun
-        return Selection(
-            search.target,
-            seen,
-            efficiency,
-            self.method,
-            search.iterations,
-            wall,
-            math.nan if margin else 0.0,
-            tuple(stages),
-        )
+        wall, price = time.perf_counter() - begun, math.nan if margin else 0.0
+        found = (search.target, seen, efficiency, self.method)
+        return Selection(*found, search.iterations, wall, price, tuple(stages))
 
     def _scaled(self, amplitude: float) -> Plan:
         step = self._damper.ballistic_clearance(amplitude) / _STEPS

@@ -64,15 +64,13 @@ def draw_bound() -> Figure:
         periods, errors = data.errors_over_window(decibels)
         for name, (colour, dash, width) in styles.items():
             ax.loglog(periods, 100.0 * errors[name], color=colour, ls=dash, lw=width, label=name)
-        ax.set_title(f"{decibels:.0f} dB")
-        ax.set_xlabel("length of the window [periods]")
+        ax.set(title=f"{decibels:.0f} dB", xlabel="length of the window [periods]")
         ax.set_xticks([1, 2, 3, 4], labels=["1", "2", "3", "4"])
         ax.minorticks_off()
     axes[0].set_ylabel("rms error of the amplitude [%]")
     axes[0].set_yticks([0.01, 0.1, 1, 10], labels=["0.01", "0.1", "1", "10"])
-    figure.legend(
-        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8.5, columnspacing=1.2
-    )
+    entries = axes[0].get_legend_handles_labels()
+    figure.legend(*entries, loc="outside lower center", ncols=5, fontsize=8.5, columnspacing=1.2)
     return figure
 
 
@@ -82,18 +80,15 @@ def draw_ramps() -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=[1.5, 1.0])
     truth, found = data.thesis_ramps()
     _draw_estimates(left, truth, found)
-    left.set_title("Thesis §4.3 excitation, 40 dB")
-    left.set_ylim(0.0, 0.045)
+    left.set(title="Thesis §4.3 excitation, 40 dB", ylim=(0.0, 0.045))
     truth, found = data.one_step()
     _draw_estimates(right, truth, found)
     for periods in (1, 2):
-        right.axvline(data.STEP_AT + periods / data.FREQUENCY, color=GREY, lw=0.8, ls=":")
-        right.text(
-            data.STEP_AT + periods / data.FREQUENCY, 0.0318, f" {periods} period{'s' * (periods > 1)}", color=GREY
-        )
-    right.set_title("A step: steady again one period later")
-    right.set_xlim(data.STEP_AT - 0.3, data.STEP_AT + 0.6)
-    right.set_ylim(0.012, 0.033)
+        later = data.STEP_AT + periods / data.FREQUENCY
+        right.axvline(later, color=GREY, lw=0.8, ls=":")
+        right.text(later, 0.0318, f" {periods} period{'s' * (periods > 1)}", color=GREY)
+    span = (data.STEP_AT - 0.3, data.STEP_AT + 0.6)
+    right.set(title="A step: steady again one period later", xlim=span, ylim=(0.012, 0.033))
     left.legend(loc="upper left", fontsize=8.5, bbox_to_anchor=(0.42, 0.45))
     return figure
 
@@ -106,8 +101,7 @@ def _draw_estimates(ax: Axes, truth: tuple[Array, Array], found: list[Estimate])
             [e.time for e in chosen], [e.amplitude for e in chosen], [3.0 * e.amplitude_std for e in chosen],
             fmt="o", ms=2.6, lw=0.8, color=colour, label=f"{quality.name.lower()} estimate, ±3σ",
         )  # fmt: skip
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("amplitude of the support [m]")
+    ax.set(xlabel="time [s]", ylabel="amplitude of the support [m]")
 
 
 def draw_spoiled() -> Figure:
@@ -140,9 +134,8 @@ def draw_beam() -> Figure:
     good = [e for e in found if e.quality in (Quality.STEADY, Quality.TRANSIENT)]
     at, amplitude = np.array([e.time for e in good]), np.array([e.amplitude for e in good])
     spread = np.array([e.amplitude_std for e in good])
-    right.fill_between(
-        at, amplitude - spread, amplitude + spread, color=BLUE, alpha=0.18, lw=0, label="±σ, model included"
-    )
+    band = (at, amplitude - spread, amplitude + spread)
+    right.fill_between(*band, color=BLUE, alpha=0.18, lw=0, label="±σ, model included")
     right.plot(at, amplitude, color=BLUE, lw=1.4, label="inferred")
     right.axhline(data.CLOSED_AMPLITUDE, color=INK, lw=0.9, ls="--", label="true")
     right.set(title="What the support did", xlabel="time [s]", ylabel="amplitude of the support [m]", ylim=(0.0, 0.016))
@@ -179,12 +172,9 @@ def draw_calibration() -> Figure:
     axes = figure.subplots(1, 2, sharey=True)
     for ax, (title, result) in zip(axes, data.calibrations().items(), strict=True):
         for index, (name, colour) in enumerate((("stiffness", BLUE), ("damping", ORANGE))):
-            ax.loglog(
-                1e3 * result.noise, 100.0 * result.error[:, index], "o-", ms=4, color=colour, label=f"{name}: error"
-            )
-            ax.loglog(
-                1e3 * result.noise, 100.0 * result.claimed[:, index], ls=":", color=colour, label=f"{name}: σ claimed"
-            )
+            noise, error, claimed = 1e3 * result.noise, 100.0 * result.error, 100.0 * result.claimed
+            ax.loglog(noise, error[:, index], "o-", ms=4, color=colour, label=f"{name}: error")
+            ax.loglog(noise, claimed[:, index], ls=":", color=colour, label=f"{name}: σ claimed")
         ax.axhline(1.0, color=RED, lw=0.9, ls="--")
         ax.set(title=title, xlabel="noise of both lasers [mm]")
         ax.set_xticks(1e3 * result.noise, labels=[f"{1e3 * sigma:g}" for sigma in result.noise])

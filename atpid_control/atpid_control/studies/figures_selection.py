@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from atpid_common import output
 from atpid_common.share import share_folder
@@ -18,10 +19,8 @@ from atpid_sim.maps import HeightMap
 
 #: Support amplitudes of the thesis's adaptive bench [m].
 _STAGES = (0.015, 0.03, 0.04)
-
 #: Beyond this the grain is pressed deeper into a wall than its radius, and the contact law ends [m].
 _DEEPEST = 0.1
-
 _SHIPPED = "config/maps/standard.npz"
 
 
@@ -51,9 +50,8 @@ def draw_landscape(out: Path) -> Path:
         axes.plot(shown.heights, shown.remaining[:, 0], "C0", linewidth=1.2, label="opened in 1 s")
         axes.plot(shown.heights, shown.remaining[:, 1], "C3", linewidth=0.8, label="opened at once")
         axes.axvline(shown.best, color="k", linewidth=1.0, label=f"best: {shown.best:.3f} m")
-        axes.axvline(
-            shown.first_guess, color="C1", linestyle="--", label=f"PCA's first guess: {shown.first_guess:.3f} m"
-        )
+        guess = f"PCA's first guess: {shown.first_guess:.3f} m"
+        axes.axvline(shown.first_guess, color="C1", linestyle="--", label=guess)
         axes.set(title=f"support {1e3 * amplitude:g} mm", ylim=(0.0, 0.8))
         axes.legend(fontsize=7)
     panels[0].set_ylabel("beam amplitude / closed damper's [-]")
@@ -65,13 +63,11 @@ def draw_margin(out: Path) -> Path:
     figure, panels = _panels(len(_STAGES), "error of the stiffness [%]")
     for axes, amplitude in zip(panels, _STAGES, strict=True):
         shown = margin_curve(amplitude)
-        axes.plot(
-            1e2 * shown.errors, shown.bare, "C3o-", markersize=3, label=f"bare optimum, {shown.bare_height:.3f} m"
-        )
-        axes.plot(1e2 * shown.errors, shown.safe, "C0o-", markersize=3, label=f"with margin, {shown.safe_height:.3f} m")
-        axes.set(
-            title=f"support {1e3 * amplitude:g} mm, price {1e2 * shown.price:.1f} % of efficiency", ylim=(0.0, 0.5)
-        )
+        bare, safe = f"bare optimum, {shown.bare_height:.3f} m", f"with margin, {shown.safe_height:.3f} m"
+        axes.plot(1e2 * shown.errors, shown.bare, "C3o-", markersize=3, label=bare)
+        axes.plot(1e2 * shown.errors, shown.safe, "C0o-", markersize=3, label=safe)
+        title = f"support {1e3 * amplitude:g} mm, price {1e2 * shown.price:.1f} % of efficiency"
+        axes.set(title=title, ylim=(0.0, 0.5))
         axes.legend(fontsize=7)
     panels[0].set_ylabel("beam amplitude / closed damper's [-]")
     return _save(figure, out / "selection_margin.png")
@@ -94,7 +90,10 @@ def draw_pca_errors(out: Path) -> Path:
             lower.semilogx(amplitudes, 1e2 * lost, f"{colour}o-", markersize=3, linewidth=1.0, label=name)
         upper.set(title="with gravity" if gravity else "without gravity", ylim=(-2.0, 80.0))
         lower.set(ylim=(-5.0, 150.0))
-    _thesis(panels[0], panels[1])
+    # what the thesis reports: 50 to 10 % up to 0.1 m with gravity, about 4 % throughout without
+    shade: dict[str, Any] = {"color": "k", "alpha": 0.12}
+    panels[0].fill_between([0.005, 0.1], [40.0, 8.0], [55.0, 12.0], label="thesis, Fig. 4.37", **shade)
+    panels[1].fill_between([0.005, 0.1], [3.0, 3.0], [5.0, 5.0], label="thesis, Fig. 4.43", **shade)
     panels[0].set_ylabel("height off the best by [%]")
     panels[2].set_ylabel("beam swings more than at the best by [%]")
     for axes in panels[:2]:
@@ -115,21 +114,9 @@ def draw_map(out: Path, shown: HeightMap) -> Path:
     return _save(figure, out / "selection_map.png")
 
 
-def _thesis(with_gravity: Any, without: Any) -> None:
-    """Mark what the thesis reports: 50 to 10 % up to 0.1 m with gravity, about 4 % throughout without."""
-    with_gravity.fill_between([0.005, 0.1], [40.0, 8.0], [55.0, 12.0], color="k", alpha=0.12, label="thesis, Fig. 4.37")
-    without.fill_between([0.005, 0.1], [3.0, 3.0], [5.0, 5.0], color="k", alpha=0.12, label="thesis, Fig. 4.43")
-
-
 def _panels(columns: int, xlabel: str, rows: int = 1) -> tuple[Any, list[Any]]:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, grid = pyplot.subplots(
-        rows, columns, figsize=(4.6 * columns, 3.8 * rows), layout="constrained", squeeze=False, sharex="col"
-    )
+    figure = Figure(figsize=(4.6 * columns, 3.8 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False, sharex="col")
     for axes in grid.flat:
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
@@ -139,9 +126,6 @@ def _panels(columns: int, xlabel: str, rows: int = 1) -> tuple[Any, list[Any]]:
 
 
 def _save(figure: Any, path: Path) -> Path:
-    from matplotlib import pyplot
-
     with output.writing(path):
         figure.savefig(path, dpi=130, metadata=metadata_of(figure))
-    pyplot.close(figure)
     return path

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from atpid_control.beam_calibration import fit_beam
 from atpid_control.identification import Estimate, Identifier, Settings
 from atpid_control.identification.from_beam import ModelInverse
-from atpid_control.identification.seed import seed_frequency
 from atpid_control.identification.sine_fit import fit_sine
+from atpid_control.identification.window import seed_frequency
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
-from atpid_control.studies.classic import fft_bin, hann_parabola, jacobsen, plain_sine_fit
-from atpid_control.studies.cramer_rao import cramer_rao
+from atpid_control.studies.baselines import cramer_rao, fft_bin, hann_parabola, jacobsen, plain_sine_fit
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
@@ -34,7 +33,6 @@ RUMBLE = RumbleSettings(onset=0.06, calm=0.03, calm_periods=3, least_amplitude=0
 RATE, BLOCK, FREQUENCY, AMPLITUDE = 1000.0, 50, 5.49, 0.015
 STEP_AT, CLOSED_AMPLITUDE = 2.03, 0.01
 TAU = 2.0 * math.pi
-
 #: The standard bench, closed, and the excitation of thesis section 4.3.
 _CLOSED: dict[str, object] = {
     "excitation": {"amplitude": CLOSED_AMPLITUDE, "frequency": "resonance"}, "ceiling": {"height": 0.017},
@@ -144,10 +142,8 @@ def spoiled_errors(trials: int = 100) -> tuple[list[str], Array, Array]:
     plain, ours = np.zeros((2, len(SPOILS)))
     for row, spoil in enumerate(SPOILS.values()):
         for _ in range(trials):
-            u = AMPLITUDE * np.sin(TAU * FREQUENCY * t + rng.uniform(0.0, TAU)) + rng.normal(
-                0.0, noise_of(40.0), t.size
-            )
-            u = spoil(rng, t, u)
+            tone = AMPLITUDE * np.sin(TAU * FREQUENCY * t + rng.uniform(0.0, TAU))
+            u = spoil(rng, t, tone + rng.normal(0.0, noise_of(40.0), t.size))
             fitted = plain_sine_fit(t[-count:] - t[-1], u[-count:], TAU * FREQUENCY)
             plain[row] = max(plain[row], abs(fitted / AMPLITUDE - 1.0))
             ours[row] = max(ours[row], abs(estimates(u)[-1].amplitude / AMPLITUDE - 1.0))
@@ -184,11 +180,8 @@ COURSES = {
 
 def watched_courses() -> dict[str, Course]:
     """Return the courses of the bench under thesis section 4.3, at 40 dB of the smallest response."""
-    scene = bench(
-        duration=20.0,
-        steady_window=[18.0, 20.0],
-        excitation={"amplitude": list(map(list, RAMPS)), "frequency": "resonance"},
-    )
+    excitation = {"amplitude": list(map(list, RAMPS)), "frequency": "resonance"}
+    scene = bench(duration=20.0, steady_window=[18.0, 20.0], excitation=excitation)
     return {name: _watched(scene, commands) for name, commands in COURSES.items()}
 
 
@@ -222,9 +215,8 @@ class Calibrations:
 def calibrations(trials: int = 10) -> dict[str, Calibrations]:
     """Return the errors of calibrations by a decay and a sweep of the closed damper."""
     decay = bench(excitation={"free": {"deflection": 0.1}}, duration=10.0, steady_window=[0.0, 10.0])
-    sweep = bench(
-        excitation={"sweep": {"amplitude": 0.002, "from": 4.0, "to": 7.0}}, duration=20.0, steady_window=[0.0, 20.0]
-    )
+    swept = {"sweep": {"amplitude": 0.002, "from": 4.0, "to": 7.0}}
+    sweep = bench(excitation=swept, duration=20.0, steady_window=[0.0, 20.0])
     return {
         "decay from 0.1 m, 10 s": _calibrated(decay, trials),
         "sweep 4 to 7 Hz, 2 mm, 20 s": _calibrated(sweep, trials),

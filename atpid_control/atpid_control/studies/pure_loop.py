@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.graph.errors import BenchError
+from atpid_control.graph import BenchError
 from atpid_control.identification import Estimate, Identifier
 from atpid_control.loop.protocol import Answer, Command
 from atpid_control.loop.rumble import RumbleWatch
@@ -101,7 +101,12 @@ def run_loop(
             controller.on_event("rumble" if rumbling else "calm")
         answer = controller.answer(last, estimate, reached)
         ceiling.send(answer.command, last)
-        _append(run, last, estimate, answer, stream.height, rumbling, block.truth_series("beam"))
+        run.time.append(last)
+        run.estimates.append(estimate)
+        run.answers.append(answer)
+        run.heights.append(stream.height)
+        run.rumbling.append(rumbling)
+        run.blocks.append(block.truth_series("beam"))
     return run
 
 
@@ -110,14 +115,3 @@ def controlled(scene: Scene) -> ControlledCeiling:
     if not isinstance(scene.ceiling, ControlledCeiling):
         raise BenchError(f"ceiling: given {scene.ceiling.kind}; allowed: one that a `controller` moves")
     return scene.ceiling
-
-
-def _append(
-    run: LoopRun, time: float, estimate: Estimate, answer: Answer, height: float, rumbling: bool, beam: Array
-) -> None:
-    run.time.append(time)
-    run.estimates.append(estimate)
-    run.answers.append(answer)
-    run.heights.append(height)
-    run.rumbling.append(rumbling)
-    run.blocks.append(beam)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.selection.direct import DirectSelector
-from atpid_control.selection.margin import with_stiffness
+from atpid_control.selection.direct import DirectSelector, with_stiffness
 from atpid_control.selection.pca import PcaSelector
 from atpid_sim.maps import DamperResponse, Timing, best_height
 from atpid_sim.scene import standard_bench

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Acquisition devices behind one protocol (`Acquisition`): LabJack T7, NI-9230, simulated."""
+"""Acquisition devices behind one protocol (`Acquisition`): LabJack T7, NI-9230, simulated.
 
-from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
+The names here are those that a backend of another distribution is written with (docs/howto_sensor.md).
+"""
+
 from atpid_driver.acquisition.errors import (
     AcquisitionError,
     DeviceMissingError,
@@ -12,32 +14,11 @@ from atpid_driver.acquisition.errors import (
     WrongDeviceError,
 )
 from atpid_driver.acquisition.protocol import Acquisition, Block, Identity
-from atpid_driver.acquisition.reader import Backoff, Reader, Status
-from atpid_driver.acquisition.registry import Backend, backend, create
-from atpid_driver.acquisition.registry import names as backend_names
+from atpid_driver.acquisition.registry import Backend
 from atpid_driver.acquisition.settings import Channel, Settings, setting
 
 __all__ = [
-    "Acquisition",
-    "AcquisitionError",
-    "Backend",
-    "Backoff",
-    "Block",
-    "Channel",
-    "DeviceMissingError",
-    "DriftMeter",
-    "HardwareClock",
-    "Identity",
-    "LibraryMissingError",
-    "NotStreamingError",
-    "Reader",
-    "Settings",
-    "SetupRefusedError",
-    "Status",
-    "StreamLostError",
-    "WrongDeviceError",
-    "backend",
-    "backend_names",
-    "create",
+    "Acquisition", "AcquisitionError", "Backend", "Block", "Channel", "DeviceMissingError", "Identity",
+    "LibraryMissingError", "NotStreamingError", "Settings", "SetupRefusedError", "StreamLostError", "WrongDeviceError",
     "setting",
-]
+]  # fmt: skip

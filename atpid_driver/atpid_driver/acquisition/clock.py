@@ -5,21 +5,22 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
 MINIMA = 120  # seconds of history
 
 
+@dataclass(frozen=True)
 class HardwareClock:
     """Time of a scan: start + index / rate, never a sum of periods.
 
     `start_ns` is the host's wall clock when index 0 was taken; `rate` [Hz] the device's actual rate.
     """
 
-    def __init__(self, start_ns: int, rate: float) -> None:
-        self.start_ns = start_ns
-        self.rate = rate
+    start_ns: int
+    rate: float
 
     def stamp_ns(self, index: int) -> int:
         """Return the time of scan `index` [ns since the epoch]."""

@@ -11,8 +11,7 @@ class AcquisitionError(DriverError):
 
     def __init__(self, message: str, code: int | None = None) -> None:
         super().__init__(message)
-        self.code = code
-        """The vendor's error code, None where the driver itself detected the fault."""
+        self.code = code  # the vendor's error code, None where the driver itself detected the fault
 
 
 class LibraryMissingError(AcquisitionError):

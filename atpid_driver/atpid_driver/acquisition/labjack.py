@@ -15,16 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from atpid_driver.acquisition.errors import (
-    AcquisitionError,
-    DeviceMissingError,
-    LibraryMissingError,
-    NotStreamingError,
-    SetupRefusedError,
-    StreamLostError,
-    WrongDeviceError,
-)
-from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition import errors
+from atpid_driver.acquisition.protocol import Block, Device, Identity
 from atpid_driver.acquisition.settings import LabJackSettings
 
 DUMMY_VOLTS = -9999.0
@@ -36,19 +28,22 @@ MISSING_LIBRARY = (
     "LabJack's library libLabJackM.so is not installed: install LJM from labjack.com (Software, LJM installer for "
     "Linux), or set `library` to its path"
 )
-HINTS: dict[int, tuple[type[AcquisitionError], str]] = {
-    1227: (DeviceMissingError, "no T7 answers: check cable, power and `serial`"),
-    1230: (DeviceMissingError, "another program holds the T7: close it"),
-    1239: (StreamLostError, "the T7 was unplugged or lost power"),
-    1301: (StreamLostError, "the computer fell behind and LJM's buffer is full"),
-    1303: (StreamLostError, "the stream is not running any more"),
-    1306: (StreamLostError, "the T7's packets stopped in the middle of a scan"),
-    1309: (StreamLostError, "the T7 sends no scans"),
-    2605: (StreamLostError, "a stream is already active on this T7: another program may use it"),
-    2606: (SetupRefusedError, "the T7 refuses the stream set-up: check rate, channels and resolution_index"),
-    2942: (SetupRefusedError, "a scan takes longer than the scan period: lower rate, channels or resolution_index"),
-    1250: (SetupRefusedError, "a terminal is not an analogue input of the T7: use AIN0 to AIN13"),
-    1294: (SetupRefusedError, "a terminal or register name is unknown to LJM: use AIN0 to AIN13"),
+HINTS: dict[int, tuple[type[errors.AcquisitionError], str]] = {
+    1227: (errors.DeviceMissingError, "no T7 answers: check cable, power and `serial`"),
+    1230: (errors.DeviceMissingError, "another program holds the T7: close it"),
+    1239: (errors.StreamLostError, "the T7 was unplugged or lost power"),
+    1301: (errors.StreamLostError, "the computer fell behind and LJM's buffer is full"),
+    1303: (errors.StreamLostError, "the stream is not running any more"),
+    1306: (errors.StreamLostError, "the T7's packets stopped in the middle of a scan"),
+    1309: (errors.StreamLostError, "the T7 sends no scans"),
+    2605: (errors.StreamLostError, "a stream is already active on this T7: another program may use it"),
+    2606: (errors.SetupRefusedError, "the T7 refuses the stream set-up: check rate, channels and resolution_index"),
+    2942: (
+        errors.SetupRefusedError,
+        "a scan takes longer than the scan period: lower rate, channels or resolution_index",
+    ),
+    1250: (errors.SetupRefusedError, "a terminal is not an analogue input of the T7: use AIN0 to AIN13"),
+    1294: (errors.SetupRefusedError, "a terminal or register name is unknown to LJM: use AIN0 to AIN13"),
 }
 
 
@@ -67,9 +62,9 @@ def load_ljm(path: str = "") -> Any:
             module._staticLib = ctypes.CDLL("libLabJackM.so")
     except OSError as error:
         detail = f" (tried {path!r}: {error})" if path else ""
-        raise LibraryMissingError(MISSING_LIBRARY + detail) from None
+        raise errors.LibraryMissingError(MISSING_LIBRARY + detail) from None
     except ImportError:
-        raise LibraryMissingError("the package labjack-ljm is not installed: pip install labjack-ljm") from None
+        raise errors.LibraryMissingError("the package labjack-ljm is not installed: pip install labjack-ljm") from None
     return module
 
 
@@ -79,21 +74,15 @@ def skew_s(rate: float, channels: int) -> tuple[float, ...]:
     return tuple(step * position for position in range(channels))
 
 
-class LabJackAcquisition:
+class LabJackAcquisition(Device):
     """One T7. See Acquisition for what each call promises."""
 
     def __init__(self, settings: LabJackSettings) -> None:
-        self._settings = settings
+        self._settings: LabJackSettings = settings
         self._ljm: Any = None
         self._handle: int | None = None
         self._rate: float | None = None
-        self._next = 0
-        self._dropped = 0
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
-        return tuple(channel.name for channel in self._settings.channels)
+        self._next = self._dropped = 0
 
     def open(self) -> Identity:
         """Connect over `connection` and check the serial number."""
@@ -101,16 +90,15 @@ class LabJackAcquisition:
         self._ljm = load_ljm(settings.library)
         self._handle = self._find()
         serial = self._call("getHandleInfo", self._handle)[2]
-        if settings.serial not in (0, serial):
-            self.close()
-            raise WrongDeviceError(f"the T7 has serial number {serial}, expected {settings.serial}: set `serial`")
+        self._check_serial("the T7 has", serial)
         return Identity("labjack", serial)
 
     def start(self) -> float:
         """Write the set-up registers and start streaming; return the actual rate."""
         settings = self._settings
         self._configure()
-        addresses = self._call("namesToAddresses", len(settings.channels), self._terminals())[0]
+        terminals = [channel.terminal for channel in settings.channels]
+        addresses = self._call("namesToAddresses", len(terminals), terminals)[0]
         arguments = (self._handle, settings.scans_per_block, len(addresses), addresses, settings.rate)
         rate = self._call("eStreamStart", *arguments)
         self._rate, self._next, self._dropped = float(rate), 0, 0
@@ -123,10 +111,10 @@ class LabJackAcquisition:
     def read(self) -> Block:
         """Wait in LJM for the next block; -9999 V becomes NaN and is counted."""
         if self._rate is None:
-            raise NotStreamingError("no block can be read: start the stream first")
+            raise errors.NotStreamingError("no block can be read: start the stream first")
         try:
             data, device_backlog, host_backlog = self._call("eStreamRead", self._handle)
-        except AcquisitionError:
+        except errors.AcquisitionError:
             self._rate = None  # a read error has stopped the stream
             raise
         volts = np.array(data, dtype=np.float64).reshape(-1, len(self._settings.channels))
@@ -148,14 +136,11 @@ class LabJackAcquisition:
         self._call_ignoring(GONE | STOPPED_ALREADY, "close")
         self._handle = None
 
-    def _terminals(self) -> list[str]:
-        return [channel.terminal for channel in self._settings.channels]
-
     def _find(self) -> int:
         """Open the T7 asked for; failing that any T7, so that a wrong one is distinguished from none."""
         settings = self._settings
         if settings.serial:
-            with contextlib.suppress(DeviceMissingError):
+            with contextlib.suppress(errors.DeviceMissingError):
                 return int(self._call("openS", "T7", settings.connection, settings.serial))
         return int(self._call("openS", "T7", settings.connection, "ANY"))
 
@@ -179,7 +164,7 @@ class LabJackAcquisition:
             return
         try:
             self._call(name, self._handle)
-        except AcquisitionError as error:
+        except errors.AcquisitionError as error:
             if error.code not in codes:
                 raise
 
@@ -188,5 +173,5 @@ class LabJackAcquisition:
         try:
             return getattr(self._ljm, name)(*arguments)
         except self._ljm.LJMError as error:
-            kind, hint = HINTS.get(error.errorCode, (StreamLostError, "see LabJack's list of LJM error codes"))
+            kind, hint = HINTS.get(error.errorCode, (errors.StreamLostError, "see LabJack's list of LJM error codes"))
             raise kind(f"{hint} (LJM {error.errorCode} {error.errorString})", error.errorCode) from None

@@ -8,20 +8,14 @@ sensitivity belongs to its calibration file, in one place (docs/decisions/0019-a
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from atpid_driver.acquisition.errors import (
-    AcquisitionError,
-    DeviceMissingError,
-    LibraryMissingError,
-    NotStreamingError,
-    SetupRefusedError,
-    StreamLostError,
-    WrongDeviceError,
-)
-from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition import errors
+from atpid_driver.acquisition.protocol import Block, Device, Identity
 from atpid_driver.acquisition.settings import Channel, NiSettings
 
 BUFFER_SECONDS = 10.0
@@ -32,15 +26,15 @@ MISSING_RUNTIME = (
     "NI-DAQmx is not installed: install the NI-DAQmx driver from ni.com (`python -m nidaqmx installdriver`), set "
     "`library` to the path of libnidaqmx.so, or set `grpc` to the PC that has the hardware"
 )
-HINTS: dict[int, tuple[type[AcquisitionError], str]] = {
-    -200279: (StreamLostError, "the computer fell behind and samples were overwritten"),
-    -200284: (StreamLostError, "the module sends no samples"),
-    -200088: (StreamLostError, "the task does not exist any more"),
-    -201003: (DeviceMissingError, "the module cannot be reached: check cable and power"),
-    -200324: (DeviceMissingError, "the module is absent: check cable, power and its name in NI MAX"),
-    -200220: (DeviceMissingError, "no module has the name given as `device`: look it up in NI MAX"),
-    -200170: (SetupRefusedError, "a terminal does not exist on the module: an NI-9230 has ai0, ai1, ai2"),
-    -200077: (SetupRefusedError, "the module cannot run at this rate: an NI-9230 takes 12.8 kS/s divided by n"),
+HINTS: dict[int, tuple[type[errors.AcquisitionError], str]] = {
+    -200279: (errors.StreamLostError, "the computer fell behind and samples were overwritten"),
+    -200284: (errors.StreamLostError, "the module sends no samples"),
+    -200088: (errors.StreamLostError, "the task does not exist any more"),
+    -201003: (errors.DeviceMissingError, "the module cannot be reached: check cable and power"),
+    -200324: (errors.DeviceMissingError, "the module is absent: check cable, power and its name in NI MAX"),
+    -200220: (errors.DeviceMissingError, "no module has the name given as `device`: look it up in NI MAX"),
+    -200170: (errors.SetupRefusedError, "a terminal does not exist on the module: an NI-9230 has ai0, ai1, ai2"),
+    -200077: (errors.SetupRefusedError, "the module cannot run at this rate: an NI-9230 takes 12.8 kS/s divided by n"),
 }
 
 
@@ -49,18 +43,18 @@ def load_nidaqmx(path: str = "") -> Any:
     try:
         package = importlib.import_module("nidaqmx")
     except ImportError:
-        raise LibraryMissingError("the package nidaqmx is not installed: pip install nidaqmx[grpc]") from None
+        raise errors.LibraryMissingError("the package nidaqmx is not installed: pip install nidaqmx[grpc]") from None
     if path:
         loader: Any = importlib.import_module("nidaqmx._lib")
         loader.find_library = lambda _name: path
     return package
 
 
-class NiAcquisition:
+class NiAcquisition(Device):
     """One continuous task on one module. See Acquisition for what each call promises."""
 
     def __init__(self, settings: NiSettings) -> None:
-        self._settings = settings
+        self._settings: NiSettings = settings
         self._nidaqmx: Any = None
         self._link: Any = None
         self._task: Any = None
@@ -68,39 +62,48 @@ class NiAcquisition:
         self._running = False
         self._next = 0
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
-        return tuple(channel.name for channel in self._settings.channels)
-
     def open(self) -> Identity:
         """Read the module's type and serial number, and check the latter."""
         settings = self._settings
         self._nidaqmx = load_nidaqmx(settings.library)
-        model, serial = self._guard(self._identify)
-        if settings.serial not in (0, serial):
-            self.close()
-            raise WrongDeviceError(
-                f"{settings.device} is a {model} with serial number {serial}, expected {settings.serial}: set `serial`"
-            )
+        with self._named_errors():
+            system: Any = importlib.import_module("nidaqmx.system")
+            device = system.Device(settings.device, grpc_options=self._options())
+            model, serial = device.product_type, int(device.serial_num)
+        self._check_serial(f"{settings.device} is a {model} with", serial)
         return Identity(model.replace(" ", "-").lower(), serial)
 
     def start(self) -> float:
         """Make the task, start it and return the rate the module coerced the one asked for to."""
         self.stop()
-        return float(self._guard(self._start))
-
-    def skew(self) -> tuple[float, ...]:
-        """Return zeros: one converter for each channel, sampling at once."""
-        return (0.0,) * len(self._settings.channels)
+        settings = self._settings
+        with self._named_errors():
+            readers: Any = importlib.import_module("nidaqmx.stream_readers")
+            self._task = self._nidaqmx.Task(grpc_options=self._options())
+            for channel in settings.channels:
+                self._add(channel)
+            self._task.timing.cfg_samp_clk_timing(
+                settings.rate,
+                sample_mode=self._nidaqmx.constants.AcquisitionType.CONTINUOUS,
+                samps_per_chan=max(int(BUFFER_SECONDS * settings.rate), 4 * settings.scans_per_block),
+            )
+            self._task.start()
+            self._reader = readers.AnalogMultiChannelReader(self._task.in_stream)
+            self._reader.verify_array_shape = False
+            self._running, self._next = True, 0
+            return float(self._task.timing.samp_clk_rate)
 
     def read(self) -> Block:
         """Wait in DAQmx for the next block, paced by the module's clock."""
         if not self._running:
-            raise NotStreamingError("no block can be read: start the stream first")
+            raise errors.NotStreamingError("no block can be read: start the stream first")
+        scans = self._settings.scans_per_block
+        columns = np.empty((len(self._settings.channels), scans))
         try:
-            columns, backlog = self._guard(self._read)
-        except AcquisitionError:
+            with self._named_errors():
+                self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
+                backlog = int(self._task.in_stream.avail_samp_per_chan)
+        except errors.AcquisitionError:
             self._running = False
             raise
         volts = np.ascontiguousarray(columns.T)
@@ -113,8 +116,9 @@ class NiAcquisition:
         if task is None:
             return
         try:
-            self._guard(task.close)
-        except AcquisitionError:
+            with self._named_errors():
+                task.close()
+        except errors.AcquisitionError:
             task._handle = None  # so that its finaliser does not warn about a task that the module has lost already
 
     def close(self) -> None:
@@ -129,31 +133,10 @@ class NiAcquisition:
         if not self._settings.grpc:
             return None
         if self._link is None:
-            grpc: Any = importlib.import_module("grpc")
+            import grpc  # here: only a module on another PC needs it
+
             self._link = grpc.insecure_channel(self._settings.grpc)
         return self._nidaqmx.GrpcSessionOptions(self._link, "")
-
-    def _identify(self) -> tuple[str, int]:
-        system: Any = importlib.import_module("nidaqmx.system")
-        device = system.Device(self._settings.device, grpc_options=self._options())
-        return device.product_type, int(device.serial_num)
-
-    def _start(self) -> float:
-        settings, constants = self._settings, self._nidaqmx.constants
-        readers: Any = importlib.import_module("nidaqmx.stream_readers")
-        self._task = self._nidaqmx.Task(grpc_options=self._options())
-        for channel in settings.channels:
-            self._add(channel)
-        self._task.timing.cfg_samp_clk_timing(
-            settings.rate,
-            sample_mode=constants.AcquisitionType.CONTINUOUS,
-            samps_per_chan=max(int(BUFFER_SECONDS * settings.rate), 4 * settings.scans_per_block),
-        )
-        self._task.start()
-        self._reader = readers.AnalogMultiChannelReader(self._task.in_stream)
-        self._reader.verify_array_shape = False
-        self._running, self._next = True, 0
-        return float(self._task.timing.samp_clk_rate)
 
     def _add(self, channel: Channel) -> None:
         settings, constants = self._settings, self._nidaqmx.constants
@@ -172,26 +155,21 @@ class NiAcquisition:
             **limits,
         )
 
-    def _read(self) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.float64]], int]:
-        scans = self._settings.scans_per_block
-        columns = np.empty((len(self._settings.channels), scans))
-        self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
-        return columns, int(self._task.in_stream.avail_samp_per_chan)
-
-    def _guard(self, call: Any) -> Any:
-        """Call into nidaqmx; raise its errors as an AcquisitionError: one line, the code, what to do."""
-        errors = self._nidaqmx.errors
+    @contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        """Raise nidaqmx's errors as an AcquisitionError: one line, the code, what to do."""
+        theirs = self._nidaqmx.errors
         try:
-            return call()
-        except errors.DaqNotFoundError:
-            raise LibraryMissingError(MISSING_RUNTIME) from None
-        except errors.RpcError as error:
+            yield
+        except theirs.DaqNotFoundError:
+            raise errors.LibraryMissingError(MISSING_RUNTIME) from None
+        except theirs.RpcError as error:
             where = self._settings.grpc
-            raise DeviceMissingError(
+            raise errors.DeviceMissingError(
                 f"the gRPC device server at {where} does not answer ({error.description}): start it or correct `grpc`"
             ) from None
-        except errors.DaqError as error:
+        except theirs.DaqError as error:
             code = int(error.error_code)
             text = str(error).splitlines()[0]
-            kind, hint = HINTS.get(code, (StreamLostError, text))
+            kind, hint = HINTS.get(code, (errors.StreamLostError, text))
             raise kind(f"{hint} (NI-DAQmx {code})", code) from None

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from atpid_driver.acquisition.errors import WrongDeviceError
+from atpid_driver.acquisition.settings import Settings
 
 Volts = NDArray[np.float64]
 
@@ -49,28 +53,43 @@ class Acquisition(Protocol):
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels, in the order of the columns."""
-        ...
 
     def open(self) -> Identity:
         """Connect, check that it is the device asked for, and return its identity."""
-        ...
 
     def start(self) -> float:
         """Start the stream, the next scan having index 0; return the actual scan rate [Hz]."""
-        ...
 
     def skew(self) -> tuple[float, ...]:
         """Delay of each channel's sampling instant after the scan's own, at the actual rate [s]."""
-        ...
 
     def read(self) -> Block:
         """Wait for the next block and return it; StreamLostError if none can come."""
-        ...
 
     def stop(self) -> None:
         """Stop the stream; no error if none is running or the device is gone."""
-        ...
 
     def close(self) -> None:
         """Release the device; no error if it is not open or already gone."""
-        ...
+
+
+class Device:
+    """What the built-in backends share: names of channels that are sampled at once, the check of the serial number."""
+
+    _settings: Settings
+    close: Callable[[], None]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(channel.name for channel in self._settings.channels)
+
+    def skew(self) -> tuple[float, ...]:
+        """Return zeros: each channel has a converter of its own, and all sample at once."""
+        return (0.0,) * len(self._settings.channels)
+
+    def _check_serial(self, found: str, serial: int) -> None:
+        """Close and raise WrongDeviceError where `serial`, that of the device `found`, is not the one asked for."""
+        if self._settings.serial not in (0, serial):
+            self.close()
+            raise WrongDeviceError(f"{found} serial number {serial}, expected {self._settings.serial}: set `serial`")

@@ -40,13 +40,11 @@ class Status:
     """A snapshot of the state of the stream, for diagnostics."""
 
     streaming: bool = False
-    rate: float = float("nan")
-    """Actual scan rate [Hz]."""
+    rate: float = float("nan")  # actual scan rate [Hz]
     next_index: int = 0
     dropped: int = 0
     backlog: int = 0
-    queued: int = 0
-    """Blocks read and not yet taken."""
+    queued: int = 0  # blocks read and not yet taken
     interruptions: int = 0
     last_error: str = ""
     offset_s: float = float("nan")
@@ -79,8 +77,7 @@ class Reader:
         self._drift = DriftMeter()
         self._started = (0, 0.0)  # wall clock [ns] and steady clock [s] when the stream was last started
         self._origin_s = 0.0  # steady clock at index 0 of the first stream [s]
-        self.clock: HardwareClock | None = None
-        """None until the first block."""
+        self.clock: HardwareClock | None = None  # None until the first block
         self._thread = threading.Thread(target=self._run, name=f"acquisition {identity}", daemon=True)
 
     def start(self) -> None:
@@ -107,12 +104,8 @@ class Reader:
     def status(self) -> Status:
         """State of the stream now."""
         with self._changed:
-            return replace(
-                self._status,
-                queued=len(self._queue),
-                offset_s=self._drift.offset_s,
-                drift_ppm=self._drift.drift_ppm,
-            )
+            offset_s, drift_ppm = self._drift.offset_s, self._drift.drift_ppm
+            return replace(self._status, queued=len(self._queue), offset_s=offset_s, drift_ppm=drift_ppm)
 
     def _run(self) -> None:
         try:
@@ -170,11 +163,8 @@ class Reader:
             self._place(block, arrival)
         with self._changed:
             self._drift.add(block.next_index / self._status.rate, arrival)
-            block = replace(
-                block,
-                first_index=block.first_index + self._base_index,
-                dropped=block.dropped + self._base_dropped,
-            )
+            first_index, dropped = block.first_index + self._base_index, block.dropped + self._base_dropped
+            block = replace(block, first_index=first_index, dropped=dropped)
             # A full queue makes the device's own, larger buffer wait; only when that overflows are scans lost.
             self._changed.wait_for(lambda: len(self._queue) < self._depth or self._stop.is_set())
             self._queue.append(block)

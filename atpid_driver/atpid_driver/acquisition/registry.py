@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Backends by name: those built in, and those that installed distributions declare as entry points of `GROUP`.
 
-A vendor's package is imported when its backend is created, not before (docs/howto_sensor.md).
+A vendor's package is imported when a device is opened, not before (docs/howto_sensor.md).
 """
 
 from __future__ import annotations
@@ -11,8 +11,11 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 from atpid_driver.acquisition.errors import SetupRefusedError
+from atpid_driver.acquisition.labjack import LabJackAcquisition
+from atpid_driver.acquisition.nidaqmx import NiAcquisition
 from atpid_driver.acquisition.protocol import Acquisition
 from atpid_driver.acquisition.settings import LabJackSettings, NiSettings, Settings, SimulatedSettings, checked
+from atpid_driver.acquisition.simulated import SimulatedAcquisition
 
 #: Group of the entry points that add backends; the name of an entry point is the name of its backend.
 GROUP = "atpid.acquisition"
@@ -25,28 +28,10 @@ class Backend(NamedTuple):
     make: Callable[[Any], Acquisition]
 
 
-def _simulated(settings: SimulatedSettings) -> Acquisition:
-    from atpid_driver.acquisition.simulated import SimulatedAcquisition
-
-    return SimulatedAcquisition(settings)
-
-
-def _labjack(settings: LabJackSettings) -> Acquisition:
-    from atpid_driver.acquisition.labjack import LabJackAcquisition
-
-    return LabJackAcquisition(settings)
-
-
-def _nidaqmx(settings: NiSettings) -> Acquisition:
-    from atpid_driver.acquisition.nidaqmx import NiAcquisition
-
-    return NiAcquisition(settings)
-
-
 BUILT_IN = {
-    "labjack": Backend(LabJackSettings, _labjack),
-    "nidaqmx": Backend(NiSettings, _nidaqmx),
-    "simulated": Backend(SimulatedSettings, _simulated),
+    "labjack": Backend(LabJackSettings, LabJackAcquisition),
+    "nidaqmx": Backend(NiSettings, NiAcquisition),
+    "simulated": Backend(SimulatedSettings, SimulatedAcquisition),
 }
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_driver.acquisition.errors import DeviceMissingError, NotStreamingError, StreamLostError, WrongDeviceError
-from atpid_driver.acquisition.protocol import Block, Identity
+from atpid_driver.acquisition.errors import DeviceMissingError, NotStreamingError, StreamLostError
+from atpid_driver.acquisition.protocol import Block, Device, Identity
 from atpid_driver.acquisition.settings import SimulatedSettings
 
 SERIAL = 1
@@ -22,35 +22,24 @@ class Faults:
 
     plugged: bool = True
     serial: int = SERIAL
-    drop: int = 0
-    """Scans to lose from the next block on."""
+    drop: int = 0  # scans to lose from the next block on
 
 
-class SimulatedAcquisition:
+class SimulatedAcquisition(Device):
     """Sines on every channel, an eighth of a turn apart, paced by the steady clock."""
 
     def __init__(self, settings: SimulatedSettings, faults: Faults | None = None) -> None:
-        self._settings = settings
+        self._settings: SimulatedSettings = settings
         self.faults = faults if faults is not None else Faults()
         self._started: float | None = None
-        self._next = 0
-        self._dropped = 0
+        self._next = self._dropped = 0
         self._pause = threading.Event()
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
-        return tuple(channel.name for channel in self._settings.channels)
 
     def open(self) -> Identity:
         """Return the identity if plugged in."""
         if not self.faults.plugged:
             raise DeviceMissingError("simulated device not found: plug it in")
-        wanted = self._settings.serial
-        if wanted not in (0, self.faults.serial):
-            raise WrongDeviceError(
-                f"simulated device has serial number {self.faults.serial}, expected {wanted}: set `serial`"
-            )
+        self._check_serial("simulated device has", self.faults.serial)
         return Identity("simulated", self.faults.serial)
 
     def start(self) -> float:
@@ -59,10 +48,6 @@ class SimulatedAcquisition:
             raise StreamLostError("simulated device was unplugged")
         self._started, self._next, self._dropped = time.monotonic(), 0, 0
         return self._settings.rate
-
-    def skew(self) -> tuple[float, ...]:
-        """Return zeros: all channels are sampled at once."""
-        return (0.0,) * len(self._settings.channels)
 
     def read(self) -> Block:
         """Wait until the block's last scan is due."""
@@ -75,8 +60,13 @@ class SimulatedAcquisition:
             self._started = None
             raise StreamLostError("simulated device was unplugged")
         self._next = last
-        volts = self._waveform(first, last)
-        self._drop(volts)
+        time_s = np.arange(first, last)[:, None] / settings.rate
+        phase = np.arange(len(settings.channels)) * np.pi / 4.0
+        volts = settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)
+        lost = min(self.faults.drop, len(volts))
+        volts[:lost] = np.nan
+        self.faults.drop -= lost
+        self._dropped += lost
         due = int((time.monotonic() - self._started) * settings.rate)
         return Block(first, volts, self._dropped, max(0, due - last))
 
@@ -87,15 +77,3 @@ class SimulatedAcquisition:
     def close(self) -> None:
         """Close; there is nothing to release."""
         self._started = None
-
-    def _waveform(self, first: int, last: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        settings = self._settings
-        time_s = np.arange(first, last)[:, None] / settings.rate
-        phase = np.arange(len(settings.channels)) * np.pi / 4.0
-        return settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)
-
-    def _drop(self, volts: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> None:
-        lost = min(self.faults.drop, len(volts))
-        volts[:lost] = np.nan
-        self.faults.drop -= lost
-        self._dropped += lost

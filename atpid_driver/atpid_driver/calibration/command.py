@@ -60,12 +60,9 @@ def calibration_of(result: Fit, arguments: argparse.Namespace) -> Calibration:
     limits = tuple(arguments.limits or (float(result.volts.min()), float(result.volts.max())))
     try:
         return Calibration(
-            channel=arguments.channel,
-            sensor=arguments.sensor,
-            serial=arguments.serial,
+            **{name: getattr(arguments, name) for name in ("channel", "sensor", "serial", "unit")},
             date=arguments.date or datetime.date.today(),
             source=f"{len(result.volts)} readings, {arguments.readings.name}",
-            unit=arguments.unit,
             coefficients=tuple(float(value) for value in result.coefficients),
             coefficients_std=tuple(float(value) for value in result.coefficients_std),
             limits_volts=limits,

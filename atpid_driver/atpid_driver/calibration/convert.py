@@ -18,8 +18,7 @@ Floats = NDArray[np.float64]
 class Counts:
     """How many values of a block could not be used, by reason."""
 
-    missing: int = 0
-    """NaN already: the device lost the scan."""
+    missing: int = 0  # NaN already: the device lost the scan
     broken_loop: int = 0
     out_of_range: int = 0
 

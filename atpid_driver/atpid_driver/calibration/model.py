@@ -7,7 +7,9 @@ import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import yaml
+from numpy.polynomial.polynomial import polyder, polyval
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from atpid_driver.errors import DriverError
@@ -30,11 +32,9 @@ class Calibration(BaseModel):
     sensor: Annotated[str, Field(min_length=1)]
     serial: Annotated[str, Field(min_length=1)]
     date: datetime.date
-    source: Annotated[str, Field(min_length=1)]
-    """Where the figures come from: a data sheet (nominal) or readings."""
+    source: Annotated[str, Field(min_length=1)]  # where the figures come from: a data sheet (nominal) or readings
     unit: Annotated[str, Field(min_length=1)]
-    coefficients: Annotated[tuple[FiniteFloat, ...], Field(min_length=2, max_length=6)]
-    """[unit, unit/V, unit/V^2, ...]."""
+    coefficients: Annotated[tuple[FiniteFloat, ...], Field(min_length=2, max_length=6)]  # [unit, unit/V, unit/V^2, ...]
     coefficients_std: tuple[FiniteFloat, ...] | None = None
     limits_volts: tuple[FiniteFloat, FiniteFloat]
     broken_loop_volts: FiniteFloat | None = None
@@ -51,18 +51,10 @@ class Calibration(BaseModel):
             raise ValueError(f"broken_loop_volts {self.broken_loop_volts} must not lie above the lower limit {low}")
         if self.coefficients_std is not None and len(self.coefficients_std) != len(self.coefficients):
             raise ValueError("coefficients_std must have as many entries as coefficients")
-        if not _rises_or_falls(self.coefficients, low, high):
+        slopes = polyval(np.linspace(low, high, 257), polyder(self.coefficients))
+        if not ((slopes > 0.0).all() or (slopes < 0.0).all()):
             raise ValueError(f"coefficients give the same {self.unit} for two voltages between {low} and {high} V")
         return self
-
-
-def _rises_or_falls(coefficients: tuple[float, ...], low: float, high: float) -> bool:
-    """Whether the polynomial is monotonic between the limits (looked at in 256 points)."""
-    slopes = []
-    for step in range(257):
-        volts = low + (high - low) * step / 256
-        slopes.append(sum(k * c * volts ** (k - 1) for k, c in enumerate(coefficients) if k > 0))
-    return all(slope > 0 for slope in slopes) or all(slope < 0 for slope in slopes)
 
 
 def load(path: Path) -> Calibration:
@@ -79,16 +71,15 @@ def load(path: Path) -> Calibration:
         return Calibration(**values)
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        given = "nothing" if first["type"] == "missing" else repr(first["input"])
-        if not first["loc"]:
-            raise CalibrationError(f"calibration file {path}: {first['msg']}") from None
-        raise CalibrationError(f"calibration file {path}: {key} was given {given}: {first['msg']}") from None
+        key = ".".join(map(str, first["loc"]))
+        value = "nothing" if first["type"] == "missing" else repr(first["input"])
+        given = f"{key} was given {value}: " if key else ""
+        raise CalibrationError(f"calibration file {path}: {given}{first['msg']}") from None
 
 
 def save(calibration: Calibration, path: Path, comment: str = "") -> None:
     """Write a calibration file, with `comment` lines at its top."""
-    values = {key: value for key, value in calibration.model_dump().items() if value is not None}
+    values = calibration.model_dump(exclude_none=True)
     plain = {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
     head = "".join(f"# {line}\n" for line in ["SPDX-License-Identifier: Apache-2.0", *comment.splitlines()])
     path.write_text(

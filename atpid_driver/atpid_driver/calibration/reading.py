@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common import output
-from atpid_driver.acquisition import Acquisition, backend_names, create
+from atpid_driver.acquisition import Acquisition
+from atpid_driver.acquisition.registry import create
+from atpid_driver.acquisition.registry import names as backend_names
 from atpid_driver.calibration.fit import COLUMNS
 from atpid_driver.calibration.model import CalibrationError
 
@@ -39,7 +41,11 @@ def run(arguments: argparse.Namespace) -> int:
             f"position {arguments.position}, seconds {arguments.seconds}: give finite, positive time"
         )
     output.file(arguments.readings, "file")
-    volts = measure(_device(arguments), arguments.seconds)
+    values = {key: getattr(arguments, key) for key in ("device", "grpc", "library", "serial", "rate")}
+    channel = {"name": "reading", "terminal": arguments.terminal, "kind": arguments.kind}
+    scans = max(1, round(arguments.rate / BLOCKS_PER_SECOND))
+    device = create(arguments.backend, values | {"channels": [channel], "scans_per_block": scans})
+    volts = measure(device, arguments.seconds)
     with output.writing(arguments.readings, "file"):
         append(arguments.readings, arguments.position, float(volts.mean()))
     std = float(volts.std(ddof=1)) if len(volts) > 1 else math.nan
@@ -73,10 +79,3 @@ def append(path: Path, position: float, volts: float) -> None:
         if new:
             file.write(",".join(COLUMNS) + "\n")
         file.write(f"{position!r},{volts:.7f}\n")
-
-
-def _device(arguments: argparse.Namespace) -> Acquisition:
-    values = {key: getattr(arguments, key) for key in ("device", "grpc", "library", "serial", "rate")}
-    channel = {"name": "reading", "terminal": arguments.terminal, "kind": arguments.kind}
-    scans = max(1, round(arguments.rate / BLOCKS_PER_SECOND))
-    return create(arguments.backend, values | {"channels": [channel], "scans_per_block": scans})

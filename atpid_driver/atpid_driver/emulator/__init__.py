@@ -1,22 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emulated motor stand: the real firmware on an emulated Mega 2560 behind a pty, for tests and demonstrations."""
 
-from atpid_driver.emulator.build import (
-    PACKAGES,
-    EmulatorUnavailableError,
-    build_emulator,
-    build_firmware,
-    missing_tools,
-)
-from atpid_driver.emulator.emulator import Emulator, EmulatorError, StandState
+from atpid_driver.emulator.build import PACKAGES, build_emulator, build_firmware, missing_tools
+from atpid_driver.emulator.emulator import Emulator
 
-__all__ = [
-    "PACKAGES",
-    "Emulator",
-    "EmulatorError",
-    "EmulatorUnavailableError",
-    "StandState",
-    "build_emulator",
-    "build_firmware",
-    "missing_tools",
-]
+__all__ = ["PACKAGES", "Emulator", "build_emulator", "build_firmware", "missing_tools"]

@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from atpid_common.cli import guarded
+from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.fuzz import fuzz
@@ -35,11 +35,12 @@ def _run(arguments: argparse.Namespace) -> int:
 def _fuzz(arguments: argparse.Namespace) -> int:
     """Send harmful frames; 0 if the motor did not move, 3 if it did."""
     with tempfile.TemporaryDirectory() as folder, Emulator(Path(folder) / "board", height=0.98) as emulator:
-        shown = [0]
+        shown = 0
 
         def progress(done: int) -> None:
-            if done - shown[0] >= 20_000:
-                shown[0] = done
+            nonlocal shown
+            if done - shown >= 20_000:
+                shown = done
                 print(f"{done} of {arguments.frames} frames", file=sys.stderr, flush=True)
 
         result = fuzz(emulator, arguments.frames, arguments.seed, progress)
@@ -55,17 +56,12 @@ def main() -> int:
     run.add_argument("--link", type=Path, required=True, help="where its serial port shall appear")
     run.add_argument("--eeprom", type=Path, help="file that keeps the board's EEPROM")
     run.add_argument("--height", type=float, default=0.3, help="where the ceiling is at first [m]")
-    run.set_defaults(act=_run)
+    run.set_defaults(run=_run)
     long = commands.add_parser("fuzz", help="corrupted, truncated and duplicated frames")
     long.add_argument("--frames", type=int, default=1_000_000)
     long.add_argument("--seed", type=int, default=1)
-    long.set_defaults(act=_fuzz)
-
-    def act() -> int:
-        arguments = parser.parse_args()
-        return int(arguments.act(arguments))
-
-    return guarded(act)
+    long.set_defaults(run=_fuzz)
+    return run_parsed(lambda: parser)
 
 
 if __name__ == "__main__":

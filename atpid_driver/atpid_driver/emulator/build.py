@@ -67,10 +67,9 @@ def _make(source: Path, build: Path, *variables: str) -> None:
             f"the emulated motor stand needs {', '.join(missing or ('make',))}: sudo apt-get install {PACKAGES}"
         )
     build.mkdir(parents=True, exist_ok=True)
+    command = ["make", "-C", str(source), f"BUILD={build}", *variables]
     with (build / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # two test runs at once must not build into each other
-        done = subprocess.run(
-            ["make", "-C", str(source), f"BUILD={build}", *variables], capture_output=True, text=True, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise EmulatorUnavailableError(f"make in {source} failed:\n{done.stdout}{done.stderr}")

@@ -18,7 +18,7 @@ class SteppedHost:
         """Disconnect the serial port and let the board start."""
         self.emulator = emulator
         self.sequence = 0
-        emulator.unplug()
+        emulator.do("unplug")
         emulator.run(BOOT_TIME)
         emulator.received()
 
@@ -36,23 +36,19 @@ class SteppedHost:
 
     def answers(self, data: bytes, seconds: float = 0.01) -> list[Frame]:
         """Send bytes, advance by `seconds`, return every frame received."""
-        return [decode(line) for line in self.emulator.exchange(data, seconds).splitlines(keepends=True)]
+        self.emulator.send(data)
+        self.emulator.drain(seconds)
+        return [decode(line) for line in self.emulator.received().splitlines(keepends=True)]
 
     def state(self) -> StateReply:
         """Return the state without a heartbeat."""
-        reply = self.request("STATE")
-        if not isinstance(reply, StateReply):
-            raise ProtocolError(f"STATE was refused: {reply}")
-        return reply
+        return self._state("STATE", 0.01)
 
     def beat(self, seconds: float) -> StateReply:
         """Advance by `seconds` with a heartbeat every 0.1 s; return the last state."""
-        reply: Reply | None = None
-        for _ in range(max(1, round(seconds / BEAT_TIME))):
-            reply = self.request("BEAT", seconds=BEAT_TIME)
-        if not isinstance(reply, StateReply):
-            raise ProtocolError(f"BEAT was refused: {reply}")
-        return reply
+        for _ in range(max(1, round(seconds / BEAT_TIME)) - 1):
+            self.request("BEAT", seconds=BEAT_TIME)
+        return self._state("BEAT", BEAT_TIME)
 
     def make_ready(self) -> StateReply:
         """Identify, arm and home. Raises `ProtocolError` if the board ends up anywhere but at rest and homed."""
@@ -63,3 +59,9 @@ class SteppedHost:
             if state.homed:
                 return state
         raise ProtocolError(f"homing did not end: {state}")
+
+    def _state(self, word: str, seconds: float) -> StateReply:
+        reply = self.request(word, seconds=seconds)
+        if not isinstance(reply, StateReply):
+            raise ProtocolError(f"{word} was refused: {reply}")
+        return reply

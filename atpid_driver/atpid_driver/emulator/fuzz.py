@@ -7,6 +7,7 @@ import random
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 from atpid_driver.emulator.client import SteppedHost
 from atpid_driver.emulator.emulator import Emulator
@@ -64,15 +65,13 @@ def _noise(_frame: bytearray, rng: random.Random) -> bytes:
 DAMAGES: tuple[Callable[[bytearray, random.Random], bytes], ...] = (_flip, _truncate, _overwrite, _drop, _digit, _noise)
 
 
-def harmful(count: int, newest: Callable[[], int], rng: random.Random) -> Iterator[bytes]:
-    """Yield `count` frames that must not be carried out: damaged ones, and whole ones that were carried out before.
+def harmful(newest: Callable[[], int], rng: random.Random) -> Iterator[bytes]:
+    """Yield frames that must not be carried out: damaged ones, and whole ones that were carried out before.
 
     `newest` returns the last sequence carried out; a damaged frame has a newer one.
     """
-    made = 0
-    while made < count:
+    while True:
         if rng.random() < 0.2:
-            made += 1
             old = (newest() - rng.randrange(1, 1000)) % SEQUENCES
             yield encode(old, "MOVE", rng.randrange(17_000, 1_000_000))
             continue
@@ -81,7 +80,6 @@ def harmful(count: int, newest: Callable[[], int], rng: random.Random) -> Iterat
         whole = encode((newest() + rng.randrange(1, 1000)) % SEQUENCES, word, *arguments)
         damaged = rng.choice(DAMAGES)(bytearray(whole), rng)
         if not any(_whole(part) for part in damaged.split(b"$")):
-            made += 1
             yield damaged
 
 
@@ -105,7 +103,7 @@ def fuzz(emulator: Emulator, frames: int, seed: int, progress: Callable[[int], N
     before, first = emulator.state(), host.state()
     sent = rejected = 0
     while sent < frames:
-        batch = list(harmful(min(FRAMES_A_BEAT, frames - sent), lambda: host.sequence, rng))
+        batch = list(islice(harmful(lambda: host.sequence, rng), min(FRAMES_A_BEAT, frames - sent)))
         sent += len(batch)
         emulator.send(b"".join(batch) + b"\n")
         emulator.drain(0.01)

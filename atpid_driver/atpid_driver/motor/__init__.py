@@ -1,42 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ceiling's motor: one protocol (`CeilingActuator`), two backends (a simulated ceiling, a serial port)."""
+"""The ceiling's motor: one protocol (`CeilingActuator`), two backends by name (a simulated ceiling, a serial port)."""
 
-from atpid_driver.motor.ceiling_actuator import CeilingActuator, Identity, Limits, Mode, Reading
-from atpid_driver.motor.errors import (
-    CommandStaleError,
-    HeightRefusedError,
-    IdentityError,
-    LimitsError,
-    LinkError,
-    MotorError,
-    NotReadyError,
-    ProtocolError,
-    SettingsError,
-)
-from atpid_driver.motor.faults import Fault, in_words
-from atpid_driver.motor.registry import BACKENDS, actuator_of
+from typing import Final
+
+from atpid_driver.motor.ceiling_actuator import CeilingActuator
+from atpid_driver.motor.errors import SettingsError
 from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
 
-__all__ = [
-    "BACKENDS",
-    "CeilingActuator",
-    "CommandStaleError",
-    "Fault",
-    "HeightRefusedError",
-    "Identity",
-    "IdentityError",
-    "Limits",
-    "LimitsError",
-    "LinkError",
-    "Mode",
-    "MotorError",
-    "MotorSettings",
-    "NotReadyError",
-    "ProtocolError",
-    "Reading",
-    "SettingsError",
-    "SimulatedActuator",
-    "actuator_of",
-    "in_words",
-]
+BACKENDS: Final = ("simulated", "serial")
+
+
+def actuator_of(settings: MotorSettings) -> CeilingActuator:
+    """Return the backend named in `settings`; raises `SettingsError` for an unknown name."""
+    if settings.backend not in BACKENDS:
+        raise SettingsError(f"backend {settings.backend!r}: allowed {', '.join(BACKENDS)}")
+    if settings.backend == "simulated":
+        return SimulatedActuator(settings.limits, settings.initial_height)
+    from atpid_driver.motor.serial_actuator import SerialActuator  # here: a simulated bench does not need pyserial
+
+    return SerialActuator(settings)

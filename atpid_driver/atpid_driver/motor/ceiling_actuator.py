@@ -46,7 +46,10 @@ class Limits:
     def check(self, height: float) -> float:
         """Return `height` [m] if it is allowed, else raise `HeightRefusedError`."""
         if not self.lowest <= height <= self.highest:
-            raise HeightRefusedError(height, self.lowest, self.highest)
+            raise HeightRefusedError(
+                f"ceiling height {height:g} m refused: allowed {self.lowest:g} to {self.highest:g} m; the ceiling "
+                "stays, command a height inside the limits"
+            )
         return height
 
 

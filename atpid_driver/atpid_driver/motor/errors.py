@@ -19,14 +19,6 @@ class LimitsError(SettingsError):
 class HeightRefusedError(MotorError):
     """A height outside the limits; the ceiling stays on its present target."""
 
-    def __init__(self, height: float, lowest: float, highest: float) -> None:
-        """Take the `height` given and the limits, all in metres."""
-        self.height = height
-        super().__init__(
-            f"ceiling height {height:g} m refused: allowed {lowest:g} to {highest:g} m; the ceiling stays, "
-            "command a height inside the limits"
-        )
-
 
 class CommandStaleError(MotorError):
     """A command that waited longer than the time-out between receipt and execution."""

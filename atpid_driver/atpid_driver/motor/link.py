@@ -10,8 +10,8 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -20,7 +20,7 @@ from atpid_driver.motor.errors import CommandStaleError, LinkError, MotorError, 
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
 from atpid_driver.motor.serial_port import SerialPort
-from atpid_driver.motor.session import Port, Session, SessionLostError, check_identity
+from atpid_driver.motor.session import Session, SessionLostError, check_identity
 from atpid_driver.motor.settings import MotorSettings
 
 NO_LINK: Final = Reading(Mode.UNCONFIGURED)
@@ -43,10 +43,8 @@ class Job:
 class Link:
     """Owns the port. `reading`: last state; `goal`: last height requested [µm]; `heartbeat`: whether to send one."""
 
-    def __init__(self, settings: MotorSettings, open_port: Callable[[str, int], Port] = SerialPort) -> None:
-        """Keep `settings`; the thread starts with `start`."""
+    def __init__(self, settings: MotorSettings) -> None:
         self._settings = settings
-        self._open_port = open_port
         self._jobs: queue.Queue[Job] = queue.Queue(QUEUE)
         self._reports: deque[str] = deque(maxlen=32)
         self._stop, self._ended = threading.Event(), threading.Event()
@@ -99,10 +97,7 @@ class Link:
 
     def reports(self) -> list[str]:
         """Return the events since the last call, one line each."""
-        taken = []
-        while self._reports:
-            taken.append(self._reports.popleft())
-        return taken
+        return [self._reports.popleft() for _ in range(len(self._reports))]
 
     def health(self) -> dict[str, str]:
         """Return identity and counters for diagnostics."""
@@ -138,8 +133,7 @@ class Link:
             self._first.set_exception(error)
 
     def _connect_and_serve(self) -> None:
-        port = self._open_port(self._settings.port, self._settings.baud)
-        try:
+        with closing(SerialPort(self._settings.port, self._settings.baud)) as port:
             session = Session(port)
             while not self._stop.is_set():
                 self._identify(session)
@@ -147,8 +141,6 @@ class Link:
                     self._serve(session)
                 except SessionLostError as error:
                     self._lost(error)
-        finally:
-            port.close()
 
     def _identify(self, session: Session) -> None:
         identity = session.identify(self._settings.identify_timeout, self._stop.is_set)
@@ -191,7 +183,9 @@ class Link:
             for word, arguments in job.commands:
                 reply = session.request(word, *arguments)
                 if isinstance(reply, Refusal):
-                    raise NotReadyError(f"the board refused {word}: {reply}{self._fault_text(session)}")
+                    self._poll(session)
+                    faults = f" ({in_words(self.reading.faults)})" if self.reading.faults else ""
+                    raise NotReadyError(f"the board refused {word}: {reply}{faults}")
                 self._take(reply)
         except MotorError as error:
             self.goal = None
@@ -207,11 +201,6 @@ class Link:
             self._sequence = self._sequence if job.sequence is None else job.sequence
             self.reading = replace(self.reading, sequence=self._sequence)
             job.done.set_result(None)
-
-    def _fault_text(self, session: Session) -> str:
-        """Return the board's faults in words, for a refusal."""
-        self._poll(session)
-        return f" ({in_words(self.reading.faults)})" if self.reading.faults else ""
 
     def _take(self, reply: object) -> None:
         if not isinstance(reply, StateReply):

@@ -124,7 +124,7 @@ def reply_of(frame: Frame) -> Reply:
     """Return the reply in `frame`. Raises `ProtocolError` if it is none of the firmware's."""
     try:
         return _PARSERS[frame.word](frame.arguments)
-    except (KeyError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ProtocolError(f"reply {frame.word},{','.join(frame.arguments)} not understood: {error}") from None
 
 
@@ -148,17 +148,8 @@ def _metres(text: str) -> float:
 
 def _identity(arguments: tuple[str, ...]) -> IdentityReply:
     name, version, protocol, boots, cause, lowest, highest, speed, table = arguments
-    return IdentityReply(
-        name=name,
-        version=version,
-        protocol=_whole(protocol),
-        boots=_whole(boots),
-        reset_cause=cause,
-        lowest=_metres(lowest),
-        highest=_metres(highest),
-        speed=_metres(speed),
-        table=_whole(table),
-    )
+    lengths = (_metres(lowest), _metres(highest), _metres(speed))
+    return IdentityReply(name, version, _whole(protocol), _whole(boots), cause, *lengths, _whole(table))
 
 
 def _state(arguments: tuple[str, ...]) -> StateReply:
@@ -176,9 +167,6 @@ def _state(arguments: tuple[str, ...]) -> StateReply:
     )
 
 
-def _refusal(arguments: tuple[str, ...]) -> Refusal:
-    (reason,) = arguments
-    return Refusal(reason)
-
-
-_PARSERS: Final[dict[str, Callable[[tuple[str, ...]], Reply]]] = {"ID": _identity, "ST": _state, "NO": _refusal}
+_PARSERS: Final[dict[str, Callable[[tuple[str, ...]], Reply]]] = {
+    "ID": _identity, "ST": _state, "NO": lambda arguments: Refusal(*arguments),
+}  # fmt: skip

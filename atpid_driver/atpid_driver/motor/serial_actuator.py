@@ -11,7 +11,7 @@ from concurrent.futures import TimeoutError
 from contextlib import suppress
 from math import isfinite, isnan
 
-from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
+from atpid_driver.motor.ceiling_actuator import Identity, Mode, Reading
 from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError
 from atpid_driver.motor.faults import LINK_FAULTS, in_words
 from atpid_driver.motor.link import Job, Link
@@ -25,16 +25,10 @@ class SerialActuator:
     """A ceiling behind a serial port."""
 
     def __init__(self, settings: MotorSettings) -> None:
-        """Keep `settings`; nothing is opened before `connect`."""
-        self._settings = settings
+        self.limits = settings.limits  # which lie inside the firmware's
         self._link = Link(settings)
-        self._active = False
+        self.reports, self.health = self._link.reports, self._link.health
         self._recovery: Job | None = None
-
-    @property
-    def limits(self) -> Limits:
-        """Limits in force: the parameters', which lie inside the firmware's."""
-        return self._settings.limits
 
     def connect(self, now: int) -> Identity:
         """Open the port and request the identity until the board answers; the link then reconnects by itself."""
@@ -44,16 +38,16 @@ class SerialActuator:
     def activate(self, now: int) -> None:
         """Arm, clearing faults whose cause is gone, and start homing if the reference is lost."""
         self._link.keep_alive()
-        self._active = self._link.heartbeat = True
+        self._link.heartbeat = True
         try:
             self._do(self._arming())
         except MotorError:
-            self._active = self._link.heartbeat = False
+            self._link.heartbeat = False
             raise
 
     def deactivate(self, now: int) -> None:
         """Stop and disarm: motor off. Where the link fails the firmware does so by itself within 500 ms."""
-        self._active = self._link.heartbeat = False
+        self._link.heartbeat = False
         with suppress(LinkError):
             self._do(Job((("DISARM", ()),)))
 
@@ -77,22 +71,13 @@ class SerialActuator:
         self._link.keep_alive()
         return self._link.reading
 
-    def reports(self) -> list[str]:
-        """Return the events of the link since the last call, one line each."""
-        return self._link.reports()
-
-    def health(self) -> dict[str, str]:
-        """Return identity and counters of the link."""
-        return self._link.health()
-
     def close(self) -> None:
         """Disarm if the board still answers, and release the port."""
-        self._active = self._link.heartbeat = False
+        self._link.heartbeat = False
         self._link.stop()
 
     def _arming(self) -> Job:
-        homed = self._link.reading.homed
-        return Job((("ARM", ()),) if homed else (("ARM", ()), ("HOME", ())))
+        return Job((("ARM", ()),) if self._link.reading.homed else (("ARM", ()), ("HOME", ())))
 
     def _recover(self, reading: Reading, goal: float) -> None:
         """Arm and home again on a fresh height after a lost link; never without a command, never after another fault.
@@ -101,7 +86,7 @@ class SerialActuator:
         """
         lost = reading.mode is Mode.DISARMED or (reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS)
         under_way = self._recovery is not None and not self._recovery.done.done()
-        if self._active and lost and isfinite(goal) and not under_way:
+        if self._link.heartbeat and lost and isfinite(goal) and not under_way:
             job = self._arming()
             self._link.submit(job)
             self._recovery = job
@@ -114,7 +99,7 @@ class SerialActuator:
             return "homing; command it again when it is done"
         if reading.faults & ~LINK_FAULTS:
             return f"{in_words(reading.faults)}; remove the cause, then call ~/rearm"
-        return "motor off; armed and homed again first" if self._active else "motor off; activate it"
+        return "motor off; armed and homed again first" if self._link.heartbeat else "motor off; activate it"
 
     def _do(self, job: Job) -> None:
         """Queue `job` and wait for its outcome, at most JOB_TIME."""

@@ -5,21 +5,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
+from atpid_driver.motor import protocol
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, ProtocolError
-from atpid_driver.motor.protocol import (
-    NAME,
-    PROTOCOL,
-    SEQUENCES,
-    IdentityReply,
-    Refusal,
-    Reply,
-    decode,
-    encode,
-    reply_of,
-)
+from atpid_driver.motor.serial_port import SerialPort
 
 ANSWER_TIME: Final = 0.125
 IDENTIFY_TIME: Final = 0.25
@@ -29,19 +20,6 @@ VERSION: Final = "1."
 SPEED_TOLERANCE: Final = 0.05
 
 
-class Port(Protocol):
-    """The part of a serial port that a session uses."""
-
-    def write(self, data: bytes) -> None:
-        """Send all bytes. Raises `LinkError`."""
-
-    def read_line(self, timeout: float) -> bytes:
-        """Return bytes up to and with a line end; what came within `timeout` [s] otherwise. Raises `LinkError`."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
 class SessionLostError(LinkError):
     """The board was restarted during the session: it must be identified again."""
 
@@ -49,14 +27,11 @@ class SessionLostError(LinkError):
 class Session:
     """One session with the firmware; not safe for threads, one owner only."""
 
-    def __init__(self, port: Port) -> None:
-        """Begin at sequence 0; the first request is number 1."""
+    def __init__(self, port: SerialPort) -> None:
         self._port = port
-        self._sequence = 0
-        self.garbled = 0
-        self.repeated = 0
+        self._sequence = self.garbled = self.repeated = 0
 
-    def request(self, word: str, *arguments: int) -> Reply:
+    def request(self, word: str, *arguments: int) -> protocol.Reply:
         """Return the answer to a command, sent again where none comes: the firmware carries out a repeated frame once.
 
         Raises `LinkError` if there is none, `SessionLostError` if the board was restarted.
@@ -66,13 +41,13 @@ class Session:
             self.repeated += attempt > 0
             self._port.write(frame)
             reply = self._answer(ANSWER_TIME)
-            if isinstance(reply, Refusal) and reply.reason == "SESSION":
+            if isinstance(reply, protocol.Refusal) and reply.reason == "SESSION":
                 raise SessionLostError("the board was restarted: its height is lost until it has homed again")
             if reply is not None:
                 return reply
         raise LinkError(f"no answer to {word} within {ATTEMPTS * ANSWER_TIME:g} s")
 
-    def identify(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> IdentityReply:
+    def identify(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> protocol.IdentityReply:
         """Request the identity until the board answers: opening the port restarts it; its bootloader discards bytes.
 
         Raises `LinkError` after `timeout` [s] or when `cancelled` returns true.
@@ -81,37 +56,37 @@ class Session:
         while time.monotonic() < end and not cancelled():
             self._port.write(self._next("ID"))
             reply = self._answer(IDENTIFY_TIME)
-            if isinstance(reply, IdentityReply):
+            if isinstance(reply, protocol.IdentityReply):
                 return reply
         raise LinkError(
-            f"nothing answers as {NAME} within {timeout:g} s: is the firmware flashed, the baud rate right?"
+            f"nothing answers as {protocol.NAME} within {timeout:g} s: is the firmware flashed, the baud rate right?"
         )
 
     def _next(self, word: str, *arguments: int) -> bytes:
-        self._sequence = (self._sequence + 1) % SEQUENCES
-        return encode(self._sequence, word, *arguments)
+        self._sequence = (self._sequence + 1) % protocol.SEQUENCES
+        return protocol.encode(self._sequence, word, *arguments)
 
-    def _answer(self, timeout: float) -> Reply | None:
+    def _answer(self, timeout: float) -> protocol.Reply | None:
         end = time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0:
             line = self._port.read_line(left)
             try:
-                frame = decode(line)
+                frame = protocol.decode(line)
                 if frame.sequence == self._sequence:
-                    return reply_of(frame)
+                    return protocol.reply_of(frame)
             except ProtocolError:
                 self.garbled += bool(line)
         return None
 
 
-def check_identity(reply: IdentityReply, limits: Limits) -> None:
+def check_identity(reply: protocol.IdentityReply, limits: Limits) -> None:
     """Raise `IdentityError` for a firmware that is not supported, `LimitsError` if `limits` are not inside its own."""
-    if reply.name != NAME:
-        raise IdentityError(f"{reply.name!r} answers, not {NAME}: wrong port, or flash atpid_driver/firmware")
-    if reply.protocol != PROTOCOL or not reply.version.startswith(VERSION):
+    if reply.name != protocol.NAME:
+        raise IdentityError(f"{reply.name!r} answers, not {protocol.NAME}: wrong port, or flash atpid_driver/firmware")
+    if reply.protocol != protocol.PROTOCOL or not reply.version.startswith(VERSION):
         raise IdentityError(
             f"firmware {reply.version} with protocol {reply.protocol}: this driver needs {VERSION}x with protocol "
-            f"{PROTOCOL}; flash atpid_driver/firmware (make flash)"
+            f"{protocol.PROTOCOL}; flash atpid_driver/firmware (make flash)"
         )
     if limits.lowest < reply.lowest - 1e-9 or limits.highest > reply.highest + 1e-9:
         raise LimitsError(

@@ -37,18 +37,11 @@ class MotorSettings:
         object.__setattr__(self, "limits", Limits(self.lowest, self.highest, self.speed))
         if isfinite(self.initial_height):
             self.limits.check(self.initial_height)
-        self._positive("rate", "command_timeout", "stale_timeout", "identify_timeout", "baud")
-        if self.backend == "serial":
-            self._check_serial()
-
-    def _positive(self, *names: str) -> None:
-        for name in names:
+        for name in ("rate", "command_timeout", "stale_timeout", "identify_timeout", "baud"):
             value = float(getattr(self, name))
             if not (isfinite(value) and value > 0.0):
                 raise SettingsError(f"{name} {value:g}: must be a number above 0")
-
-    def _check_serial(self) -> None:
-        if not self.port:
+        if self.backend == "serial" and not self.port:
             raise SettingsError("port is empty: give the board's stable name, /dev/serial/by-id/...")
-        if self.lockstep:
+        if self.backend == "serial" and self.lockstep:
             raise SettingsError("lockstep with backend serial: a real motor has its own clock; set lockstep: false")

@@ -41,10 +41,9 @@ class SimulatedActuator:
 
         Raises `HeightRefusedError` if it is outside the limits.
         """
-        self._limits = limits
+        self.limits = limits
         self._travel = self._rest(nan if isnan(initial_height) else limits.check(initial_height), 0)
-        self._mode = Mode.UNCONFIGURED
-        self._sequence = 0
+        self._mode, self._sequence = Mode.UNCONFIGURED, 0
 
     @property
     def placed(self) -> bool:
@@ -54,11 +53,6 @@ class SimulatedActuator:
     def place(self, height: float, now: int) -> None:
         """Stand at `height` [m], wherever that is: limits are those of commands."""
         self._travel = self._rest(height, now)
-
-    @property
-    def limits(self) -> Limits:
-        """Limits in force."""
-        return self._limits
 
     def connect(self, now: int) -> Identity:
         """Return the identity of a simulated ceiling."""
@@ -85,25 +79,25 @@ class SimulatedActuator:
         here = self._travel.height(now)
         if not self.placed:
             raise NotReadyError(f"ceiling height {height:g} m refused: it is not known yet where the ceiling stands")
-        goal = here if isnan(height) else self._limits.check(height)
+        goal = here if isnan(height) else self.limits.check(height)
         self._sequence = sequence
         if goal != self._travel.target:
-            self._travel = Travel(now, here, goal, self._limits.speed)
+            self._travel = Travel(now, here, goal, self.limits.speed)
 
     def read(self, now: int) -> Reading:
         """Return where the ceiling is at `now` [ns] and what it does next."""
         height, target = self._travel.height(now), self._travel.target
         armed = self._mode is Mode.HOLDING
         if armed and not self.placed:
-            return Reading(mode=Mode.HOMING, speed=self._limits.speed)
+            return Reading(mode=Mode.HOMING, speed=self.limits.speed)
         moving = armed and height != target
         return Reading(
             mode=Mode.MOVING if moving else self._mode,
             homed=armed,
             height=height,
             target=target if armed else nan,
-            velocity=copysign(self._limits.speed, target - height) if moving else 0.0,
-            speed=self._limits.speed,
+            velocity=copysign(self.limits.speed, target - height) if moving else 0.0,
+            speed=self.limits.speed,
             sequence=self._sequence,
         )
 
@@ -124,4 +118,4 @@ class SimulatedActuator:
         self._mode = mode
 
     def _rest(self, height: float, now: int) -> Travel:
-        return Travel(now, height, height, self._limits.speed)
+        return Travel(now, height, height, self.limits.speed)

@@ -8,26 +8,30 @@ The device's calls block in the Reader's thread; only the executor's thread publ
 
 from __future__ import annotations
 
+import array
 import queue
 import sys
+from functools import partial
 from typing import Any, ClassVar
 
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
+from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
-from atpid_common.nodes.messages import BLOCKS, STATES, time_of
+from atpid_common.nodes.messages import BLOCKS, STATES, doubles, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.recorder_watch import RecorderWatch
-from atpid_driver.acquisition import Backoff, Identity, Reader, Status, create
-from atpid_driver.calibration import Counts, block_si
-from atpid_driver.nodes.acquisition_diagnostics import status_message
+from atpid_driver.acquisition import Identity
+from atpid_driver.acquisition.reader import Backoff, Reader, Status
+from atpid_driver.acquisition.registry import create
+from atpid_driver.calibration.convert import Counts, block_si
 from atpid_driver.nodes.acquisition_parameters import Use, settings_of
-from atpid_driver.nodes.blocks import Layout, sample_block
 from atpid_driver.nodes.device_node import DeviceNode
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -42,18 +46,19 @@ class AcquisitionNode(DeviceNode):
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened."""
         super().__init__(self.NAME, **kwargs)
-        self.settings = settings_of(self, self.USE)
-        self._device = create(self.settings.backend, self.settings.device)
-        self._blocks = self.create_publisher(SampleBlock, self.settings.topic, BLOCKS)
+        self._settings, self._calibrations = settings_of(self, self.USE)
+        self._device = create(self._settings["backend"], self._settings)
+        self._blocks = self.create_publisher(SampleBlock, self._settings["topic"], BLOCKS)
         self._events = EventPublisher(self)
-        if self.settings.in_loop:
+        if self._settings["in_loop"]:
             self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        expected = self.settings.expect_recorder
+        expected = self._settings["expect_recorder"]
         self._recorder = RecorderWatch(self, self._on_recorder, self._events.publish, expected=expected)
         self._identity: Identity | None = None
         self._reader: Reader | None = None
         self._handshake: Handshake | None = None
-        self._layout: Layout | None = None
+        self._units = [calibration.unit for calibration in self._calibrations]
+        self._message: SampleBlock | None = None  # published again and again, with other samples; None: nothing yet
         self._reports: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
         self._counts: dict[str, Counts] = {name: Counts() for name in self._device.channels}
         self._last_dropped, self._lost_lately, self._closing = 0, 0, False
@@ -61,27 +66,25 @@ class AcquisitionNode(DeviceNode):
         self.create_timer(1.0, self._each_second, clock=STEADY)
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._attempts, self._backoff = 0, Backoff()
-        if self.settings.autostart:
+        if self._settings["autostart"]:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
-
-    # -- lifecycle -------------------------------------------------------------------------------------------------
 
     def _configure(self) -> None:
         self._identity = self._device.open()
         self.get_logger().info(f"connected to {self._identity}: {', '.join(self._device.channels)}")
 
     def _activate(self) -> None:
-        settings = self.settings
-        if not settings.handshake:
+        settings = self._settings
+        if not settings["handshake"]:
             self._stream()
             return
         self._handshake = Handshake(
             self,
             self._publish_handshake,
             self._stream,
-            topics=(settings.topic, *(LOOP_TOPICS if settings.in_loop else ())),
-            answer="ceiling/state" if settings.in_loop else "",
-            recorder=settings.expect_recorder,
+            topics=(settings["topic"], *(LOOP_TOPICS if settings["in_loop"] else ())),
+            answer="ceiling/state" if settings["in_loop"] else "",
+            recorder=settings["expect_recorder"],
         )
         if self._recorder.status is not None:
             self._handshake.on_status(self._recorder.status)
@@ -116,8 +119,6 @@ class AcquisitionNode(DeviceNode):
         else:
             self._end_starting()
 
-    # -- the stream ------------------------------------------------------------------------------------------------
-
     def _on_state(self, state: CeilingState) -> None:
         if self._handshake is not None:
             self._handshake.on_answer(state)
@@ -127,13 +128,12 @@ class AcquisitionNode(DeviceNode):
             self._handshake.on_status(status)
 
     def _publish_handshake(self) -> None:
-        units = tuple(calibration.unit for calibration in self.settings.calibrations)
-        self._blocks.publish(empty_block(self._device.channels, units))
+        self._blocks.publish(empty_block(self._device.channels, self._units))
         self._events.publish_handshake()
 
     def _stream(self) -> None:
         assert self._identity is not None
-        self._handshake, self._layout, self._last_dropped = None, None, 0
+        self._handshake, self._message, self._last_dropped = None, None, 0
         self._reader = Reader(self._device, self._identity, self._wake, lambda *report: self._reports.put(report))
         self._reader.start()
 
@@ -148,36 +148,32 @@ class AcquisitionNode(DeviceNode):
             return
         for block in reader.take():
             assert reader.clock is not None
-            values, counts = block_si(self.settings.calibrations, block.volts)
+            values, counts = block_si(self._calibrations, block.volts)
             for name, count in zip(self._counts, counts, strict=True):
                 self._counts[name] += count
-            stamp = reader.clock.stamp_ns(block.first_index)
-            if self._layout is None:
-                self._publish_started(reader.clock.rate, stamp)
-            layout = self._layout_at(reader.clock.rate)
-            self._blocks.publish(sample_block(layout, stamp, block.first_index, values, block.dropped, block.backlog))
+            stamp = time_of(reader.clock.stamp_ns(block.first_index))
+            message = self._message = self._message or self._first_message(reader.clock.rate, stamp)
+            message.header.stamp, message.data = stamp, doubles(values)
+            message.first_index, message.dropped, message.backlog = block.first_index, block.dropped, block.backlog
+            self._blocks.publish(message)
         while not self._reports.empty():
-            self._publish_report(*self._reports.get())
+            fault, text = self._reports.get()
+            kind = (Event.ALARM, Event.FAULT) if fault else (Event.INFO, Event.RECOVERED)
+            self._events.publish(*kind, text)
 
-    def _publish_started(self, rate: float, stamp_ns: int) -> None:
-        text = f"{self._identity} streams {len(self._device.channels)} channels at {rate:g} Hz"
-        self._events.publish(Event.INFO, Event.STARTED, text, stamp=time_of(stamp_ns))
-
-    def _layout_at(self, rate: float) -> Layout:
-        if self._layout is None:
-            units = tuple(calibration.unit for calibration in self.settings.calibrations)
-            self._layout = Layout(str(self._identity), rate, self._device.channels, units, self._device.skew())
-        return self._layout
-
-    # -- monitoring --------------------------------------------------------------------------------------------------
+    def _first_message(self, rate: float, stamp: Time) -> SampleBlock:
+        """Report the start of the stream; return a message with what does not change from block to block."""
+        channels, skew = self._device.channels, array.array("d", self._device.skew())
+        text = f"{self._identity} streams {len(channels)} channels at {rate:g} Hz"
+        self._events.publish(Event.INFO, Event.STARTED, text, stamp=stamp)
+        message = SampleBlock(rate=rate, channels=list(channels), units=self._units, skew=skew)
+        message.header.frame_id = str(self._identity)
+        return message
 
     @property
     def status(self) -> Status:
         """State of the stream; all zero while there is none."""
         return self._reader.status if self._reader is not None else Status()
-
-    def _publish_report(self, fault: bool, text: str) -> None:
-        self._events.publish(Event.ALARM if fault else Event.INFO, Event.FAULT if fault else Event.RECOVERED, text)
 
     def _each_second(self) -> None:
         dropped = self.status.dropped
@@ -187,9 +183,31 @@ class AcquisitionNode(DeviceNode):
             self._events.publish(Event.WARNING, Event.DROPPED, text, float(self._lost_lately))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        state = self._state_text()
-        arguments = (self._identity, state, self.status, self._counts, self._lost_lately, self._last_error)
-        return [status_message(self, *arguments)]
+        state, status = self._state_text(), self.status
+        last_error = self._last_error or status.last_error
+        level, message = DiagnosticStatus.OK, f"streaming at {status.rate:g} Hz" if status.streaming else state
+        if last_error:
+            level, message = DiagnosticStatus.ERROR, last_error
+        elif self._lost_lately:
+            level, message = DiagnosticStatus.WARN, f"{self._lost_lately} scans lost in the last second"
+        values: dict[str, object] = {
+            "state": state,
+            "rate [Hz]": f"{status.rate:.6f}",
+            "next index": status.next_index,
+            "backlog [scans]": status.backlog,
+            "queued [blocks]": status.queued,
+            "dropped [scans]": status.dropped,
+            "interruptions": status.interruptions,
+            "clock drift [ppm]": f"{status.drift_ppm:.2f}",
+            "clock offset [s]": f"{status.offset_s:.6f}",
+            "last error": last_error or "none",
+        }
+        for channel, count in self._counts.items():
+            values[f"{channel} broken loop [samples]"] = count.broken_loop
+            values[f"{channel} out of range [samples]"] = count.out_of_range
+            values[f"{channel} missing [samples]"] = count.missing
+        serial = str(self._identity.serial) if self._identity else "none"
+        return [diagnostic_status(self, "acquisition", level, message, values, serial)]
 
     def _state_text(self) -> str:
         if self._identity is None:
@@ -209,10 +227,7 @@ class AcquisitionNode(DeviceNode):
         super().destroy_node()
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node as a process of its own; return the exit status."""
-    return run_node(AcquisitionNode, args)
-
+main = partial(run_node, AcquisitionNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -14,8 +14,11 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.share import share_folder
-from atpid_driver.acquisition import Settings, SetupRefusedError, backend, backend_names
-from atpid_driver.calibration import Calibration, check_channels, load
+from atpid_driver.acquisition import Settings, SetupRefusedError
+from atpid_driver.acquisition.registry import backend
+from atpid_driver.acquisition.registry import names as backend_names
+from atpid_driver.calibration.convert import check_channels
+from atpid_driver.calibration.model import Calibration, load
 
 TYPES = Parameter.Type
 _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}
@@ -57,22 +60,11 @@ class Use:
         )
 
 
-@dataclass(frozen=True)
-class NodeSettings:
-    """What the node itself needs; `device` goes to the backend as it is."""
+def settings_of(node: Node, use: Use) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
+    """Declare everything on `node`; return the checked values by name, and the calibration of each channel.
 
-    backend: str
-    topic: str
-    in_loop: bool
-    device: dict[str, object]
-    calibrations: tuple[Calibration, ...]
-    autostart: bool
-    handshake: bool
-    expect_recorder: bool
-
-
-def settings_of(node: Node, use: Use) -> NodeSettings:
-    """Declare everything on `node` and return it checked. Raises ParameterError or DriverError."""
+    `channels` and `scans_per_block` are as the backend takes them. Raises ParameterError or DriverError.
+    """
     values = declare(node, (*use.rows(), *COMMON))
     backends = dict.fromkeys(name for name in (values["backend"], use.backend, "simulated") if name is not None)
     rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
@@ -85,15 +77,10 @@ def settings_of(node: Node, use: Use) -> NodeSettings:
         )
     calibrations = calibrations_of(values)
     check_channels(calibrations, tuple(names))
-    wiring = [
-        {"name": name, "terminal": terminal, "kind": kind}
-        for name, terminal, kind in zip(names, terminals, kinds, strict=True)
-    ]
+    wiring = zip(names, terminals, kinds, strict=True)
+    channels = [{"name": name, "terminal": terminal, "kind": kind} for name, terminal, kind in wiring]
     scans = max(1, round(values["rate"] / values["blocks_per_second"]))
-    own = {key: values[key] for key in ("backend", "topic", "in_loop", "autostart", "handshake", "expect_recorder")}
-    return NodeSettings(
-        **own, device=values | {"channels": wiring, "scans_per_block": scans}, calibrations=calibrations
-    )
+    return values | {"channels": channels, "scans_per_block": scans}, calibrations
 
 
 def rows_of(model: type[Settings]) -> tuple[Row, ...]:
@@ -110,17 +97,11 @@ def _row(model: type[Settings], name: str, field: FieldInfo) -> Row:
             f"setting {name} of {model.__name__} is no parameter: its type must be bool, int, float, str or Literal"
         )
     default = _TYPE_OF[kind] if field.is_required() else field.default
+    text = field.description or f"of {model.__name__}"
     extra: Mapping[str, Any] = field.json_schema_extra if isinstance(field.json_schema_extra, Mapping) else {}
     bounds = {key: getattr(limit, key) for limit in field.metadata for key in ("ge", "le") if hasattr(limit, key)}
-    return Row(
-        name,
-        default,
-        field.description or f"of {model.__name__}",
-        str(extra.get("unit", "")),
-        bounds.get("ge"),
-        bounds.get("le"),
-        tuple(map(str, choices)),
-    )
+    unit, allowed = str(extra.get("unit", "")), tuple(map(str, choices))
+    return Row(name, default, text, unit, bounds.get("ge"), bounds.get("le"), allowed)
 
 
 def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:

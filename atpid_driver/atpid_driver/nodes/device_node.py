@@ -6,41 +6,31 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from lifecycle_msgs.srv import ChangeState
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 
-from atpid_common.nodes.lifecycle_node import CheckedLifecycleNode
 from atpid_driver.errors import DriverError
 
 
-class DeviceNode(CheckedLifecycleNode):
+class DeviceNode(LifecycleNode):
     """Its transitions are `_configure`, `_activate`, `_deactivate` and `_release` of the subclass.
 
-    A DriverError fails the transition, another exception is an error of it; both are passed to `_report`.
+    A DriverError fails the transition, another exception is an error of it; both are passed to `_report`. One that is
+    impossible in the node's state, such as `configure` while it is active, is refused.
     """
 
+    _configure: Callable[[], None]
+    _activate: Callable[[], None]
+    _deactivate: Callable[[], None]
+    _release: Callable[[], None]  # in any state
+
     def __init__(self, name: str, **kwargs: Any) -> None:
-        """Begin unconfigured."""
         super().__init__(name, **kwargs)
         self._last_error = ""
         self._may_retry = True  # whether the last transition may succeed later with the same parameters
         self._starter: Timer | None = None  # of autostart, until the node is active
-
-    def _configure(self) -> None:
-        """Open and identify the device."""
-        raise NotImplementedError
-
-    def _activate(self) -> None:
-        """Start it."""
-        raise NotImplementedError
-
-    def _deactivate(self) -> None:
-        """Stop it; it stays open."""
-        raise NotImplementedError
-
-    def _release(self) -> None:
-        """Stop and close it, in any state."""
-        raise NotImplementedError
 
     def _report(self, text: str) -> None:
         self.get_logger().error(text)
@@ -84,6 +74,19 @@ class DeviceNode(CheckedLifecycleNode):
             return TransitionCallbackReturn.ERROR
         self._last_error = ""
         return TransitionCallbackReturn.SUCCESS
+
+    def _LifecycleNodeMixin__on_change_state(  # noqa: N802  # the name of rclpy's callback
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Refuse an impossible request from anywhere in the ROS domain; rclpy's exception would end the node."""
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
+        except rclpy_implementation.RCLError:
+            asked = request.transition.label or f"number {request.transition.id}"
+            state = self._state_machine.current_state[1]
+            self.get_logger().warning(f"transition {asked} refused: impossible in the state {state}")
+            response.success = False
+            return response
 
     def _report_once(self, text: str) -> None:
         """Report an error once, not at every attempt."""

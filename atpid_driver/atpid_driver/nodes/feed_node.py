@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from atpid_common.nodes.handshake import ANNOUNCE_AFTER, ANNOUNCE_AGAIN, empty
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_driver.calibration import volts_of
+from atpid_driver.calibration.convert import volts_of
 from atpid_driver.errors import DriverError
 from atpid_driver.nodes.acquisition_parameters import calibrations_of
 from atpid_driver.standins import Feed
@@ -150,10 +151,7 @@ def _check_replaceable(path: Path) -> None:
         raise DriverError(f"parameter feed: given {path}, which exists and is no feed; give the name of a new file")
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node as a process of its own; return the exit status."""
-    return run_node(FeedNode, args)
-
+main = partial(run_node, FeedNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 from atpid_common.nodes.node_main import run_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
@@ -17,10 +18,7 @@ class LabJackNode(AcquisitionNode):
     USE = Use("labjack", "sensors/laser", in_loop=True)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node as a process of its own; return the exit status."""
-    return run_node(LabJackNode, args)
-
+main = partial(run_node, LabJackNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,19 +13,111 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import rclpy
+from atpid_interfaces.msg import CeilingState, RecorderStatus, SampleBlock
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
-from atpid_driver.nodes.load_listener import Listener, Tally
-from atpid_driver.nodes.load_processes import DRIVERS, RECORDER, Processes, processor_s
+from atpid_common.nodes.handshake import PERIOD, empty
+from atpid_common.nodes.messages import BLOCKS, STATUS
+from atpid_driver.nodes.load_processes import DRIVERS, INNER_STATUS, RECORDER, Processes
 from atpid_driver.standins import StandinError
 
 START_S, SETTLE_S = 30.0, 10.0
 LOST = 1
+
+
+@dataclass
+class Tally:
+    """What arrived on one topic."""
+
+    channels: int = 0
+    rate: float = 0.0  # [Hz]
+    blocks: int = 0
+    scans: int = 0
+    next_index: int = 0
+    gaps: list[tuple[int, int]] = field(default_factory=list)  # (expected index, index that came)
+    dropped: int = 0
+    backlog: int = 0  # most scans that ever waited in device and driver
+    invalid: int = 0  # values that are NaN
+
+    def add(self, block: SampleBlock) -> None:
+        """Count one block."""
+        self.channels, self.rate = len(block.channels), block.rate
+        if block.first_index != self.next_index:
+            self.gaps.append((self.next_index, block.first_index))
+        scans = len(block.data) // self.channels
+        self.blocks += 1
+        self.scans += scans
+        self.next_index = block.first_index + scans
+        self.dropped = block.dropped
+        self.backlog = max(self.backlog, block.backlog)
+        self.invalid += int(np.isnan(np.frombuffer(block.data)).sum())
+
+    @property
+    def lost(self) -> int:
+        """Scans that did not arrive, lost anywhere on their way."""
+        return self.next_index - self.scans
+
+
+class Listener(Node):
+    """Tallies topics, and answers the sources as loop and recorder would until data come from all of them.
+
+    With `behind_recorder` there is a real recorder too, its status remapped to INNER_STATUS: a topic is reported as
+    received once both have received it.
+    """
+
+    def __init__(self, topics: tuple[str, ...], *, behind_recorder: bool, **kwargs: Any) -> None:
+        super().__init__("load_listener", **kwargs)
+        self.tallies = {topic: Tally() for topic in topics}
+        self._received = dict.fromkeys(topics, 0)
+        self._inner: RecorderStatus | None = None
+        self._behind_recorder = behind_recorder
+        self._state = self.create_publisher(CeilingState, "ceiling/state", 100)
+        self._status = self.create_publisher(RecorderStatus, "recorder/status", STATUS)
+        self.create_subscription(RecorderStatus, INNER_STATUS, self._on_status, STATUS)
+        for topic in topics:
+            self.create_subscription(
+                SampleBlock, topic, lambda block, topic=topic: self._on_block(topic, block), BLOCKS
+            )
+        self._timer = self.create_timer(PERIOD, self._answer)
+
+    @property
+    def streaming(self) -> bool:
+        """Whether data arrive on every topic."""
+        return all(tally.blocks for tally in self.tallies.values())
+
+    def recorder(self, field: str) -> dict[str, int]:
+        """Return the recorder's count, `received` or `written`, of the blocks on each topic."""
+        counts = dict(zip(self._inner.topics, getattr(self._inner, field), strict=True)) if self._inner else {}
+        return {topic: int(counts.get(self.resolve_topic_name(topic), 0)) for topic in self.tallies}
+
+    def all_recorded(self) -> bool:
+        """Return whether the recorder has written every block that arrived."""
+        return self.recorder("written") == {topic: tally.blocks for topic, tally in self.tallies.items()}
+
+    def _on_status(self, status: RecorderStatus) -> None:
+        self._inner = status
+
+    def _on_block(self, topic: str, block: SampleBlock) -> None:
+        self._received[topic] += 1
+        if not block.handshake:
+            self.tallies[topic].add(block)
+
+    def _answer(self) -> None:
+        if self.streaming:
+            self._timer.cancel()
+        self._state.publish(empty(CeilingState))
+        elsewhere = self.recorder("received") if self._behind_recorder else dict.fromkeys(self._received, 1)
+        received = [min(count, elsewhere[topic]) for topic, count in self._received.items()]
+        self._status.publish(RecorderStatus(recording=True, topics=list(self._received), received=received))
 
 
 @dataclass(frozen=True)
@@ -89,17 +181,13 @@ def measure(seconds: float, bag: Path | None = None) -> Result:
     listener = Listener(tuple(DRIVERS.values()), behind_recorder=bag is not None, context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(listener)
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            processes = Processes(Path(folder), domain, bag)
-            try:
-                return _stream(executor, listener, processes, seconds)
-            finally:
-                processes.stop((*DRIVERS, RECORDER))
-    finally:
-        executor.shutdown()
-        listener.destroy_node()
-        rclpy.shutdown(context=context)
+    with ExitStack() as ending:
+        ending.callback(rclpy.shutdown, context=context)
+        ending.callback(listener.destroy_node)
+        ending.callback(executor.shutdown)
+        processes = Processes(Path(ending.enter_context(tempfile.TemporaryDirectory())), domain, bag)
+        ending.callback(processes.stop, (*DRIVERS, RECORDER))
+        return _stream(executor, listener, processes, seconds)
 
 
 def _stream(executor: SingleThreadedExecutor, listener: Listener, processes: Processes, seconds: float) -> Result:
@@ -108,14 +196,15 @@ def _stream(executor: SingleThreadedExecutor, listener: Listener, processes: Pro
         raise StandinError(f"{processes.ended()} has ended: see its message above")
     if not listener.streaming:
         raise StandinError(f"no data within {START_S:g} s: is another node running in this ROS domain?")
-    began, before = time.monotonic(), processes.processor_s() | {"listener": processor_s(os.getpid())}
+    began, before = time.monotonic(), processes.processor_s()
     _spin(executor, seconds, lambda: False)
-    elapsed, after = time.monotonic() - began, processes.processor_s() | {"listener": processor_s(os.getpid())}
+    elapsed, after = time.monotonic() - began, processes.processor_s()
     cores = {name: (after[name] - before[name]) / elapsed for name in before}
     processes.stop(tuple(DRIVERS))
     if RECORDER in processes.running:
-        _spin(executor, SETTLE_S, lambda: listener.recorded == listener.blocks)
-    return Result(elapsed, listener.tallies, cores, listener.recorded if RECORDER in processes.running else {})
+        _spin(executor, SETTLE_S, listener.all_recorded)
+    recorded = listener.recorder("written") if RECORDER in processes.running else {}
+    return Result(elapsed, listener.tallies, cores, recorded)
 
 
 def _spin(executor: SingleThreadedExecutor, seconds: float, until: Callable[[], bool]) -> None:

@@ -13,12 +13,11 @@ from pathlib import Path
 import yaml
 
 from atpid_driver.nodes.acquisition_parameters import shipped_calibrations
-from atpid_driver.nodes.load_listener import INNER_STATUS
 from atpid_driver.standins import build, environment
 
 LASER, ACCELEROMETER = "sensors/laser", "sensors/accelerometer"
 DRIVERS = {"labjack_node": LASER, "ni_node": ACCELEROMETER}
-RECORDER = "recorder_node"
+RECORDER, INNER_STATUS = "recorder_node", "recorder/inner_status"
 STOP_S = 10.0
 AXES = "xyz"
 
@@ -49,8 +48,9 @@ class Processes:
         return next((name for name, process in self.running.items() if process.poll() is not None), "")
 
     def processor_s(self) -> dict[str, float]:
-        """Return the processor time each has used, all its threads [s]."""
-        return {name: processor_s(process.pid) for name, process in self.running.items()}
+        """Return the processor time each, and the listener in this process, has used [s]."""
+        pids = {name: process.pid for name, process in self.running.items()} | {"listener": os.getpid()}
+        return {name: processor_s(pid) for name, pid in pids.items()}
 
     def stop(self, names: tuple[str, ...]) -> None:
         """Interrupt and await the named processes that still run."""

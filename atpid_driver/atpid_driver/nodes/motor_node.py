@@ -11,37 +11,30 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import suppress
+from functools import partial
 from math import isfinite, isnan, nan
 from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
 from atpid_common.latency import Latencies
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import nanoseconds_of
+from atpid_common.nodes.messages import nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.supervision import Supervision
-from atpid_driver.motor import (
-    CommandStaleError,
-    HeightRefusedError,
-    Mode,
-    MotorError,
-    NotReadyError,
-    Reading,
-    SimulatedActuator,
-    actuator_of,
-    in_words,
-)
-from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT
+from atpid_driver.motor import actuator_of
+from atpid_driver.motor.ceiling_actuator import Mode, Reading
+from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
+from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT, in_words
+from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
-from atpid_driver.nodes.motor_messages import state_of, status_of
-from atpid_driver.nodes.motor_parameters import settings_of
+from atpid_driver.nodes.motor_interface import settings_of, state_of, status_of
 from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
 RETRY = 1.0
@@ -77,39 +70,27 @@ class MotorNode(DeviceNode):
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
         self._latencies = Latencies()
         self._open_topics()
-        self._start_timers()
-        actuator = self._actuator
-        if isinstance(actuator, SimulatedActuator) and not actuator.placed:
-            self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
-
-    def _open_topics(self) -> None:
-        lockstep = self.settings.lockstep
-        self._events = EventPublisher(self)
-        timeout = self.settings.stale_timeout
-        self._supervision = Supervision(
-            self, self._events.publish, self._statuses, timeout, self._on_silence, enabled=not lockstep
-        )
-        self._supervision.stale.watch(COMMANDS, "the ceiling stays where it is")
-        self._supervision.follow_events()
-        qos = self._supervision.qos
-        self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
-        self.create_subscription(
-            CeilingCommand,
-            COMMANDS,
-            self._on_command,
-            LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH,
-            event_callbacks=qos.subscription(COMMANDS),
-        )
-        self.create_service(Trigger, "~/rearm", self._on_rearm)
-
-    def _start_timers(self) -> None:
         self.create_timer(1.0, self._check_duplicates)
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period)
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start)
+        actuator = self._actuator
+        if isinstance(actuator, SimulatedActuator) and not actuator.placed:
+            self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
 
-    # -- lifecycle ---------------------------------------------------------------------------------------------------
+    def _open_topics(self) -> None:
+        lockstep, timeout = self.settings.lockstep, self.settings.stale_timeout
+        self._events = EventPublisher(self)
+        publish = self._events.publish
+        self._supervision = Supervision(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
+        self._supervision.stale.watch(COMMANDS, "the ceiling stays where it is")
+        self._supervision.follow_events()
+        qos = self._supervision.qos
+        self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
+        depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
+        self.create_subscription(CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
+        self.create_service(Trigger, "~/rearm", self._on_rearm)
 
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
@@ -143,8 +124,6 @@ class MotorNode(DeviceNode):
         elif self._starter.timer_period_ns < RETRY * 1e9:
             self._starter.timer_period_ns = int(RETRY * 1e9)
 
-    # -- the loop --------------------------------------------------------------------------------------------------
-
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
         if not handshake:
@@ -154,24 +133,20 @@ class MotorNode(DeviceNode):
             self._move(command, info)
         reading = self._read()
         if (handshake and reading.ready and self._initial is None) or (self.settings.lockstep and not handshake):
-            header = Header(stamp=command.header.stamp, frame_id=self.get_name())
-            self._publish(reading, header, handshake=handshake)
+            self._publish(reading, command.header.stamp, handshake=handshake)
 
     def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
         self._initial = None
         try:
-            self._check_active(command.height)
+            if not self._active:
+                text = f"ceiling height {command.height:g} m refused: the motor node is {self._state_and_remedy()}"
+                raise NotReadyError(text)
             self._check_fresh(info)
             self._actuator.move(command.height, command.sequence, self._now())
         except MotorError as error:
             self._refuse(command, error)
         else:
             self._last_refused = None
-
-    def _check_active(self, height: float) -> None:
-        """Refuse a height in a state of the node in which it does not move; the text names the transition needed."""
-        if not self._active:
-            raise NotReadyError(f"ceiling height {height:g} m refused: the motor node is {self._state_and_remedy()}")
 
     def _check_fresh(self, info: dict[str, int]) -> None:
         """Refuse a command that waited in the queue longer than `command_timeout`."""
@@ -195,8 +170,7 @@ class MotorNode(DeviceNode):
         reading = self._read()
         if self._initial is not None and self._active and (reading.ready or self._may_recover(reading)):
             self._go_to_initial(self._initial, reading)
-        stamp = self.get_clock().now().to_msg()
-        self._publish(reading, Header(stamp=stamp, frame_id=self.get_name()))
+        self._publish(reading, self.get_clock().now().to_msg())
 
     def _may_recover(self, reading: Reading) -> bool:
         """Whether to recover from a lost link: once a second, so that requests cannot pile up."""
@@ -234,10 +208,9 @@ class MotorNode(DeviceNode):
                 self._publish_event(Event.ALARM, Event.FAULT, reading.height, f"motor off: {in_words(reading.faults)}")
         return reading
 
-    def _publish(self, reading: Reading, header: Header, *, handshake: bool = False) -> None:
+    def _publish(self, reading: Reading, stamp: Time, *, handshake: bool = False) -> None:
+        header = Header(stamp=stamp, frame_id=self.get_name())
         self._states.publish(state_of(reading, header, handshake=handshake))
-
-    # -- monitoring --------------------------------------------------------------------------------------------------
 
     def _on_silence(self) -> None:
         """Stop a moving ceiling: its target may be out of date. The next command moves it again."""
@@ -250,14 +223,11 @@ class MotorNode(DeviceNode):
         return [status_of(self, self._actuator, reading, self._last_error, self._latencies)]
 
     def _check_duplicates(self) -> None:
-        found = self._duplicates.check()
-        if found is not None:
-            self._publish_event(found.severity, Event.DUPLICATE, nan, found.text)
-            if found.severity == Event.ALARM:
-                self._withdraw()
-
-    def _withdraw(self) -> None:
-        if self._active:
+        if (found := self._duplicates.check()) is None:
+            return
+        severity, text = found
+        self._publish_event(severity, Event.DUPLICATE, nan, text)
+        if severity == Event.ALARM and self._active:
             self.trigger_deactivate()
             if self.settings.autostart:
                 self._starter = self.create_timer(RETRY, self._start)
@@ -279,7 +249,7 @@ class MotorNode(DeviceNode):
         return f"{label}: {REMEDIES.get(label, 'activate it')}"
 
     def _publish_event(self, severity: int, kind: str, value: float, text: str) -> None:
-        stamp = Time(nanoseconds=self._stamp).to_msg() if self.settings.lockstep else None
+        stamp = time_of(self._stamp) if self.settings.lockstep else None
         self._events.publish(severity, kind, text, value, stamp)
 
     def _now(self) -> int:
@@ -287,10 +257,7 @@ class MotorNode(DeviceNode):
         return self._stamp if self.settings.lockstep else time.monotonic_ns()
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node as a process of its own; return the exit status."""
-    return run_node(MotorNode, args)
-
+main = partial(run_node, MotorNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -29,14 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     for path in (arguments.ljm_control, arguments.daqmx_control):
         if path is not None:
             _apply(Control(path), arguments)
-    variables = environment(
-        libraries,
-        ljm_source=arguments.ljm_source,
-        ljm_control=arguments.ljm_control,
-        daqmx_source=arguments.daqmx_source,
-        daqmx_control=arguments.daqmx_control,
-    )
-    for name, value in variables.items():
+    names = ("ljm_source", "ljm_control", "daqmx_source", "daqmx_control")
+    for name, value in environment(libraries, **{name: getattr(arguments, name) for name in names}).items():
         print(f"export {name}={shlex.quote(value)}")
     return 0
 

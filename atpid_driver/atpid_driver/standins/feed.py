@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import mmap
 import os
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +20,8 @@ from numpy.typing import NDArray
 
 from atpid_driver.standins.build import StandinError
 
-HEADER = struct.Struct("<8sIIdQ")
 MAGIC = b"ATPIDFD1"
-WRITTEN_OFFSET = 24
+HEADER = np.dtype([("magic", "S8"), ("channels", "<u4"), ("capacity", "<u4"), ("rate", "<f8"), ("written", "<u8")])
 DATA_OFFSET = 4096
 
 
@@ -39,8 +37,9 @@ class Feed:
         with part.open("w+b") as file:
             file.truncate(DATA_OFFSET + 8 * capacity * channels)
             self._memory = mmap.mmap(file.fileno(), 0)
-        HEADER.pack_into(self._memory, 0, MAGIC, channels, capacity, rate, 0)
-        self._written = np.frombuffer(self._memory, np.uint64, 1, WRITTEN_OFFSET)
+        header = np.frombuffer(self._memory, HEADER, 1)
+        header[0] = (MAGIC, channels, capacity, rate, 0)
+        self._written = header["written"]
         ring = np.frombuffer(self._memory, np.float64, capacity * channels, DATA_OFFSET)
         self._ring = ring.reshape(capacity, channels)
         os.replace(part, path)
@@ -64,9 +63,3 @@ class Feed:
         self._written = self._ring = np.empty(0)  # type: ignore[assignment]
         self._memory.close()
         self.path.unlink(missing_ok=True)
-
-    def __enter__(self) -> Feed:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

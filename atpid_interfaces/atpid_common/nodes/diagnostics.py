@@ -30,7 +30,6 @@ class DiagnosticsPublisher:
     """Publishes the statuses that `statuses` returns, once a second of steady time and whenever `publish` is called."""
 
     def __init__(self, node: Node, statuses: Callable[[], list[DiagnosticStatus]]) -> None:
-        """Begin."""
         self._node, self._statuses = node, statuses
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
         self._timer = node.create_timer(PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))

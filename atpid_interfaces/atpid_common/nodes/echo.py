@@ -13,10 +13,10 @@ import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from atpid_common.cli import guarded
+from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
-from atpid_common.nodes.command_node import command_node
+from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import announced
 
 TURN = 0.1  # how soon a signal is noticed [s]
@@ -38,15 +38,9 @@ class Echo(Node):
             return
         package, message = publishers[0].topic_type.split("/msg/")
         kind = getattr(importlib.import_module(f"{package}.msg"), message)
-        offered = [publisher.qos_profile for publisher in publishers]
-        kept = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in offered)
-        reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in offered)
-        asked = QoSProfile(
-            depth=10,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        )
-        self.create_subscription(kind, self._topic, self._on_message, asked)
+        durability, reliability = DurabilityPolicy.BEST_AVAILABLE, ReliabilityPolicy.BEST_AVAILABLE
+        offered = QoSProfile(depth=10, durability=durability, reliability=reliability)
+        self.create_subscription(kind, self._topic, self._on_message, offered)
         self.subscribed = True
 
     def _on_message(self, message: Any) -> None:
@@ -91,12 +85,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("topic", help="name of the topic")
     parser.add_argument("--field", default="", help="a field of the message, a.b for one inside another")
     parser.add_argument("--once", action="store_true", help="end after the first message")
-
-    def run() -> int:
-        given = parser.parse_args(argv)
-        return echo(given.topic, given.field, given.once)
-
-    return guarded(run)
+    parser.set_defaults(run=lambda given: echo(given.topic, given.field, given.once))
+    return run_parsed(lambda: parser, argv)
 
 
 if __name__ == "__main__":

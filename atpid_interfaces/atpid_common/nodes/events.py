@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from atpid_common.nodes.handshake import empty_event
+from atpid_common.nodes.handshake import empty
 from atpid_common.nodes.messages import EVENTS_KEPT, STATUS
 
 
@@ -18,7 +18,6 @@ class EventPublisher:
     """The node's publisher on `events`, which keeps them: a recorder discovered later gets those before it."""
 
     def __init__(self, node: Node) -> None:
-        """Create the publisher."""
         self._node = node
         self.publisher = node.create_publisher(Event, "events", EVENTS_KEPT)
         self._of_handshake: Publisher | None = None
@@ -48,4 +47,6 @@ class EventPublisher:
         if self._of_handshake is None:
             # created after the other one, and announced after it: a node that receives from this one has found both
             self._of_handshake = self._node.create_publisher(Event, "events", STATUS)
-        self._of_handshake.publish(empty_event())
+        event = empty(Event)
+        event.kind = Event.HANDSHAKE
+        self._of_handshake.publish(event)

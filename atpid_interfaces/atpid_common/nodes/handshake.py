@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from atpid_interfaces.msg import Event, RecorderStatus, SampleBlock
+from atpid_interfaces.msg import RecorderStatus, SampleBlock
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
@@ -37,13 +37,6 @@ def empty_block(channels: Sequence[str], units: Sequence[str]) -> SampleBlock:
     """Return the handshake's block: the channels, no scans."""
     message = empty(SampleBlock)
     message.channels, message.units = list(channels), list(units)
-    return message
-
-
-def empty_event() -> Event:
-    """Return the handshake's event."""
-    message = empty(Event)
-    message.kind = Event.HANDSHAKE
     return message
 
 
@@ -93,11 +86,15 @@ class Handshake:
             return problem
         if not self.answered:
             return f"an answer on {self._answer}{self._answering()}"
-        if self._expect_recorder and self._status is None:
+        if not self._expect_recorder:
+            return ""
+        status, resolve = self._status, self._node.resolve_topic_name
+        if status is None:
             return "recorder_node (recorder/status)"
-        if self._expect_recorder and self._status is not None and not self._status.recording:
-            return f"a recorder with an open bag; that of {self._status.bag} is closed, start another one"
-        missing = self._unrecorded() if self._expect_recorder else []
+        if not status.recording:
+            return f"a recorder with an open bag; that of {status.bag} is closed, start another one"
+        received = dict(zip(map(resolve, status.topics), status.received, strict=False))
+        missing = [topic for topic in self._topics if received.get(resolve(topic), 1) == 0]
         return f"the recorder to receive {', '.join(missing)}" if missing else ""
 
     def cancel(self) -> None:
@@ -123,10 +120,3 @@ class Handshake:
         nodes, running = ANSWERED_BY.get(self._answer, ()), self._node.get_node_names()
         absent = [name for name in nodes if name not in running]
         return f"; not running: {', '.join(absent)}" if absent else f" of {', then '.join(nodes)}" if nodes else ""
-
-    def _unrecorded(self) -> list[str]:
-        """Return the topics the recorder subscribes to and has received nothing on."""
-        assert self._status is not None
-        resolve = self._node.resolve_topic_name
-        received = dict(zip(map(resolve, self._status.topics), self._status.received, strict=False))
-        return [topic for topic in self._topics if received.get(resolve(topic), 1) == 0]

@@ -15,10 +15,10 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from atpid_common.cli import guarded
+from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
-from atpid_common.nodes.command_node import command_node
+from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import announced
 
 TRANSITIONS = {
@@ -94,12 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m atpid_common.nodes.lifecycle", description=__doc__)
     parser.add_argument("node", help="name of the lifecycle node, for example /motor_node")
     parser.add_argument("transition", choices=tuple(TRANSITIONS), help="what it shall do")
-
-    def run() -> int:
-        given = parser.parse_args(argv)
-        return change(given.node, given.transition)
-
-    return guarded(run)
+    parser.set_defaults(run=lambda given: change(given.node, given.transition))
+    return run_parsed(lambda: parser, argv)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The main function of a node that is a process of its own: bad input in one line, Ctrl-C once or twice."""
+"""Nodes as processes of their own, with bad input in one line and Ctrl-C once or twice; and the node of a command."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import Protocol, cast
+from typing import TypeVar, cast
 
 import rclpy
 import rclpy.logging
@@ -25,22 +25,16 @@ from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.single_instance import claim
 
+N = TypeVar("N", bound=Node)
 #: How soon a signal is noticed at the latest [s].
 TURN = 0.1
 
 
-class EndingNode(Protocol):
-    """A node that may end by itself: `done` holds its exit status; `close` leaves everything in order."""
-
-    done: Future
-
-    def close(self) -> None:
-        """Publish what has to be published before the node is destroyed."""
-        ...
-
-
 def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Run the node that `make` returns until it is done or interrupted; return the exit status.
+
+    A node that may end by itself has `done`, a Future of its exit status; one that publishes something before it is
+    destroyed does so in `close`.
 
     SIGINT and SIGTERM end it in order with status 0; further signals, which `ros2 launch` may send, change nothing.
     While the node is being made, the first signal ends the process at once: nothing is open yet.
@@ -69,7 +63,10 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
             return _refuse(_in_words(error), BAD_INPUT)
         finally:
             interrupt.defer()
-            _end(node)
+            if node is not None:
+                getattr(node, "close", lambda: None)()
+                node.destroy_node()
+            rclpy.try_shutdown()
 
 
 @contextmanager
@@ -100,25 +97,28 @@ def _spin(node: Node, interrupt: Interrupt) -> int:
     done: Future | None = getattr(node, "done", None)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    _settle()
+    # Done now, since it would hold up a callback once, for 50 ms and more: rclpy looks up the caller of a log message,
+    # and the first look-up goes through the files of all modules; what was made so far need not be collected in mid-run
+    inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
+    gc.collect()
+    gc.freeze()
     while not (done and done.done()) and not interrupt.received:
         executor.spin_once(timeout_sec=TURN)
     executor.shutdown()
     return int(done.result()) if done and done.done() else DONE
 
 
-def _settle() -> None:
-    """Do now what would hold up a callback once, for 50 ms and more."""
-    # rclpy looks up the caller of a log message; the first look-up goes through the files of all modules
-    inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
-    # what was made so far stays: the collector need not look through it again in mid-run
-    gc.collect()
-    gc.freeze()
-
-
-def _end(node: Node | None) -> None:
-    if node is not None:
-        if hasattr(node, "close"):
-            cast(EndingNode, node).close()
-        node.destroy_node()
-    rclpy.try_shutdown()
+@contextmanager
+def command_node(make: Callable[[], N]) -> Iterator[tuple[N, SingleThreadedExecutor]]:
+    """Initialise rclpy without signal handlers of its own; yield the node that `make` returns, and its executor."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node, executor = make(), SingleThreadedExecutor()
+        executor.add_node(node)
+        try:
+            yield node, executor
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()

@@ -16,9 +16,9 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
-from atpid_common.cli import guarded
+from atpid_common.cli import run_parsed
 from atpid_common.errors import DONE, InputError
-from atpid_common.nodes.command_node import command_node
+from atpid_common.nodes.node_main import command_node
 
 #: How long to wait for the node to be discovered, and for its answer [s].
 TIMEOUT = 10.0
@@ -100,16 +100,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         command.add_argument("node", help="name of the node, for example /selector_node")
         for argument in arguments:
             command.add_argument(argument)
-        command.set_defaults(act=act, arguments=arguments)
+        command.set_defaults(run=_run, act=act, arguments=arguments)
+    return run_parsed(lambda: parser, argv)
 
-    def run() -> int:
-        given = parser.parse_args(argv)
-        with command_node(partial(Node, "param", start_parameter_services=False)) as (node, executor):
-            client = Client(node, executor, given.node)
-            given.act(client, *(getattr(given, argument) for argument in given.arguments))
-        return DONE
 
-    return guarded(run)
+def _run(given: argparse.Namespace) -> int:
+    with command_node(partial(Node, "param", start_parameter_services=False)) as (node, executor):
+        client = Client(node, executor, given.node)
+        given.act(client, *(getattr(given, argument) for argument in given.arguments))
+    return DONE
 
 
 if __name__ == "__main__":

@@ -11,18 +11,16 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import STATUS
+from atpid_common.nodes.parameters import Publish
 
 GONE_AFTER = 5.0  # the recorder publishes its status once a second; one that is silent for so long is gone [s]
 PERIOD = 0.5  # between two checks [s]
-
-#: severity, kind, text and value of an event.
-Report = Callable[[int, str, str, float], None]
 
 
 class RecorderWatch:
     """State of the recorder: not there, recording, closed, or gone."""
 
-    def __init__(self, node: Node, on_status: Callable[[RecorderStatus], None], report: Report, *, expected: bool):
+    def __init__(self, node: Node, on_status: Callable[[RecorderStatus], None], report: Publish, *, expected: bool):
         """Subscribe. `report` is called when the recorder has gone and when it is back, where it is `expected`."""
         self._on_status, self._report = on_status, report
         self.status: RecorderStatus | None = None

@@ -36,16 +36,10 @@ def claim(name: str) -> socket.socket:
     return holder
 
 
-def duplicates(node: Node) -> int:
-    """Return how many other nodes of this fully qualified name discovery shows, on other machines too."""
-    own = (node.get_name(), node.get_namespace())
-    seen: list[tuple[str, str]] = node.get_node_names_and_namespaces()
-    return max(0, seen.count(own) - 1)
-
-
 def is_alone(node: Node) -> bool:
-    """Return whether discovery shows no other node of this name now."""
-    return duplicates(node) == 0
+    """Return whether discovery shows no other node of this fully qualified name now, on other machines either."""
+    seen: list[tuple[str, str]] = node.get_node_names_and_namespaces()
+    return seen.count((node.get_name(), node.get_namespace())) <= 1
 
 
 def check_alone(node: Node) -> None:

@@ -8,7 +8,7 @@ clock; a loop in lockstep has no use for it.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from atpid_interfaces.msg import Event
@@ -36,7 +36,7 @@ class _Topic:
 
     name: str
     consequence: str
-    timer: Timer | None = None
+    timer: Timer
     last: float = 0.0  # steady time of the last message [s]
     waited: bool = False  # the time-out but for its last part is over
     stale: bool = False
@@ -46,7 +46,7 @@ class StaleMonitor:
     """Monitors topics of a node; a timer for each, which every message sets back."""
 
     def __init__(
-        self, node: Node, publish: Publish, timeout: float, changed: Callable[[], None], *, enabled: bool = True
+        self, node: Node, publish: Publish, timeout: float, changed: Callable[[], None], *, enabled: bool
     ) -> None:
         """Monitor nothing yet.
 
@@ -60,12 +60,11 @@ class StaleMonitor:
 
     def watch(self, name: str, consequence: str) -> None:
         """Monitor a topic; `consequence` ends the event's text: what the node does without the messages."""
-        topic = _Topic(name, consequence)
-        self._topics[name] = topic
         if self._enabled:
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            topic.timer = self._node.create_timer(self.timeout, lambda: self._expired(topic), clock=steady)
-            topic.timer.cancel()
+            timer = self._node.create_timer(self.timeout, lambda: self._expired(self._topics[name]), clock=steady)
+            timer.cancel()
+            self._topics[name] = _Topic(name, consequence, timer)
 
     def received(self, name: str, stamp_ns: int | None = None, period: float = 0.0) -> None:
         """Record a message that is not of the handshake.
@@ -73,9 +72,11 @@ class StaleMonitor:
         stamp_ns: of the last sample it stands for [ns]; None: it stands for none. period: expected from one message to
         the next, where it is known [s]; three missing messages are silence where that is longer than the time-out.
         """
-        topic = self._topics[name]
-        if topic.timer is None or self._belongs_to_ended_run(stamp_ns):
+        if not self._enabled:
             return
+        topic = self._topics[name]
+        if self._ended_ns is not None and (stamp_ns is None or stamp_ns <= self._ended_ns + SAME_INSTANT):
+            return  # of the run that has ended
         self._ended_ns = None
         silence, topic.last = time.monotonic() - topic.last, time.monotonic()
         topic.waited = False
@@ -97,13 +98,12 @@ class StaleMonitor:
         """Stop the timers."""
         for topic in self._topics.values():
             topic.stale = False
-            if topic.timer is not None:
-                topic.timer.cancel()
+            topic.timer.cancel()
 
     @property
     def running(self) -> bool:
         """Whether messages are expected: one has come, and the run has not ended."""
-        return any(topic.stale or (topic.timer and not topic.timer.is_canceled()) for topic in self._topics.values())
+        return any(topic.stale or not topic.timer.is_canceled() for topic in self._topics.values())
 
     @property
     def stale(self) -> list[str]:
@@ -112,24 +112,14 @@ class StaleMonitor:
 
     def status(self) -> DiagnosticStatus:
         """Return the status "NODE: inputs"."""
-        now, stale = time.monotonic(), self.stale
-        text = f"no messages on {', '.join(stale)}" if stale else "all inputs arrive or are not expected"
-        return status(
-            self._node,
-            "inputs",
-            DiagnosticStatus.STALE if stale else DiagnosticStatus.OK,
-            text,
-            {f"{topic.name} age [s]": f"{now - topic.last:.2f}" for topic in self._received()},
-        )
-
-    def _belongs_to_ended_run(self, stamp_ns: int | None) -> bool:
-        return self._ended_ns is not None and (stamp_ns is None or stamp_ns <= self._ended_ns + SAME_INSTANT)
-
-    def _received(self) -> Iterable[_Topic]:
-        return (topic for topic in self._topics.values() if topic.last)
+        now = time.monotonic()
+        ages = {f"{topic.name} age [s]": f"{now - topic.last:.2f}" for topic in self._topics.values() if topic.last}
+        if self.stale:
+            text = f"no messages on {', '.join(self.stale)}"
+            return status(self._node, "inputs", DiagnosticStatus.STALE, text, ages)
+        return status(self._node, "inputs", DiagnosticStatus.OK, "all inputs arrive or are not expected", ages)
 
     def _expired(self, topic: _Topic) -> None:
-        assert topic.timer is not None
         if not topic.waited:
             topic.waited = True
             self._wait(topic.timer, GRACE)

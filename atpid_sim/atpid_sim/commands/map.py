@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim map`: the best heights of a system, with a progress bar; goes on after a kill."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

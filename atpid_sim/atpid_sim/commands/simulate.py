@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim simulate`: one scene, its result as a table or as JSON, its motion as a file or a picture."""
 
-from __future__ import annotations
-
 import argparse
 import json
-import math
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from atpid_sim.display import working
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
 from atpid_sim.simulation.integration import FIDELITIES
+from atpid_sim.simulation.series import draw, write_series
 from atpid_sim.simulation.simulate import Result, Trajectory, simulate, trajectory
 
 _UNITS = {"amplitude": "m", "undamped_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s"}
@@ -31,18 +31,33 @@ _DECAY = (
 )  # fmt: skip
 
 
+def number(parse: Callable[[str], Any], low: float, high: float, allowed: str) -> Callable[[str], Any]:
+    """Return the type of an argument: a number from `low` to `high`, which are `allowed` in words."""
+
+    def read(text: str) -> Any:
+        with suppress(ValueError):
+            if low <= (value := parse(text)) <= high:
+                return value
+        raise argparse.ArgumentTypeError(f"given {text}; allowed is {allowed}")
+
+    return read
+
+
+#: Type of an argument that is a relative tolerance.
+tolerance = number(float, 1e-13, 1e-1, "a number from 1e-13 to 0.1")
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
     parser.add_argument(
         "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="fidelity level; default: cheapest that fits"
     )
-    parser.add_argument(
-        "--rtol", type=tolerance, default=None, metavar="R", help="relative tolerance of the integration"
-    )
+    parser.add_argument("--rtol", type=tolerance, metavar="R", help="relative tolerance of the integration")
     parser.add_argument("--height", type=float, metavar="H", help="a fixed ceiling at H [m] in place of the scene's")
     parser.add_argument("--series", type=Path, metavar="FILE", help="write the motion here: .csv, or .npz with impacts")
-    parser.add_argument("--rate", type=_rate, metavar="HZ", help="of --series; default: the scene's laser, or 1000 Hz")
+    rate = number(float, 1e-3, 1e7, "a number of hertz from 0.001 to 1e7")
+    parser.add_argument("--rate", type=rate, metavar="HZ", help="of --series; default: the scene's laser, or 1000 Hz")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw beam, ceiling and grain here")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
@@ -55,9 +70,14 @@ def run(args: argparse.Namespace) -> int:
     _check_files(args)
     with working("simulating (the first time the kernels are compiled, a minute or two)"):
         try:
-            result = _simulate(scene, args.fidelity, args.rtol)
+            result = simulate(scene, args.fidelity, args.rtol)
         except NumericalFailure as error:
             raise NumericalFailure(f"{error}{scene.hint()}") from None
+        except SceneError:
+            raise
+        except ValueError as error:
+            # a fidelity that cannot take the scene is a user's error, not a defect of the program
+            raise SceneError(str(error)) from None
         _write_files(args, scene)
     if args.json:
         print(json.dumps(result.to_json(), allow_nan=False))
@@ -66,50 +86,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def tolerance(text: str) -> float:
-    """Return a relative tolerance; raise argparse's error where it is none."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 1e-13 <= value <= 1e-1:
-        raise argparse.ArgumentTypeError(f"given {text}; allowed is a number from 1e-13 to 0.1")
-    return value
-
-
-def _rate(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 1e-3 <= value <= 1e7:
-        raise argparse.ArgumentTypeError(f"given {text}; allowed is a number of hertz from 0.001 to 1e7")
-    return value
-
-
-def _simulate(scene: Scene, fidelity: str, rtol: float | None) -> Result:
-    try:
-        return simulate(scene, fidelity, rtol)
-    except ValueError as error:
-        # a fidelity that cannot take the scene is a user's error, not a defect of the program
-        raise error if isinstance(error, SceneError) else SceneError(str(error)) from None
-
-
 def _check_files(args: argparse.Namespace) -> None:
-    from atpid_sim.simulation.series import check_series_name
-
-    if args.series is not None:
-        check_series_name(args.series)
-        output.file(args.series, "--series")
-    if args.picture is not None:
-        output.file(args.picture, "--picture")
+    if args.series is not None and args.series.suffix.lower() not in (".csv", ".npz"):
+        raise output.OutputError(f"--series: given {args.series}; allowed: a file that ends in .csv or .npz")
+    for option in ("series", "picture"):
+        if getattr(args, option) is not None:
+            output.file(getattr(args, option), f"--{option}")
 
 
 def _write_files(args: argparse.Namespace, scene: Scene) -> None:
-    if args.series is None and args.picture is None:
-        return
-    from atpid_sim.simulation.series import draw, write_series
-
     def motion(rate: float, fidelity: str = args.fidelity, height: float | None = None) -> Trajectory:
         return trajectory(scene, rate, fidelity, args.rtol, height)
 

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim sweep`: the standard task at many heights on all cores: simulations a second, worst ledger."""
 
-from __future__ import annotations
-
 import argparse
 import json
 
-from atpid_sim.commands.simulate import tolerance
+from atpid_sim.commands.simulate import number, tolerance
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import cores
 from atpid_sim.studies.sweep import standard_task, sweep
@@ -17,21 +15,10 @@ _MOST_POINTS = 100_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "--points", type=_count, default=2000, metavar="N", help="heights from 0.02 to 0.4 m; default 2000"
-    )
+    count = number(int, 1, _MOST_POINTS, f"a whole number from 1 to {_MOST_POINTS}")
+    span = "heights from 0.02 to 0.4 m"
+    parser.add_argument("--points", type=count, default=2000, metavar="N", help=f"{span}; default 2000")
     parser.add_argument("--rtol", type=tolerance, default=1e-6, metavar="R", help="relative tolerance; default 1e-6")
-
-
-def _count(text: str) -> int:
-    """Return a number of heights; raise argparse's error where it is none."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if not 1 <= value <= _MOST_POINTS:
-        raise argparse.ArgumentTypeError(f"given {text}; allowed is a whole number from 1 to {_MOST_POINTS}")
-    return value
 
 
 def run(args: argparse.Namespace) -> int:

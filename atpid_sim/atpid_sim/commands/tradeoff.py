@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_sim tradeoff`: the speed-accuracy table of a scene (JSON, Markdown) and its picture (PNG)."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
@@ -13,24 +11,16 @@ from typing import Any
 from rich.console import Console
 
 from atpid_common import output
-from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_numbers import drawn
 from atpid_sim.scene import load_scene
-from atpid_sim.studies.tradeoff import (
-    LSODA,
-    OURS,
-    REFERENCE,
-    TIME_LIMIT,
-    Point,
-    Reference,
-    answers,
-    measure,
-    reference_of,
-    tightest,
-    with_front,
-)
+from atpid_sim.simulation.simulate import finite
+from atpid_sim.studies import tradeoff as study
 
 #: Smallest error drawn, as a share of how well the reference itself is known.
 _DRAWN = 1e-2
+_OWN_STYLE: dict[str, Any] = {"marker": "o", "linestyle": "-", "linewidth": 1.8, "markersize": 6}
+_BASELINE_STYLE: dict[str, Any] = {"marker": "s", "linestyle": "--", "linewidth": 1.0, "markersize": 4}
+_RING: dict[str, Any] = {"markersize": 13, "fillstyle": "none", "linestyle": "none"}
 #: The two LSODA as the tables name them.
 _NAMES = {"lsoda": "scipy LSODA", "odeint": "odeint"}
 
@@ -38,16 +28,10 @@ _NAMES = {"lsoda": "scipy LSODA", "odeint": "odeint"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE.yaml", help="what to measure on (docs/scenes.md)")
-    parser.add_argument(
-        "--out", required=True, metavar="DIR", help="folder for tradeoff.json, tradeoff.md, tradeoff.png"
-    )
-    parser.add_argument(
-        "--patience",
-        type=float,
-        default=TIME_LIMIT,
-        metavar="S",
-        help="a method slower than this [s] stops getting finer",
-    )
+    help_out = "folder for tradeoff.json, tradeoff.md, tradeoff.png"
+    parser.add_argument("--out", required=True, metavar="DIR", help=help_out)
+    help_limit = "a method slower than this [s] stops getting finer"
+    parser.add_argument("--patience", type=float, default=study.TIME_LIMIT, metavar="S", help=help_limit)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,15 +41,21 @@ def run(args: argparse.Namespace) -> int:
     console = Console(stderr=True)
     folder = output.folder(Path(args.out))
     with console.status("reference") as status:
-        reference = reference_of(scene)
-        points: list[Point] = []
-        for point in measure(scene, reference, args.patience):
+        reference = study.reference_of(scene)
+        points: list[study.Point] = []
+        for point in study.measure(scene, reference, args.patience):
             points.append(point)
             status.update(f"{point.method} {point.tolerance:g}: {1e3 * point.time_s:.2f} ms")
-    points = with_front(points)
-    found, finest = ([], []) if reference.spread else (answers(points), tightest(points))
+    points = study.with_front(points)
+    found, finest = ([], []) if reference.spread else (study.answers(points), study.tightest(points))
     text = _markdown(Path(args.scene).name, reference, points, found + finest)
-    plain = _plain(args.scene, reference, points, found) | {"tightest": finest}
+    plain = {
+        "scene": Path(args.scene).name,
+        "reference": {name: getattr(reference, name) for name in ("amplitude", "agreement", "spread")},
+        "points": [finite(asdict(point)) for point in points],
+        "answers": found,
+        "tightest": finest,
+    }
     with output.writing(folder):
         (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")
         (folder / "tradeoff.md").write_text(text, encoding="utf-8")
@@ -74,41 +64,20 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _plain(scene: str, reference: Reference, points: list[Point], found: list[dict[str, Any]]) -> dict[str, Any]:
-    rows = [
-        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(p).items()} for p in points
-    ]
-    return {
-        "scene": Path(scene).name,
-        "reference": {
-            "amplitude": reference.amplitude,
-            "agreement": reference.agreement,
-            "spread": reference.spread,
-        },
-        "points": rows,
-        "answers": found,
-    }
-
-
-def _markdown(name: str, reference: Reference, points: list[Point], found: list[dict[str, Any]]) -> str:
+def _markdown(name: str, reference: study.Reference, points: list[study.Point], found: list[dict[str, Any]]) -> str:
     lines = [f"Scene `{name}`; {_said(reference)}", ""]
-    if reference.spread is None:
-        lines += ["| method | tolerance | time [ms] | amplitude error | trajectory error | energy residual | |"]
-    else:
-        lines += ["| method | tolerance | time [ms] | amplitude [m] | inside the spread | energy residual | |"]
-    lines += ["|---|---|---|---|---|---|---|"]
-    lines += [_row(point, reference) for point in points]
-    lines.append("")
+    middle = "amplitude error | trajectory error" if reference.spread is None else "amplitude [m] | inside the spread"
+    lines += [f"| method | tolerance | time [ms] | {middle} | energy residual | |", "|---|---|---|---|---|---|---|"]
+    lines += [*(_row(point, reference) for point in points), ""]
     if found:
-        lines += ["| error of the amplitude | run | time [ms] | scipy LSODA [ms] | ratio | odeint [ms] | ratio |"]
-        lines += ["|---|---|---|---|---|---|---|"]
-        lines += [_answer(answer) for answer in found]
+        lines.append("| error of the amplitude | run | time [ms] | scipy LSODA [ms] | ratio | odeint [ms] | ratio |")
+        lines += ["|---|---|---|---|---|---|---|", *map(_answer, found)]
     else:
         lines.append("No ratio to LSODA: where no tolerance reproduces the amplitude, no method meets an error level.")
     return "\n".join([*lines, ""])
 
 
-def _said(reference: Reference) -> str:
+def _said(reference: study.Reference) -> str:
     if reference.spread is None:
         return f"reference {reference.amplitude:.12g} m, two tolerances agree to {reference.agreement:.0e}."
     low, middle, high = reference.spread
@@ -119,7 +88,7 @@ def _said(reference: Reference) -> str:
     )
 
 
-def _row(point: Point, reference: Reference) -> str:
+def _row(point: study.Point, reference: study.Reference) -> str:
     residual = "" if point.energy_residual is None else f"{point.energy_residual:.0e}"
     note = point.note + (" **front**" if point.front and reference.spread is None else "")
     if reference.spread is None:
@@ -137,7 +106,7 @@ def _answer(answer: dict[str, Any]) -> str:
     if "of" in answer:
         error += f", the tightest {_NAMES[answer['of']]} and ours both meet"
     cells = [error, answer["run"] or "none of ours", _number(answer["time_s"], 1e3)]
-    for method in LSODA:
+    for method in study.LSODA:
         best = answer[f"{method}_best"]
         missing = "not run" if best is None else f"not reached: {best:.1e} at its finest run"
         cells.append(_number(answer[f"{method}_time_s"], 1e3) or missing)
@@ -149,46 +118,38 @@ def _number(value: float | None, scale: float) -> str:
     return "" if value is None else f"{scale * value:.3g}"
 
 
-def _draw(name: str, reference: Reference, points: list[Point], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(9.0, 5.5), layout="constrained")
-    drawn = [p for p in points if math.isfinite(p.amplitude_error) and math.isfinite(p.time_s)]
+def _draw(name: str, reference: study.Reference, points: list[study.Point], path: Path) -> None:
+    shown = [p for p in points if math.isfinite(p.amplitude_error) and math.isfinite(p.time_s)]
     known = _known(reference)
-    errors = {p: max(p.amplitude_error, _DRAWN * known) for p in drawn}
-    for number, method in enumerate(dict.fromkeys(p.method for p in drawn)):
-        chosen = [p for p in drawn if p.method == method]
-        own = method in OURS
-        axes.plot(
-            [1e3 * p.time_s for p in chosen], [errors[p] for p in chosen],
-            marker="o" if own else "s", linestyle="-" if own else "--", linewidth=1.8 if own else 1.0,
-            markersize=6 if own else 4, color=f"C{number}" if number < 10 else "k", label=method,
-        )  # fmt: skip
-    if reference.spread is None:
-        front = sorted((p for p in drawn if p.front), key=lambda p: p.time_s)
-        axes.plot(
-            [1e3 * p.time_s for p in front], [errors[p] for p in front],
-            "o", markersize=13, fillstyle="none", color="k", linestyle="none", label="nothing better (front)",
-        )  # fmt: skip
+    errors = {p: max(p.amplitude_error, _DRAWN * known) for p in shown}
     bottom = 0.4 * min([known, *errors.values()])
     band, off, title = "better than the reference is known", "error of the amplitude [-]", f"{name}: time against error"
     if reference.spread is not None:
-        band, off = "closer than the ensemble is wide", f"distance from the amplitude of one run at {REFERENCE:g} [-]"
+        band, off = (
+            "closer than the ensemble is wide",
+            f"distance from the amplitude of one run at {study.REFERENCE:g} [-]",
+        )
         title += " (chaotic: no method can converge)"
-    axes.axhspan(bottom, known, color="0.9", zorder=0, label=band)
-    axes.set(xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel=off, title=title)
-    axes.set_ylim(bottom=bottom)
-    axes.grid(visible=True, which="major", alpha=0.3)
-    figure.legend(fontsize=8, ncols=5, loc="outside lower center")
-    figure.savefig(path, dpi=130, metadata=metadata_of(figure))
-    pyplot.close(figure)
+    with drawn(path, dpi=130, figsize=(9.0, 5.5)) as (figure, axes):
+        for number, method in enumerate(dict.fromkeys(p.method for p in shown)):
+            chosen = [p for p in shown if p.method == method]
+            style = _OWN_STYLE if method in study.OURS else _BASELINE_STYLE
+            colour = f"C{number}" if number < 10 else "k"
+            times = [1e3 * p.time_s for p in chosen]
+            axes.plot(times, [errors[p] for p in chosen], **style, color=colour, label=method)
+        if reference.spread is None:
+            front = sorted((p for p in shown if p.front), key=lambda p: p.time_s)
+            times = [1e3 * p.time_s for p in front]
+            axes.plot(times, [errors[p] for p in front], "ko", **_RING, label="nothing better (front)")
+        axes.axhspan(bottom, known, color="0.9", zorder=0, label=band)
+        axes.set(xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel=off, title=title)
+        axes.set_ylim(bottom=bottom)
+        axes.grid(visible=True, which="major", alpha=0.3)
+        figure.legend(fontsize=8, ncols=5, loc="outside lower center")
 
 
-def _known(reference: Reference) -> float:
+def _known(reference: study.Reference) -> float:
     """Return the relative uncertainty of the reference's amplitude: smaller errors are not resolved."""
     if reference.spread is None:
-        return max(reference.agreement, REFERENCE)
-    return max((reference.spread[2] - reference.spread[0]) / reference.amplitude, REFERENCE)
+        return max(reference.agreement, study.REFERENCE)
+    return max((reference.spread[2] - reference.spread[0]) / reference.amplitude, study.REFERENCE)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The functions of the contact laws, chosen by the number of the law (`laws.py`); the engine calls these."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

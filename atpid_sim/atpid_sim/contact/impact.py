@@ -5,8 +5,6 @@ Parameters: (restitution [-],). There is no force to integrate: only the fidelit
 NaN, which every run reports as a named outcome.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal
@@ -53,10 +51,3 @@ def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
 def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
     """The parameter itself, at every speed."""
     return p[0]
-
-
-@kernel
-def velocities_after(first_mass, second_mass, first, second, e):  # type: ignore[no-untyped-def]
-    """Velocities (first, second) [m/s] after an impact with restitution e (equations 3.6 and 3.7)."""
-    common = (first_mass * first + second_mass * second) / (first_mass + second_mass)
-    return common + e * (common - first), common + e * (common - second)

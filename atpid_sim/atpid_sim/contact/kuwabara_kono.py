@@ -4,8 +4,6 @@
 Parameters: (k [N/m^1.5], c [N s/m^1.5]).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import ClassVar, Literal
@@ -14,8 +12,7 @@ from pydantic import Field
 
 from atpid_sim.contact import hertz
 from atpid_sim.contact.hertz import elastic_force
-from atpid_sim.contact.rebound import hertz_time
-from atpid_sim.contact.rebound_series import KUWABARA_KONO, series_rebound
+from atpid_sim.contact.rebound_series import KUWABARA_KONO, hertz_time, series_rebound
 from atpid_sim.contact.spec import ELASTIC, ElasticSpec
 from atpid_sim.fields import Damping
 from atpid_sim.kernel import kernel

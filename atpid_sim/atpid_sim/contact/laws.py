@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contact laws: one module of this folder each. A law's number is its place in this list."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from types import ModuleType
 

@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 from pydantic import Field, model_validator
 from scipy.optimize import brentq
 
-from atpid_sim.contact.spec import ContactSpec, given
+from atpid_sim.contact.spec import ContactSpec, require_one
 from atpid_sim.fields import ContactStiffness, Damping, Share, impossible
 from atpid_sim.kernel import kernel
 from atpid_sim.system import System, reduced_mass
@@ -35,8 +35,7 @@ class Spec(ContactSpec):
 
     @model_validator(mode="after")
     def _one_of(self) -> Spec:
-        if (self.damping is None) == (self.restitution is None):
-            raise impossible("", given(self, "damping", "restitution"), "exactly one of damping, restitution")
+        require_one(self, "damping", "restitution")
         if self.restitution is not None and self.restitution < LEAST_RESTITUTION:
             least = (
                 f"from {LEAST_RESTITUTION:g} to 1: no finite damping stops the grain at once; law impact does with 0"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Restitution of a Hertz contact with damping c x' x^a for a = 0 and a = 1/2, by one Chebyshev series each.
 
-With the dimensionless damping g of `rebound` and p = 2.5 / (1 + a) the restitution is written
+With the dimensionless damping g of `rebound_fit` and p = 2.5 / (1 + a) the restitution is written
 
     e = (1 + g r)^-p,   r = sum of c_n T_n(s),   s = (u - 1) / (u + 1),   u = g^(1 / (3 - 2 a)),
 
@@ -15,8 +15,6 @@ so that every g from 0 to infinity lies in -1 <= s <= 1, and r goes from one kno
 
 `rebound_fit` makes the coefficients; e is within 1e-8 of the integral, everywhere.
 """
-
-from __future__ import annotations
 
 import numpy as np
 
@@ -42,6 +40,12 @@ KUWABARA_KONO = np.array([
     0.000000001649, 0.000000001393, 0.000000001017, 0.000000000726, 0.000000000535, 0.000000000381,
     0.000000000240, 0.000000000115,
 ])  # fmt: skip
+
+
+@kernel
+def hertz_time(speed, mass, k):  # type: ignore[no-untyped-def]
+    """Time scale T of a Hertz impact [s]."""
+    return (mass / k) ** 0.4 * speed**-0.2
 
 
 @kernel

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the contact block of a scene has in common, whatever the law: its name, and parameters for the kernels."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
-from atpid_sim.fields import Block, Modulus, Poisson, Words
+from atpid_sim.fields import Block, Modulus, Poisson, Words, impossible
 from atpid_sim.system import System
 
 #: A grain and walls of rubber: an example of the keys of `ElasticSpec`.
@@ -50,6 +48,8 @@ class ElasticSpec(ContactSpec):
         return 4.0 / 3.0 / compliance * math.sqrt(radius)
 
 
-def given(block: Block, *keys: str) -> Words:
-    """Return which of the keys were given, in words."""
-    return Words(" and ".join(key for key in keys if getattr(block, key) is not None) or "neither")
+def require_one(block: Block, *keys: str) -> None:
+    """Raise the error of a block that does not give exactly one of the keys."""
+    given = [key for key in keys if getattr(block, key) is not None]
+    if len(given) != 1:
+        raise impossible("", Words(" and ".join(given) or "neither"), f"exactly one of {', '.join(keys)}")

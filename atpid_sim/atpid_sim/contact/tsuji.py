@@ -4,8 +4,6 @@
 Parameters: (k [N/m^1.5], c [N s/m^1.25]).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal

@@ -14,7 +14,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from atpid_sim.contact.spec import ContactSpec, given
+from atpid_sim.contact.spec import ContactSpec, require_one
 from atpid_sim.fields import ContactStiffness, Number, Share, impossible
 from atpid_sim.kernel import kernel
 from atpid_sim.system import System
@@ -38,10 +38,8 @@ class Spec(ContactSpec):
 
     @model_validator(mode="after")
     def _one_of(self) -> Spec:
+        require_one(self, "unloading_stiffness", "restitution")
         unloading, restitution = self.unloading_stiffness, self.restitution
-        if (unloading is None) == (restitution is None):
-            which = given(self, "unloading_stiffness", "restitution")
-            raise impossible("", which, "exactly one of unloading_stiffness, restitution")
         if unloading is not None and unloading < self.stiffness:
             raise impossible("unloading_stiffness", unloading, f"at least stiffness ({self.stiffness:g} N/m)")
         if unloading is not None and unloading > self.stiffness / LEAST_RESTITUTION**2:

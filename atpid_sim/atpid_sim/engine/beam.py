@@ -11,8 +11,6 @@ Close to resonance these two would be large and nearly cancel: there the tone's 
 at the start of the arc (docs/no_missed_impact.md).
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from typing import NamedTuple
@@ -22,7 +20,6 @@ from atpid_sim.kernel import inlined, kernel
 
 #: A tone is close to resonance where the beam resists it with less than this share of its stiffness ...
 _RESONANT = 0.03
-
 #: ... and phase and size of the steady response are reached, in radians of their own, only after the row's end.
 _UNSETTLED = 4.0
 
@@ -59,16 +56,16 @@ class Arc(NamedTuple):
 
 
 @kernel
-def support_at(a0, a1, omega, phase, c0, c1, c2, c3, tau):  # type: ignore[no-untyped-def]
-    """Support displacement [m] and velocity [m/s] at local time tau [s]."""
-    u = c0 + tau * (c1 + tau * (c2 + tau * c3))
-    velocity = c1 + tau * (2.0 * c2 + tau * 3.0 * c3)
-    if a0 != 0.0 or a1 != 0.0:
-        angle = omega * tau + phase
+def support_at(segment, tau):  # type: ignore[no-untyped-def]
+    """Support displacement [m] and velocity [m/s] at local time tau [s] of a row of the drive table, (12,) float64."""
+    u = segment[C0] + tau * (segment[C1] + tau * (segment[C2] + tau * segment[C3]))
+    velocity = segment[C1] + tau * (2.0 * segment[C2] + tau * 3.0 * segment[C3])
+    if segment[A0] != 0.0 or segment[A1] != 0.0:
+        angle = segment[OMEGA] * tau + segment[PHASE]
         s, c = math.sin(angle), math.cos(angle)
-        amplitude = a0 + a1 * tau
+        amplitude = segment[A0] + segment[A1] * tau
         u += amplitude * s
-        velocity += a1 * s + omega * amplitude * c
+        velocity += segment[A1] * s + segment[OMEGA] * amplitude * c
     return u, velocity
 
 
@@ -96,11 +93,12 @@ def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):  # ty
 
 
 @kernel
-def arc_from(mass, stiffness, damping, gravity, segment, tau, x, v):  # type: ignore[no-untyped-def]
+def arc_from(mass, system, segment, tau, x, v):  # type: ignore[no-untyped-def]
     """Coefficients of the motion that starts at local time tau [s] with displacement x [m] and velocity v [m/s].
 
     `segment` is one row of the drive table, (12,) float64; `mass` is what moves: the beam alone, or beam and grain.
     """
+    stiffness, damping, gravity = system.stiffness, system.damping, system.gravity
     a0, a1, omega, phase = segment[A0], segment[A1], segment[OMEGA], segment[PHASE]
     c0, c1, c2, c3 = segment[C0], segment[C1], segment[C2], segment[C3]
     decay = 0.5 * damping / mass
@@ -167,10 +165,8 @@ def _envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-d
         return _growing_envelope(arc, q_in, q_out, tau, until, order)
     envelope = math.sqrt(q_in * q_in + q_out * q_out)
     if arc.a1 != 0.0:
-        envelope = (
-            max(envelope, math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until))
-            + order * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
-        )
+        last = math.hypot(arc.q0_in + arc.q1_in * until, arc.q0_out + arc.q1_out * until)
+        envelope = max(envelope, last) + order * math.hypot(arc.q1_in, arc.q1_out) / arc.omega
     return envelope
 
 

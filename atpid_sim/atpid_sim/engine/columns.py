@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of the places in the engine's arrays. Kernels and callers index by these and never by a bare number.
+"""Names of the places in the engine's arrays. Kernels (`y[at.BEAM]`) and callers never index by a bare number.
 
 They are plain integers, which numba compiles to constants: access costs the same as a bare index
 (docs/decisions/0008-kernels.md).
 """
-
-from __future__ import annotations
 
 # Drive table, float64 (rows, DRIVE_COLUMNS); local time tau is measured from START.
 (

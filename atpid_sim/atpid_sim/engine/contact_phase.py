@@ -6,94 +6,51 @@ and the method keeps its order. From the deepest point on the variable is time, 
 that stability and no longer accuracy limits the explicit step, the implicit method takes over.
 """
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.contact.dispatch import detachment_velocity, energy
 from atpid_sim.contact.laws import HYSTERETIC
-from atpid_sim.engine.columns import (
-    A0,
-    A1,
-    BEAM,
-    BEAM_LOSS,
-    BEAM_VELOCITY,
-    BEGUN,
-    CEILING_VELOCITY,
-    CEILING_WORK,
-    CONTACT_LOSS,
-    CONTACT_STEPS,
-    CONTACT_TIME,
-    DEEPEST,
-    FIRST_STEP,
-    FREE,
-    GRAIN,
-    GRAIN_VELOCITY,
-    HEIGHT,
-    INPUT,
-    LONGEST,
-    MODE,
-    OFF_CEILING,
-    OFF_FLOOR,
-    OMEGA,
-    ON_FLOOR,
-    PHASE,
-    REJECTED,
-)
-from atpid_sim.engine.detachment import detachment, turning_point
+from atpid_sim.engine import columns as at
+from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.detachment import vanishing
 from atpid_sim.engine.dormand_prince import ContactModel, Moment, Motion, rates_at, support_ahead
 from atpid_sim.engine.error_control import DEPTH_FLOOR
-from atpid_sim.engine.rosenbrock import contact_pace
-from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme, support_at_row
+from atpid_sim.engine.rosenbrock import EXPLICIT, FOURTH_ROOT, IMPLICIT, contact_pace, trial_step
+from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
-from atpid_sim.engine.trial_step import EXPLICIT, FOURTH_ROOT, IMPLICIT, trial_step
 from atpid_sim.kernel import inlined, kernel
 
 #: Steps times the contact's pace from which stability limits the explicit method.
 _STIFF = 2.0
-
 #: Steps of one uninterrupted contact before stiffness is checked: a short contact costs less with explicit steps.
 _FIRST_CHECK = 100
-
 #: Steps of one uninterrupted contact after which the vibration of a grain in static contact counts by displacement.
 _LONG_CONTACT = 3000
-
 #: Steps after which only the beam is still computed to the tolerance: elastic vibration without end is damped out.
 _ENDLESS_CONTACT = 60_000
 
 
 @kernel
-def _model(y, n, system, law):  # type: ignore[no-untyped-def]
-    """Collect what is constant during a contact."""
-    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+def _model(n, system, law, memory):  # type: ignore[no-untyped-def]
+    """Collect what is constant during a contact while its deepest overlap is `memory` [m]."""
+    side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     inverse = 1.0 / system.beam_mass
     return ContactModel(
-        law, HYSTERETIC[law], y[DEEPEST], side, system.stiffness, system.damping, system.gravity, inverse,
+        law, HYSTERETIC[law], memory, side, system.stiffness, system.damping, system.gravity, inverse,
         inverse + 1.0 / system.grain_mass,
-    )  # fmt: skip
-
-
-@kernel
-def _with_memory(model, memory):  # type: ignore[no-untyped-def]
-    """Return the same model with a new deepest overlap [m]."""
-    return ContactModel(
-        model.law, model.hysteretic, memory, model.side, model.stiffness, model.damping,
-        model.gravity, model.beam_inverse, model.reduced_inverse,
     )  # fmt: skip
 
 
 @kernel
 def _initial_motion(y, model, p, segment, diameter, moment):  # type: ignore[no-untyped-def]
     """Motion at the start of the contact, from the state."""
-    x, v = y[BEAM], y[BEAM_VELOCITY]
-    gap, velocity = y[GRAIN] - x, y[GRAIN_VELOCITY] - v
+    x, v = y[at.BEAM], y[at.BEAM_VELOCITY]
+    gap, velocity = y[at.GRAIN] - x, y[at.GRAIN_VELOCITY] - v
     if model.side > 0.0:
         overlap, velocity = -gap, -velocity
     else:
-        overlap, velocity = (
-            gap - (segment[HEIGHT] + segment[CEILING_VELOCITY] * moment.tau - diameter),
-            velocity - segment[CEILING_VELOCITY],
-        )
+        overlap = gap - (segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * moment.tau - diameter)
+        velocity = velocity - segment[at.CEILING_VELOCITY]
     overlap = max(0.0, overlap)
     u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
     return Motion(x, v, overlap, velocity, rates_at(model, p, u, w, x, v, overlap, velocity))
@@ -102,18 +59,18 @@ def _initial_motion(y, model, p, segment, diameter, moment):  # type: ignore[no-
 @kernel
 def _to_state(y, model, segment, diameter, tau, motion):  # type: ignore[no-untyped-def]
     """Enter the motion at local time tau into the state."""
-    y[BEAM], y[BEAM_VELOCITY] = motion.x, motion.v
+    y[at.BEAM], y[at.BEAM_VELOCITY] = motion.x, motion.v
     if model.side > 0.0:
-        y[GRAIN], y[GRAIN_VELOCITY] = motion.x - motion.overlap, motion.v - motion.velocity
+        y[at.GRAIN], y[at.GRAIN_VELOCITY] = motion.x - motion.overlap, motion.v - motion.velocity
     else:
-        y[GRAIN] = motion.x + segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - diameter + motion.overlap
-        y[GRAIN_VELOCITY] = motion.v + motion.velocity + segment[CEILING_VELOCITY]
+        y[at.GRAIN] = motion.x + segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - diameter + motion.overlap
+        y[at.GRAIN_VELOCITY] = motion.v + motion.velocity + segment[at.CEILING_VELOCITY]
 
 
 @inlined
 def _moment(segment, tau, s):  # type: ignore[no-untyped-def]
     """Start of the next step."""
-    angle = segment[OMEGA] * tau + segment[PHASE]
+    angle = segment[at.OMEGA] * tau + segment[at.PHASE]
     return Moment(tau, s, math.sin(angle), math.cos(angle))
 
 
@@ -178,16 +135,16 @@ def _add_flows(y, model, p, moving, overlap, overlap1, flows):  # type: ignore[n
     if model.hysteretic:
         law, memory = model.law, model.memory
         lost += energy(law, overlap, memory, p) - energy(law, overlap1, max(overlap1, memory), p)
-    y[CONTACT_LOSS] += max(0.0, lost)  # a law only dissipates; negative weights of the quadrature can break the sign
-    y[INPUT] += flows.support
-    y[BEAM_LOSS] += flows.damper
-    y[CEILING_WORK] -= moving * flows.impulse
+    y[at.CONTACT_LOSS] += max(0.0, lost)  # a law only dissipates; negative weights of the quadrature can break the sign
+    y[at.INPUT] += flows.support
+    y[at.BEAM_LOSS] += flows.damper
+    y[at.CEILING_WORK] -= moving * flows.impulse
 
 
 @kernel
 def _observe(y, elapsed, begin, end):  # type: ignore[no-untyped-def]
     """Add one step to the observation window."""
-    y[CONTACT_TIME] += elapsed
+    y[at.CONTACT_TIME] += elapsed
     record_extreme(y, end.x)
     if begin.v * end.v < 0.0:
         a0, a1 = begin.rates.beam_acceleration, end.rates.beam_acceleration
@@ -197,16 +154,16 @@ def _observe(y, elapsed, begin, end):  # type: ignore[no-untyped-def]
 @kernel
 def _detach(y, n, model, p, motion, least):  # type: ignore[no-untyped-def]
     """End a contact whose force has vanished and set the mode; returns the motion with the remaining overlap."""
-    law, memory, overlap, velocity = model.law, y[DEEPEST], motion.overlap, motion.velocity
-    y[CONTACT_LOSS] += energy(law, max(overlap, 0.0), memory, p)  # still compressed, but no force is left
+    law, memory, overlap, velocity = model.law, y[at.DEEPEST], motion.overlap, motion.velocity
+    y[at.CONTACT_LOSS] += energy(law, max(overlap, 0.0), memory, p)  # still compressed, but no force is left
     undamped = not model.hysteretic and detachment_velocity(law, overlap, memory, p) == -math.inf
     if undamped or overlap < 1e-6 * max(least, memory):
         overlap = 0.0  # with no damping to speak of the force vanishes only where the surfaces part
         velocity = min(velocity, 0.0)  # rounding must not leave them closing: the same contact would begin again
     if overlap > 0.0:
-        n[MODE] = OFF_FLOOR if model.side > 0.0 else OFF_CEILING
+        n[at.MODE] = at.OFF_FLOOR if model.side > 0.0 else at.OFF_CEILING
     else:
-        n[MODE] = FREE
+        n[at.MODE] = at.FREE
     return Motion(motion.x, motion.v, overlap, velocity, motion.rates)
 
 
@@ -216,20 +173,20 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # t
 
     Leaves y at that time and n[MODE] at what follows: still in contact, overlapped without force, or free.
     """
-    model = _model(y, n, system, law)
+    model = _model(n, system, law, y[at.DEEPEST])
     diameter = 2.0 * system.radius
-    moving = 0.0 if model.side > 0.0 else segment[CEILING_VELOCITY]
+    moving = 0.0 if model.side > 0.0 else segment[at.CEILING_VELOCITY]
     natural = math.sqrt(system.stiffness / system.beam_mass)
-    pace = max(segment[OMEGA] if segment[A0] != 0.0 or segment[A1] != 0.0 else 0.0, natural)
+    pace = max(segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0, natural)
     rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
     motion = _initial_motion(y, model, p, segment, diameter, _moment(segment, tau, 0.0))
-    method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[FIRST_STEP], (until - tau) ** 0.25)
+    method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[at.FIRST_STEP], (until - tau) ** 0.25)
     if motion.overlap > 0.0:
         # a force near zero for long: the error of explicit steps would cause spurious detachment
-        method = IMPLICIT if n[CONTACT_STEPS] > _ENDLESS_CONTACT else EXPLICIT
-        origin, s, h = 0.0, tau, 1e-2 * y[FIRST_STEP] ** 4
+        method = IMPLICIT if n[at.CONTACT_STEPS] > _ENDLESS_CONTACT else EXPLICIT
+        origin, s, h = 0.0, tau, 1e-2 * y[at.FIRST_STEP] ** 4
     moment = _moment(segment, tau, s)
-    start = support_at_row(segment, tau)[0]
+    start = support_at(segment, tau)[0]
     deepest, fastest = motion.overlap, abs(motion.velocity)
     previous = 0.0
     taken = 0
@@ -241,26 +198,20 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # t
         error = _weighted_error(model, p, motion, end, errors, deepest, fastest, natural, rest, control, taken)
         detaching = end.rates.force <= 0.0
         # a whole contact inside the first step must be resolved, unless it is too weak to matter
-        missed = (
-            detaching
-            and taken == 0
-            and method == FOURTH_ROOT
-            and motion.velocity * (end_time - tau) > 1e-3 * control.overlap
-        )
+        first = taken == 0 and method == FOURTH_ROOT
+        missed = detaching and first and motion.velocity * (end_time - tau) > 1e-3 * control.overlap
         if missed or not error <= 1.0:
-            n[REJECTED] += 1
+            n[at.REJECTED] += 1
             h = _after_rejection(method, h, error, missed)
             if h < 1e-25 and math.isnan(error):
-                y[BEAM] = math.nan  # no step is short enough: the force itself is not a number
+                y[at.BEAM] = math.nan  # no step is short enough: the force itself is not a number
                 return tau
             continue
         # the kink of a hysteretic law: below the deepest overlap the velocity may change its sign without one
         turning = model.hysteretic and motion.velocity > 0.0 and end.velocity < 0.0 and motion.overlap >= model.memory
         size = h
-        if turning:
-            size = turning_point(method, segment, model, p, moment, h, motion, end.velocity)
-        elif detaching:
-            size = detachment(method, segment, model, p, moment, h, motion, end.rates.force)
+        if turning or detaching:
+            size = vanishing(method, segment, model, p, moment, h, motion, end, turning)
         if size < h:
             end, errors, flows = trial_step(method, segment, model, p, moment, size, motion)
             end_time = origin + (s + size) ** 4 if method == FOURTH_ROOT else tau + size
@@ -268,10 +219,10 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # t
             finishing = False
             if turning:
                 end = Motion(end.x, end.v, end.overlap, 0.0, end.rates)
-        n[CONTACT_STEPS] += 1
+        n[at.CONTACT_STEPS] += 1
         elapsed = end_time - tau
-        if taken == 0 and method == FOURTH_ROOT:
-            y[FIRST_STEP] = h
+        if first:
+            y[at.FIRST_STEP] = h
         taken += 1
         _add_flows(y, model, p, moving, motion.overlap, end.overlap, flows)
         if view.observing:
@@ -282,10 +233,10 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # t
         s += size
         deepest = max(motion.overlap, 0.9 * deepest)
         fastest = max(abs(motion.velocity), 0.9 * fastest)
-        if motion.overlap > y[DEEPEST]:
-            y[DEEPEST] = motion.overlap
+        if motion.overlap > y[at.DEEPEST]:
+            y[at.DEEPEST] = motion.overlap
             if model.hysteretic:
-                model = _with_memory(model, motion.overlap)
+                model = _model(n, system, law, motion.overlap)
         if detaching:
             motion = _detach(y, n, model, p, motion, control.overlap)
             break
@@ -305,8 +256,8 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # t
                 method, h = IMPLICIT, elapsed
         moment = _moment(segment, tau, s if method == FOURTH_ROOT else tau)
         s = moment.s
-    y[INPUT] += 0.5 * system.stiffness * (support_at_row(segment, tau)[0] ** 2 - start**2)
-    if view.observing and n[MODE] != ON_FLOOR:
-        y[LONGEST] = max(y[LONGEST], view.origin + tau - y[BEGUN])
+    y[at.INPUT] += 0.5 * system.stiffness * (support_at(segment, tau)[0] ** 2 - start**2)
+    if view.observing and n[at.MODE] != at.ON_FLOOR:
+        y[at.LONGEST] = max(y[at.LONGEST], view.origin + tau - y[at.BEGUN])
     _to_state(y, model, segment, diameter, tau, motion)
     return tau

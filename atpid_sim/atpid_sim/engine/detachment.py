@@ -1,54 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where inside a step the contact force vanishes or a hysteretic contact turns, by regula falsi (Illinois)."""
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.contact.dispatch import force
-from atpid_sim.engine.trial_step import trial_step
+from atpid_sim.engine.rosenbrock import trial_step
 from atpid_sim.kernel import kernel
 
 
 @kernel
-def detachment(method, segment, model, p, moment, h, motion, end_force):  # type: ignore[no-untyped-def]
-    """Size of the step at whose end the contact force vanishes, given that it changes sign within h."""
-    begin_force = motion.rates.force
+def vanishing(method, segment, model, p, moment, h, motion, end, turning):  # type: ignore[no-untyped-def]
+    """Size of the step at whose end the contact force vanishes or, `turning`, the overlap velocity.
+
+    Given that it changes sign within h, from `motion` to `end`.
+    """
     left, right = 0.0, h
-    f_left, f_right = begin_force, end_force
+    f_left, f_right = motion.rates.force, end.rates.force
+    narrow, small = 1e-6 * h, 1e-6 * (abs(f_left) + abs(f_right))
+    if turning:
+        f_left, f_right = motion.velocity, end.velocity
+        narrow, small = 1e-9 * h, 1e-12 * abs(f_left)
     if f_left <= 0.0:
         return h
     size = h
     for _ in range(30):
         size = right - f_right * (right - left) / (f_right - f_left)
-        value = trial_step(method, segment, model, p, moment, size, motion)[0].rates.force
+        reached = trial_step(method, segment, model, p, moment, size, motion)[0]
+        value = reached.velocity if turning else reached.rates.force
         if value > 0.0:
             left, f_left = size, value
             f_right *= 0.5
         else:
             right, f_right = size, value
             f_left *= 0.5
-        if right - left <= 1e-6 * h or abs(value) <= 1e-6 * (abs(begin_force) + abs(end_force)):
-            break
-    return size
-
-
-@kernel
-def turning_point(method, segment, model, p, moment, h, motion, end_velocity):  # type: ignore[no-untyped-def]
-    """Size of the step at whose end the overlap velocity vanishes: the turning point of a hysteretic contact."""
-    left, right = 0.0, h
-    f_left, f_right = motion.velocity, end_velocity
-    size = h
-    for _ in range(30):
-        size = right - f_right * (right - left) / (f_right - f_left)
-        value = trial_step(method, segment, model, p, moment, size, motion)[0].velocity
-        if value > 0.0:
-            left, f_left = size, value
-            f_right *= 0.5
-        else:
-            right, f_right = size, value
-            f_left *= 0.5
-        if right - left <= 1e-9 * h or abs(value) <= 1e-12 * abs(motion.velocity):
+        if right - left <= narrow or abs(value) <= small:
             break
     return size
 

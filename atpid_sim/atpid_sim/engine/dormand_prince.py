@@ -5,8 +5,6 @@ The state is beam displacement and velocity, overlap and overlap velocity, so th
 displacement of decimetres keeps its digits. `rosenbrock.py` has the implicit step for static contact.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from atpid_sim.contact.dispatch import force
@@ -131,14 +129,8 @@ def explicit_step(segment, model, p, smooth, moment, h, motion):  # type: ignore
     if smooth:
         s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
         z2, z3, z4, z5, z6 = s2 * s2 * s2, s3 * s3 * s3, s4 * s4 * s4, s5 * s5 * s5, s6 * s6 * s6
-        w1, w2, w3, w4, w5, w6 = (
-            4.0 * h * s * s * s,
-            4.0 * h * z2,
-            4.0 * h * z3,
-            4.0 * h * z4,
-            4.0 * h * z5,
-            4.0 * h * z6,
-        )
+        w1, w2, w3 = 4.0 * h * s * s * s, 4.0 * h * z2, 4.0 * h * z3
+        w4, w5, w6 = 4.0 * h * z4, 4.0 * h * z5, 4.0 * h * z6
         past = s * s * s * s
         t2, t3, t4, t5, t6 = z2 * s2 - past, z3 * s3 - past, z4 * s4 - past, z5 * s5 - past, z6 * s6 - past
     else:

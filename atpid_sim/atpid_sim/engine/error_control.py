@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Limits of the integration: the budget of steps, and how finely contacts are integrated."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -14,7 +12,6 @@ from atpid_sim.kernel import kernel
 #: Share of the tolerance with which the contacts of an elastic grain are integrated, and the finest there is.
 _ELASTIC = 0.01
 _FINEST = 1e-12
-
 #: Overlaps are measured to the relative tolerance of at least this share of the beam's displacement: an error of an
 #: overlap moves the beam by no more than itself, and finer control of micrometres of overlap gains nothing.
 DEPTH_FLOOR = 0.01

@@ -1,27 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flight: beam and grain move in closed form until a wall is touched, a contact force reappears, or the row ends."""
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.contact.dispatch import detachment_velocity, residual_overlap
+from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import arc_from, bounded_at
-from atpid_sim.engine.columns import (
-    BEAM,
-    BEAM_VELOCITY,
-    CEILING_VELOCITY,
-    DEEPEST,
-    FLIGHT_STEPS,
-    FREE,
-    GRAIN,
-    GRAIN_VELOCITY,
-    HEIGHT,
-    MODE,
-    OFF_FLOOR,
-    ON_CEILING,
-    ON_FLOOR,
-)
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
 from atpid_sim.engine.sampling import flight_extreme, flight_samples, record_extreme
 from atpid_sim.engine.state import steps_used
@@ -30,7 +14,6 @@ from atpid_sim.kernel import inlined, kernel
 
 #: A gap below this fraction of the motion's size is a touch; it is far above rounding and far below any overlap.
 _TOUCH = 1e-14
-
 #: A difference of velocities below this fraction of them is rounding.
 _ROUNDING = 1e-15
 
@@ -69,19 +52,18 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):  # ty
 
     Leaves y at that time and n[MODE] at what follows; a contact that begins afresh is marked by a negative y[DEEPEST].
     """
-    arc = arc_from(
-        system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_VELOCITY]
-    )
+    arc = arc_from(system.beam_mass, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
     gravity = system.gravity
-    grain0, velocity0, begin = y[GRAIN], y[GRAIN_VELOCITY], tau
-    height, ceiling_velocity = segment[HEIGHT], segment[CEILING_VELOCITY]
+    grain0, velocity0, begin = y[at.GRAIN], y[at.GRAIN_VELOCITY], tau
+    height, ceiling_velocity = segment[at.HEIGHT], segment[at.CEILING_VELOCITY]
     diameter = 2.0 * system.radius
     fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
     stride = 1.0 / fastest  # a sixth of a period: two turning points are never in one step
-    side = 1.0 if n[MODE] == OFF_FLOOR else -1.0
-    flying = n[MODE]
+    side = 1.0 if n[at.MODE] == at.OFF_FLOOR else -1.0
+    flying = n[at.MODE]
     _x, _v, a, jerk = bounded_at(arc, tau, until)
-    x, v = y[BEAM], y[BEAM_VELOCITY]  # unrounded: a grain just detached has a gap velocity of exactly zero or opening
+    # unrounded: a grain just detached has a gap velocity of exactly zero or opening
+    x, v = y[at.BEAM], y[at.BEAM_VELOCITY]
     while True:
         s = tau - begin
         grain = grain0 + s * (velocity0 - 0.5 * gravity * s)
@@ -95,35 +77,35 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):  # ty
             opening = 0.0
         longest = min(stride, until - tau)
         touch = _TOUCH * (abs(x) + abs(grain) + diameter)
-        if flying == FREE:
+        if flying == at.FREE:
             clearance = height + ceiling_velocity * tau - diameter - gap
             step, wall = _free_step(gap, gap_velocity, opening, clearance, gap_acceleration, jerk, longest, touch)
             if wall != 0:
-                n[MODE] = ON_FLOOR if wall > 0 else ON_CEILING
+                n[at.MODE] = at.ON_FLOOR if wall > 0 else at.ON_CEILING
                 grain = x if wall > 0 else x + height + ceiling_velocity * tau - diameter
-                y[DEEPEST] = -1.0
+                y[at.DEEPEST] = -1.0
                 break
         else:
             overlap = -gap if side > 0.0 else gap - (height + ceiling_velocity * tau - diameter)
             closing = -gap_velocity if side > 0.0 else gap_velocity - ceiling_velocity
             acceleration = -side * gap_acceleration
             if overlap <= touch and closing <= 0.0:
-                n[MODE] = FREE
-                flying = FREE
+                n[at.MODE] = at.FREE
+                flying = at.FREE
                 continue
-            step, held = _overlapped_step(law, p, y[DEEPEST], overlap, closing, acceleration, jerk, longest)
+            step, held = _overlapped_step(law, p, y[at.DEEPEST], overlap, closing, acceleration, jerk, longest)
             # at the instant of detachment the force is zero to within rounding: first cross a hundredth of the overlap
             least = min(1e-2 * overlap / abs(closing) if closing != 0.0 else longest, 1e-6 * stride)
             if tau == begin:
                 held = False
             step = max(step, min(least, longest))
             if held:
-                n[MODE] = ON_FLOOR if side > 0.0 else ON_CEILING
+                n[at.MODE] = at.ON_FLOOR if side > 0.0 else at.ON_CEILING
                 break
             step = min(step, safe_step(overlap, closing, acceleration, jerk, longest))
         if tau >= until or steps_used(n) >= control.budget:
             break
-        n[FLIGHT_STEPS] += 1
+        n[at.FLIGHT_STEPS] += 1
         ahead = until if step >= until - tau else tau + step
         if ahead == tau:  # below the clock's resolution: take the surface as reached
             ahead = min(until, tau * (1.0 + 4e-16) + 1e-300)
@@ -134,8 +116,8 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):  # ty
                 flight_extreme(y, arc, tau, ahead, v, v1)
         x, v = x1, v1
         tau = ahead
-    y[BEAM], y[BEAM_VELOCITY] = x, v
-    y[GRAIN], y[GRAIN_VELOCITY] = grain, velocity
+    y[at.BEAM], y[at.BEAM_VELOCITY] = x, v
+    y[at.GRAIN], y[at.GRAIN_VELOCITY] = grain, velocity
     if tau > begin:
         flight_work(y, arc, begin, tau)
         flight_samples(n, out, view, segment, arc, begin, tau, grain0, velocity0, gravity)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Interpolation between the ends of a step, from displacements, velocities and accelerations."""
 
-from __future__ import annotations
-
 from atpid_sim.kernel import kernel
 
 

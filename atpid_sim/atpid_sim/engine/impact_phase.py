@@ -1,28 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity `impact`: instantaneous impacts with the law's restitution, and sticking as one mass."""
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.contact.dispatch import restitution
+from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import arc_from, beam_at, snap_bounded_at
-from atpid_sim.engine.columns import (
-    BEAM,
-    BEAM_VELOCITY,
-    CEILING_VELOCITY,
-    CEILING_WORK,
-    CONTACT_LOSS,
-    CONTACT_STEPS,
-    CONTACT_TIME,
-    FREE,
-    GRAIN,
-    GRAIN_VELOCITY,
-    HEIGHT,
-    MODE,
-    ON_CEILING,
-    ON_FLOOR,
-)
 from atpid_sim.engine.micro_bounce import only_micro_bounces
 from atpid_sim.engine.safe_step import safe_velocity_step
 from atpid_sim.engine.sampling import flight_extreme, joint_samples, record_extreme
@@ -32,16 +15,12 @@ from atpid_sim.kernel import kernel
 
 #: Bounces that would all be over within this many radians of the fastest vibration are taken as one: the grain sticks.
 _STICKING = 0.01
-
 #: A clearance below this share of the grain's radius is none: no contact is so shallow, and elastic bounces never end.
 _NO_CLEARANCE = 1e-5
-
 #: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
 _NO_SPEED = 1e-9
-
 #: Impacts at one and the same instant after which the grain sticks: its bounces are shorter than the clock resolves.
 _COLLAPSE = 50
-
 #: Bounces below this share of the beam's displacement are low.
 _LOW = 1e-8
 
@@ -49,15 +28,15 @@ _LOW = 1e-8
 @kernel
 def begin_impact_row(y, n, segment):  # type: ignore[no-untyped-def]
     """At a row's start: a ceiling that has changed its velocity departs from the grain or hits it."""
-    if n[MODE] == ON_CEILING and y[GRAIN_VELOCITY] - y[BEAM_VELOCITY] != segment[CEILING_VELOCITY]:
-        n[MODE] = FREE
+    if n[at.MODE] == at.ON_CEILING and y[at.GRAIN_VELOCITY] - y[at.BEAM_VELOCITY] != segment[at.CEILING_VELOCITY]:
+        n[at.MODE] = at.FREE
 
 
 @kernel
 def is_held(segment, tau, system):  # type: ignore[no-untyped-def]
     """Whether floor and ceiling hold the grain: there is no clearance and the ceiling is not opening."""
-    clearance = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - 2.0 * system.radius
-    return segment[CEILING_VELOCITY] <= 0.0 and clearance <= _NO_CLEARANCE * system.radius
+    clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
+    return segment[at.CEILING_VELOCITY] <= 0.0 and clearance <= _NO_CLEARANCE * system.radius
 
 
 @kernel
@@ -66,13 +45,11 @@ def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyp
 
     `stuck`: impacts at this very instant so far.
     """
-    arc = arc_from(
-        system.beam_mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_VELOCITY]
-    )
+    arc = arc_from(system.beam_mass, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
     replaced = only_micro_bounces(y, n, segment, tau, system, _LOW) or stuck > _COLLAPSE
-    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
-    moving = 0.0 if side > 0.0 else segment[CEILING_VELOCITY]
-    closing = side * (y[BEAM_VELOCITY] + moving - y[GRAIN_VELOCITY])
+    side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
+    moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
+    closing = side * (y[at.BEAM_VELOCITY] + moving - y[at.GRAIN_VELOCITY])
     reduced = system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
     e = restitution(law, closing, reduced, p) if closing > 0.0 else 0.0
     push = side * (beam_at(arc, tau)[2] + system.gravity)  # with which beam and grain press together
@@ -84,14 +61,14 @@ def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyp
     if sticks:
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)
-    y[BEAM_VELOCITY] -= side * impulse / system.beam_mass
-    y[GRAIN_VELOCITY] += side * impulse / system.grain_mass
-    if side * (y[BEAM_VELOCITY] + moving - y[GRAIN_VELOCITY]) > 0.0:
-        y[GRAIN_VELOCITY] = y[BEAM_VELOCITY] + moving  # rounding of a plastic impact
-    y[CONTACT_LOSS] += 0.5 * reduced * (1.0 - e * e) * closing * closing
-    y[CEILING_WORK] -= moving * impulse
+    y[at.BEAM_VELOCITY] -= side * impulse / system.beam_mass
+    y[at.GRAIN_VELOCITY] += side * impulse / system.grain_mass
+    if side * (y[at.BEAM_VELOCITY] + moving - y[at.GRAIN_VELOCITY]) > 0.0:
+        y[at.GRAIN_VELOCITY] = y[at.BEAM_VELOCITY] + moving  # rounding of a plastic impact
+    y[at.CONTACT_LOSS] += 0.5 * reduced * (1.0 - e * e) * closing * closing
+    y[at.CEILING_WORK] -= moving * impulse
     if not sticks:
-        n[MODE] = FREE
+        n[at.MODE] = at.FREE
 
 
 @kernel
@@ -101,18 +78,18 @@ def stick(y, n, segment, tau, until, system, control, view, out):  # type: ignor
     On a moving ceiling too the beam moves as with the combined mass: the ceiling's velocity is constant in a row.
     """
     held = is_held(segment, tau, system)
-    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     total = system.beam_mass + system.grain_mass
     diameter = 2.0 * system.radius
-    begin, start_velocity = tau, y[GRAIN_VELOCITY]
-    arc = arc_from(total, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_VELOCITY])
+    begin, start_velocity = tau, y[at.GRAIN_VELOCITY]
+    arc = arc_from(total, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
     stride = 1.0 / max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / total))
     x, v, a, jerk, snap = snap_bounded_at(arc, tau, until)
     pressing = side * (a + system.gravity)
     least = 1e-9 * stride
     # a first step is made in any case: whether the wall presses at the instant of impact depends on rounding
     while (pressing >= 0.0 or tau == begin or held) and tau < until and steps_used(n) < control.budget:
-        n[CONTACT_STEPS] += 1
+        n[at.CONTACT_STEPS] += 1
         longest = min(stride, until - tau)
         # the wall surely presses this long: the force's rate of change is known, and that changes by the snap at most
         step = longest if held else max(safe_velocity_step(pressing, -side * jerk, snap, longest), least)
@@ -120,19 +97,19 @@ def stick(y, n, segment, tau, until, system, control, view, out):  # type: ignor
         x1, v1, a, jerk, snap = snap_bounded_at(arc, ahead, until)
         pressing = side * (a + system.gravity)
         if view.observing:
-            y[CONTACT_TIME] += ahead - tau
+            y[at.CONTACT_TIME] += ahead - tau
             record_extreme(y, x1)
             if v * v1 < 0.0:
                 flight_extreme(y, arc, tau, ahead, v, v1)
         x, v, tau = x1, v1, ahead
-    moving = 0.0 if side > 0.0 else segment[CEILING_VELOCITY]
-    gap = 0.0 if side > 0.0 else segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - diameter
+    moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
+    gap = 0.0 if side > 0.0 else segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - diameter
     flight_work(y, arc, begin, tau)
     joint_samples(n, out, view, segment, arc, tau, side, diameter)
-    y[BEAM], y[BEAM_VELOCITY] = x, v
-    y[GRAIN], y[GRAIN_VELOCITY] = x + gap, v + moving
-    gained = y[GRAIN_VELOCITY] - start_velocity + system.gravity * (tau - begin)
-    y[CEILING_WORK] += moving * system.grain_mass * gained
+    y[at.BEAM], y[at.BEAM_VELOCITY] = x, v
+    y[at.GRAIN], y[at.GRAIN_VELOCITY] = x + gap, v + moving
+    gained = y[at.GRAIN_VELOCITY] - start_velocity + system.gravity * (tau - begin)
+    y[at.CEILING_WORK] += moving * system.grain_mass * gained
     if pressing < 0.0 and not held:
-        n[MODE] = FREE
+        n[at.MODE] = at.FREE
     return tau

@@ -6,34 +6,16 @@ than the error that the tolerance allows an overlap moves the beam by less than 
 replaced by static contact. The remaining energy of the grain is entered as lost in the contact.
 """
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.contact.dispatch import energy
-from atpid_sim.engine.columns import (
-    BEAM,
-    BEAM_VELOCITY,
-    CEILING_VELOCITY,
-    CEILING_WORK,
-    CONTACT_LOSS,
-    DEEPEST,
-    GRAIN,
-    GRAIN_VELOCITY,
-    HEIGHT,
-    LOW_HOPS,
-    MODE,
-    OMEGA,
-    ON_FLOOR,
-    PHASE,
-)
+from atpid_sim.engine import columns as at
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.engine.dormand_prince import support_ahead
 from atpid_sim.kernel import kernel
 
 #: Low bounces before static contact: bounces that die out by themselves are a few, or a few dozen.
 _LIMIT = 1000
-
 #: Low bounces that one higher one cancels: near its equilibrium a slowly moving beam makes every bounce a high one.
 _OUTWEIGHED = 10
 
@@ -41,17 +23,17 @@ _OUTWEIGHED = 10
 @kernel
 def _support_force(y, segment, tau, system):  # type: ignore[no-untyped-def]
     """Force of spring and damper on the beam [N]."""
-    angle = segment[OMEGA] * tau + segment[PHASE]
+    angle = segment[at.OMEGA] * tau + segment[at.PHASE]
     u, w = support_ahead(segment, tau, 0.0, math.sin(angle), math.cos(angle))
-    return system.stiffness * (u - y[BEAM]) - system.damping * (y[BEAM_VELOCITY] - w)
+    return system.stiffness * (u - y[at.BEAM]) - system.damping * (y[at.BEAM_VELOCITY] - w)
 
 
 @kernel
-def _closing(y, side, ceiling_velocity):  # type: ignore[no-untyped-def]
+def closing_speed(y, side, ceiling_velocity):  # type: ignore[no-untyped-def]
     """Closing speed of grain and wall [m/s]."""
     if side > 0.0:
-        return y[BEAM_VELOCITY] - y[GRAIN_VELOCITY]
-    return y[GRAIN_VELOCITY] - y[BEAM_VELOCITY] - ceiling_velocity
+        return y[at.BEAM_VELOCITY] - y[at.GRAIN_VELOCITY]
+    return y[at.GRAIN_VELOCITY] - y[at.BEAM_VELOCITY] - ceiling_velocity
 
 
 @kernel
@@ -60,15 +42,15 @@ def only_micro_bounces(y, n, segment, tau, system, share):  # type: ignore[no-un
 
     Returns whether nearly all of the last flights were so low, and wall and grain press together now.
     """
-    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
+    side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
-    size = abs(y[BEAM] - rest) + abs(y[BEAM_VELOCITY]) / math.sqrt(system.stiffness / system.beam_mass)
-    clearance = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - 2.0 * system.radius
+    size = abs(y[at.BEAM] - rest) + abs(y[at.BEAM_VELOCITY]) / math.sqrt(system.stiffness / system.beam_mass)
+    clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
     pressing = side * _support_force(y, segment, tau, system) / system.beam_mass
-    closing = _closing(y, side, segment[CEILING_VELOCITY])
+    closing = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     low = clearance <= share * size or (pressing > 0.0 and closing * closing <= 2.0 * pressing * share * size)
-    n[LOW_HOPS] = n[LOW_HOPS] + 1 if low else max(0, n[LOW_HOPS] - _OUTWEIGHED)
-    return low and n[LOW_HOPS] > _LIMIT and pressing > 0.0
+    n[at.LOW_HOPS] = n[at.LOW_HOPS] + 1 if low else max(0, n[at.LOW_HOPS] - _OUTWEIGHED)
+    return low and n[at.LOW_HOPS] > _LIMIT and pressing > 0.0
 
 
 @kernel
@@ -77,10 +59,10 @@ def replace_by_static_contact(y, n, segment, tau, system, law, p):  # type: igno
 
     Changes nothing where that would need energy.
     """
-    side = 1.0 if n[MODE] == ON_FLOOR else -1.0
-    moving = 0.0 if side > 0.0 else segment[CEILING_VELOCITY]
+    side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
+    moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
     beam_mass, grain_mass = system.beam_mass, system.grain_mass
-    closing = _closing(y, side, segment[CEILING_VELOCITY])
+    closing = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     impulse = beam_mass * grain_mass / (beam_mass + grain_mass) * closing
     push = side * grain_mass / (beam_mass + grain_mass) * _support_force(y, segment, tau, system)
     overlap = static_overlap(law, p, push, 1e-12)
@@ -88,9 +70,9 @@ def replace_by_static_contact(y, n, segment, tau, system, law, p):  # type: igno
     lost = kinetic + side * grain_mass * system.gravity * overlap - energy(law, overlap, overlap, p)
     if not (push > 0.0 and lost >= 0.0):
         return
-    y[BEAM_VELOCITY] -= side * impulse / beam_mass
-    y[GRAIN_VELOCITY] = y[BEAM_VELOCITY] + moving
-    y[GRAIN] -= side * overlap
-    y[DEEPEST] = overlap
-    y[CONTACT_LOSS] += lost
-    y[CEILING_WORK] -= moving * impulse
+    y[at.BEAM_VELOCITY] -= side * impulse / beam_mass
+    y[at.GRAIN_VELOCITY] = y[at.BEAM_VELOCITY] + moving
+    y[at.GRAIN] -= side * overlap
+    y[at.DEEPEST] = overlap
+    y[at.CONTACT_LOSS] += lost
+    y[at.CEILING_WORK] -= moving * impulse

@@ -1,25 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity `simplified`: beam and grain as one mass (closed damper), or the beam alone (the grain is left out)."""
 
-from __future__ import annotations
-
 import math
 
+from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import arc_from, beam_at
-from atpid_sim.engine.columns import (
-    A0,
-    A1,
-    BEAM,
-    BEAM_VELOCITY,
-    CEILING_VELOCITY,
-    FLIGHT_STEPS,
-    GRAIN,
-    GRAIN_VELOCITY,
-    HEIGHT,
-    OMEGA,
-    SAMPLE,
-)
-from atpid_sim.engine.sampling import flight_extreme, next_sample, record_extreme, write_sample
+from atpid_sim.engine.sampling import flight_extreme, flight_samples, joint_samples, record_extreme
 from atpid_sim.engine.state import steps_used
 from atpid_sim.engine.work import flight_work
 from atpid_sim.kernel import kernel
@@ -31,15 +17,15 @@ def one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view,
 
     Without the grain that stays as it was, touches nothing, and the energy ledger closes.
     """
-    arc = arc_from(mass, system.stiffness, system.damping, system.gravity, segment, tau, y[BEAM], y[BEAM_VELOCITY])
-    tone = segment[OMEGA] if segment[A0] != 0.0 or segment[A1] != 0.0 else 0.0
+    arc = arc_from(mass, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
+    tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
     stride = 1.0 / max(math.sqrt(system.stiffness / mass), tone)
     begin = tau
     x, v, _a, _u, _w = beam_at(arc, tau)
     if view.observing:
         record_extreme(y, x)
         while tau < until and steps_used(n) < control.budget:
-            n[FLIGHT_STEPS] += 1
+            n[at.FLIGHT_STEPS] += 1
             ahead = min(until, tau + stride)
             x1, v1, _a, _u, _w = beam_at(arc, ahead)
             record_extreme(y, x1)
@@ -49,15 +35,11 @@ def one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view,
     else:
         tau = until
     flight_work(y, arc, begin, tau)
-    at = next_sample(n, out, view)
-    while at <= tau:
-        xs, vs, acceleration, u, _w = beam_at(arc, at)
-        ceiling = segment[HEIGHT] + segment[CEILING_VELOCITY] * at
-        write_sample(out, n[SAMPLE], u, xs, vs, acceleration, xs if with_grain else y[GRAIN], ceiling)
-        n[SAMPLE] += 1
-        at = next_sample(n, out, view)
     x, v, _a, _u, _w = beam_at(arc, tau)
-    y[BEAM], y[BEAM_VELOCITY] = x, v
+    y[at.BEAM], y[at.BEAM_VELOCITY] = x, v
     if with_grain:
-        y[GRAIN], y[GRAIN_VELOCITY] = x, v
+        joint_samples(n, out, view, segment, arc, tau, 1.0, 0.0)
+        y[at.GRAIN], y[at.GRAIN_VELOCITY] = x, v
+    else:
+        flight_samples(n, out, view, segment, arc, begin, tau, y[at.GRAIN], 0.0, 0.0)
     return tau

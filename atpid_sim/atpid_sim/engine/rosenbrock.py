@@ -8,18 +8,18 @@ milliseconds: stability, not accuracy, limits an explicit step. The equations, a
 `dormand_prince.py`; nothing is taken as rigid.
 """
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, OMEGA, PHASE
-from atpid_sim.engine.dormand_prince import Errors, Flows, Motion, rates_at
+from atpid_sim.engine.dormand_prince import Errors, Flows, Motion, explicit_step, rates_at
 from atpid_sim.engine.hermite import hermite, hermite_velocity
 from atpid_sim.kernel import inlined, kernel
 
 #: Relative distance over which the force is differenced; its error, 1e-8, is far below that of a step.
 _APART = 1e-4
+#: Methods: explicit in the fourth root of the time since the contact began, explicit in time, implicit in time.
+FOURTH_ROOT, EXPLICIT, IMPLICIT = range(3)
 
 _GAMMA = 0.25
 _A21 = 1.544
@@ -33,7 +33,6 @@ _C51, _C52, _C53, _C54 = 7.496443313967647, -10.24680431464352, -33.999903528199
 _C61, _C62, _C63, _C64, _C65 = 8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054  # fmt: skip # noqa: E501
 _T2, _T3, _T4 = 0.386, 0.21, 0.63
 _D1, _D2, _D3, _D4 = 0.25, -0.1043, 0.1035, -0.0362
-
 #: The inner node of Lobatto's four-point rule.
 _INNER = 0.5 - 0.5 / math.sqrt(5.0)
 
@@ -201,3 +200,11 @@ def _flows(segment, model, p, tau, h, begin, end):  # type: ignore[no-untyped-de
     gained = (v1 - model.side * velocity1) - (v - model.side * velocity)
     impulse = model.side * grain_mass * (gained + model.gravity * h)
     return Flows(absorbed * twelfth, work * twelfth, loss * twelfth, impulse)
+
+
+@inlined
+def trial_step(method, segment, model, p, moment, h, motion):  # type: ignore[no-untyped-def]
+    """One step of size h in the method's own variable; arguments and result as `dormand_prince.explicit_step`."""
+    if method == IMPLICIT:
+        return implicit_step(segment, model, p, moment.tau, h, motion)
+    return explicit_step(segment, model, p, method == FOURTH_ROOT, moment, h, motion)

@@ -1,43 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The integration of a run, row by row through the drive table, at every fidelity."""
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
 
 from atpid_sim.contact.dispatch import energy
-from atpid_sim.engine.columns import (
-    BEAM,
-    BEAM_VELOCITY,
-    BEGUN,
-    CEILING_HITS,
-    CEILING_VELOCITY,
-    CONTACT_LOSS,
-    DEEPEST,
-    E_SPEED,
-    E_TIME,
-    E_WALL,
-    END,
-    FLOOR_HITS,
-    FREE,
-    GRAIN,
-    GRAIN_VELOCITY,
-    HEIGHT,
-    IMPACTS,
-    MODE,
-    ON_CEILING,
-    ON_FLOOR,
-    START,
-    TIME,
-    WINDOW_CEILING,
-    WINDOW_FLOOR,
-)
+from atpid_sim.engine import columns as at
 from atpid_sim.engine.contact_phase import contact
 from atpid_sim.engine.error_control import DEPTH_FLOOR, Control, control_of
 from atpid_sim.engine.flight import flight
 from atpid_sim.engine.impact_phase import begin_impact_row, collide, stick
-from atpid_sim.engine.micro_bounce import only_micro_bounces, replace_by_static_contact
+from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import View, record_extreme
 from atpid_sim.engine.state import steps_used
@@ -59,43 +32,40 @@ class Fidelity(IntEnum):
 @kernel
 def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):  # type: ignore[no-untyped-def]
     """Count a new contact and log its time, wall and closing speed."""
-    on_floor = n[MODE] == ON_FLOOR
-    if on_floor:
-        speed = y[BEAM_VELOCITY] - y[GRAIN_VELOCITY]
-    else:
-        speed = y[GRAIN_VELOCITY] - y[BEAM_VELOCITY] - ceiling_velocity
-    n[FLOOR_HITS if on_floor else CEILING_HITS] += 1
+    on_floor = n[at.MODE] == at.ON_FLOOR
+    side = 1.0 if on_floor else -1.0
+    n[at.FLOOR_HITS if on_floor else at.CEILING_HITS] += 1
     if observing:
-        n[WINDOW_FLOOR if on_floor else WINDOW_CEILING] += 1
-    if n[IMPACTS] < impacts.shape[0]:
-        impacts[n[IMPACTS], E_TIME] = now
-        impacts[n[IMPACTS], E_WALL] = 1.0 if on_floor else -1.0
-        impacts[n[IMPACTS], E_SPEED] = speed
-        n[IMPACTS] += 1
-    y[DEEPEST] = 0.0
-    y[BEGUN] = now
+        n[at.WINDOW_FLOOR if on_floor else at.WINDOW_CEILING] += 1
+    if n[at.IMPACTS] < impacts.shape[0]:
+        impacts[n[at.IMPACTS], at.E_TIME] = now
+        impacts[n[at.IMPACTS], at.E_WALL] = side
+        impacts[n[at.IMPACTS], at.E_SPEED] = closing_speed(y, side, ceiling_velocity)
+        n[at.IMPACTS] += 1
+    y[at.DEEPEST] = 0.0
+    y[at.BEGUN] = now
 
 
 @kernel
 def _resume_contact(y, n, segment, tau, diameter, law, p):  # type: ignore[no-untyped-def]
     """A force before the surfaces have parted: the energy entered as lost at detachment is stored again."""
-    gap = y[GRAIN] - y[BEAM]
-    clearance = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau - diameter
-    overlap = -gap if n[MODE] == ON_FLOOR else gap - clearance
-    y[CONTACT_LOSS] -= energy(law, max(overlap, 0.0), y[DEEPEST], p)
+    gap = y[at.GRAIN] - y[at.BEAM]
+    clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - diameter
+    overlap = -gap if n[at.MODE] == at.ON_FLOOR else gap - clearance
+    y[at.CONTACT_LOSS] -= energy(law, max(overlap, 0.0), y[at.DEEPEST], p)
 
 
 @kernel
 def _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts):  # type: ignore[no-untyped-def]
     """One contact or flight of the fidelity `soft`; returns the local time reached."""
-    if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+    if n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
         return contact(y, n, segment, tau, until, system, law, p, control, view, out)
     tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
-    if y[DEEPEST] < 0.0:
-        _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[CEILING_VELOCITY])
+    if y[at.DEEPEST] < 0.0:
+        _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[at.CEILING_VELOCITY])
         if only_micro_bounces(y, n, segment, tau, system, DEPTH_FLOOR * control.rtol):
             replace_by_static_contact(y, n, segment, tau, system, law, p)
-    elif n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+    elif n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
         _resume_contact(y, n, segment, tau, 2.0 * system.radius, law, p)
     return tau
 
@@ -103,11 +73,11 @@ def _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, i
 @kernel
 def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck):  # type: ignore[no-untyped-def]
     """One flight with the impact at its end, or sticking, of the fidelity `impact`; returns the local time reached."""
-    if n[MODE] == ON_FLOOR or n[MODE] == ON_CEILING:
+    if n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
         return stick(y, n, segment, tau, until, system, control, view, out)
     tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
-    if n[MODE] != FREE:
-        _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[CEILING_VELOCITY])
+    if n[at.MODE] != at.FREE:
+        _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[at.CEILING_VELOCITY])
         collide(y, n, segment, tau, system, law, p, stuck)
     return tau
 
@@ -115,11 +85,11 @@ def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out,
 @kernel
 def _fault(fidelity, y, height, diameter):  # type: ignore[no-untyped-def]
     """Outcome that the present state amounts to, DONE where it is sound."""
-    gap = y[GRAIN] - y[BEAM]
+    gap = y[at.GRAIN] - y[at.BEAM]
     if not (
-        math.isfinite(y[BEAM])
-        and math.isfinite(y[BEAM_VELOCITY])
-        and math.isfinite(y[GRAIN_VELOCITY])
+        math.isfinite(y[at.BEAM])
+        and math.isfinite(y[at.BEAM_VELOCITY])
+        and math.isfinite(y[at.GRAIN_VELOCITY])
         and math.isfinite(gap)
     ):
         return Outcome.NOT_FINITE
@@ -135,10 +105,10 @@ def _fault(fidelity, y, height, diameter):  # type: ignore[no-untyped-def]
 @kernel
 def _open_length(segment, diameter):  # type: ignore[no-untyped-def]
     """How long the ceiling stays at or above the grain's diameter in this row [s]; the row's length if all the time."""
-    length = segment[END] - segment[START]
-    if min(segment[HEIGHT], segment[HEIGHT] + segment[CEILING_VELOCITY] * length) >= diameter * (1.0 - 1e-12):
+    length = segment[at.END] - segment[at.START]
+    if min(segment[at.HEIGHT], segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * length) >= diameter * (1.0 - 1e-12):
         return length
-    return 0.0 if segment[HEIGHT] <= diameter else (diameter - segment[HEIGHT]) / segment[CEILING_VELOCITY]
+    return 0.0 if segment[at.HEIGHT] <= diameter else (diameter - segment[at.HEIGHT]) / segment[at.CEILING_VELOCITY]
 
 
 @kernel
@@ -151,19 +121,19 @@ def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampli
     if fidelity == Fidelity.SOFT:
         control = control_of(table, system, law, p, rtol, budget, y)
     if fidelity == Fidelity.SIMPLIFIED and not with_grain:
-        n[MODE] = FREE
+        n[at.MODE] = at.FREE
     for row in range(table.shape[0]):
         segment = table[row]
-        start, end = segment[START], segment[END]
-        if end <= y[TIME]:
+        start, end = segment[at.START], segment[at.END]
+        if end <= y[at.TIME]:
             continue
         length = end - start if fidelity == Fidelity.SIMPLIFIED else _open_length(segment, diameter)
         view = View(window[0] <= 0.5 * (start + end) <= window[1], sampling[0], sampling[1], start)
         if view.observing:
-            record_extreme(y, y[BEAM])
+            record_extreme(y, y[at.BEAM])
         if fidelity == Fidelity.IMPACT:
             begin_impact_row(y, n, segment)
-        tau, until = y[TIME] - start, length
+        tau, until = y[at.TIME] - start, length
         while tau < until:
             before = tau
             if fidelity == Fidelity.SOFT:
@@ -172,10 +142,10 @@ def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampli
                 tau = _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck)
             else:
                 tau = one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view, out)
-            y[TIME] = start + tau
+            y[at.TIME] = start + tau
             if steps_used(n) >= budget:
                 return Outcome.STEP_BUDGET
-            fault = _fault(fidelity, y, segment[HEIGHT] + segment[CEILING_VELOCITY] * tau, diameter)
+            fault = _fault(fidelity, y, segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau, diameter)
             if fault != Outcome.DONE:
                 return fault
             stuck = stuck + 1 if tau == before else 0
@@ -183,7 +153,7 @@ def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampli
                 return Outcome.STALLED
         if length < end - start:
             return Outcome.CEILING_CRUSHES
-        y[TIME] = end
+        y[at.TIME] = end
     return Outcome.DONE
 
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far the motion may be advanced without passing a surface: lower bounds from a bounded third derivative."""
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.kernel import kernel

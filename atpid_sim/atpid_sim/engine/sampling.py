@@ -1,33 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run records: the range of the beam in the observation window, and the sample series."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
+from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import beam_at, support_at
-from atpid_sim.engine.columns import (
-    A0,
-    A1,
-    C0,
-    C1,
-    C2,
-    C3,
-    CEILING_VELOCITY,
-    HEIGHT,
-    HIGHEST,
-    LOWEST,
-    OMEGA,
-    PHASE,
-    S_ACCELERATION,
-    S_BEAM,
-    S_CEILING,
-    S_GRAIN,
-    S_SUPPORT,
-    S_VELOCITY,
-    SAMPLE,
-)
 from atpid_sim.engine.hermite import cubic, hermite, hermite_velocity
 from atpid_sim.kernel import kernel
 
@@ -44,10 +22,10 @@ class View(NamedTuple):
 @kernel
 def record_extreme(y, x):  # type: ignore[no-untyped-def]
     """Widen the observed range of the beam to contain x [m]."""
-    if x < y[LOWEST]:
-        y[LOWEST] = x
-    if x > y[HIGHEST]:
-        y[HIGHEST] = x
+    if x < y[at.LOWEST]:
+        y[at.LOWEST] = x
+    if x > y[at.HIGHEST]:
+        y[at.HIGHEST] = x
 
 
 @kernel
@@ -83,26 +61,22 @@ def step_extreme(y, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def write_sample(out, i, support, x, v, a, grain, ceiling):  # type: ignore[no-untyped-def]
-    """Fill column i of the sample series."""
-    out[S_SUPPORT, i] = support
-    out[S_BEAM, i] = x
-    out[S_VELOCITY, i] = v
-    out[S_ACCELERATION, i] = a
-    out[S_GRAIN, i] = grain
-    out[S_CEILING, i] = ceiling
+def _write_sample(n, out, support, x, v, a, grain, ceiling):  # type: ignore[no-untyped-def]
+    """Fill the next column of the sample series."""
+    i = n[at.SAMPLE]
+    out[at.S_SUPPORT, i] = support
+    out[at.S_BEAM, i] = x
+    out[at.S_VELOCITY, i] = v
+    out[at.S_ACCELERATION, i] = a
+    out[at.S_GRAIN, i] = grain
+    out[at.S_CEILING, i] = ceiling
+    n[at.SAMPLE] = i + 1
 
 
 @kernel
 def next_sample(n, out, view):  # type: ignore[no-untyped-def]
     """Local time of the next sample [s]; infinity where there is none."""
-    return view.first + n[SAMPLE] * view.period - view.origin if n[SAMPLE] < out.shape[1] else math.inf
-
-
-@kernel
-def support_at_row(segment, tau):  # type: ignore[no-untyped-def]
-    """Support displacement [m] and velocity [m/s] at local time tau [s] of a row."""
-    return support_at(segment[A0], segment[A1], segment[OMEGA], segment[PHASE], segment[C0], segment[C1], segment[C2], segment[C3], tau)  # fmt: skip # noqa: E501
+    return view.first + n[at.SAMPLE] * view.period - view.origin if n[at.SAMPLE] < out.shape[1] else math.inf
 
 
 @kernel
@@ -112,9 +86,8 @@ def flight_samples(n, out, view, segment, arc, left, right, grain, velocity, gra
     while tau <= right:
         x, v, a, u, _w = beam_at(arc, tau)
         s = tau - left
-        ceiling = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau
-        write_sample(out, n[SAMPLE], u, x, v, a, grain + s * (velocity - 0.5 * gravity * s), ceiling)
-        n[SAMPLE] += 1
+        ceiling = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau
+        _write_sample(n, out, u, x, v, a, grain + s * (velocity - 0.5 * gravity * s), ceiling)
         tau = next_sample(n, out, view)
 
 
@@ -127,9 +100,8 @@ def joint_samples(n, out, view, segment, arc, right, side, diameter):  # type: i
     tau = next_sample(n, out, view)
     while tau <= right:
         x, v, a, u, _w = beam_at(arc, tau)
-        ceiling = segment[HEIGHT] + segment[CEILING_VELOCITY] * tau
-        write_sample(out, n[SAMPLE], u, x, v, a, x if side > 0.0 else x + ceiling - diameter, ceiling)
-        n[SAMPLE] += 1
+        ceiling = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau
+        _write_sample(n, out, u, x, v, a, x if side > 0.0 else x + ceiling - diameter, ceiling)
         tau = next_sample(n, out, view)
 
 
@@ -141,14 +113,13 @@ def contact_samples(n, out, view, segment, side, diameter, tau, elapsed, begin, 
     """
     x, v, overlap, velocity, a = begin.x, begin.v, begin.overlap, begin.velocity, begin.rates.beam_acceleration
     x1, v1, overlap1, velocity1, a1 = end.x, end.v, end.overlap, end.velocity, end.rates.beam_acceleration
-    at = next_sample(n, out, view)
-    while at <= tau + elapsed:
-        s = min(1.0, max(0.0, (at - tau) / elapsed))
+    due = next_sample(n, out, view)
+    while due <= tau + elapsed:
+        s = min(1.0, max(0.0, (due - tau) / elapsed))
         xs, vs = hermite(s, elapsed, x, v, a, x1, v1, a1), hermite_velocity(s, elapsed, x, v, a, x1, v1, a1)
         depth = cubic(s, elapsed, overlap, velocity, overlap1, velocity1)
-        ceiling = segment[HEIGHT] + segment[CEILING_VELOCITY] * at
+        ceiling = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * due
         grain = xs - depth if side > 0.0 else xs + ceiling - diameter + depth
-        write_sample(out, n[SAMPLE], support_at_row(segment, at)[0], xs, vs, a + s * (a1 - a), grain, ceiling)
-        n[SAMPLE] += 1
-        at = next_sample(n, out, view)
-    return at
+        _write_sample(n, out, support_at(segment, due)[0], xs, vs, a + s * (a1 - a), grain, ceiling)
+        due = next_sample(n, out, view)
+    return due

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from atpid_sim.engine import columns
 from atpid_sim.engine.columns import CONTACT_STEPS, FLIGHT_STEPS, REJECTED
 from atpid_sim.kernel import kernel
+from atpid_sim.system import Array
 
 #: First step of a first contact, as the fourth root of a time [s^(1/4)]; later contacts start from their predecessor's.
 _FIRST_STEP = 0.05
@@ -22,12 +23,39 @@ def steps_used(n):  # type: ignore[no-untyped-def]
     return n[CONTACT_STEPS] + n[FLIGHT_STEPS] + n[REJECTED]
 
 
+class _Value:
+    """A place of the state vector by name, read as a float; its unit is that of the column."""
+
+    def __init__(self, column: int) -> None:
+        self._column = column
+
+    def __get__(self, state: State, owner: type[State]) -> float:
+        return float(state.y[self._column])
+
+
+class _Count(_Value):
+    """A counter by name."""
+
+    def __get__(self, state: State, owner: type[State]) -> int:
+        return int(state.n[self._column])
+
+
 @dataclass
 class State:
     """State vector y (STATE_SIZE,) and counters n (COUNTERS,), as named in `columns`; SI units."""
 
-    y: NDArray[np.float64]
+    y: Array
     n: NDArray[np.int64]
+
+    time = _Value(columns.TIME)
+    beam = _Value(columns.BEAM)
+    beam_velocity = _Value(columns.BEAM_VELOCITY)
+    grain = _Value(columns.GRAIN)
+    grain_velocity = _Value(columns.GRAIN_VELOCITY)
+    #: FREE, ON_FLOOR, ON_CEILING, OFF_FLOOR or OFF_CEILING of `columns`.
+    mode = _Count(columns.MODE)
+    floor_impacts = _Count(columns.FLOOR_HITS)
+    ceiling_impacts = _Count(columns.CEILING_HITS)
 
     @staticmethod
     def resting(displacement: float, velocity: float) -> State:
@@ -46,49 +74,9 @@ class State:
         return State(self.y.copy(), self.n.copy())
 
     @property
-    def time(self) -> float:
-        """Time reached [s]."""
-        return float(self.y[columns.TIME])
-
-    @property
-    def beam(self) -> float:
-        """Displacement of the beam [m]."""
-        return float(self.y[columns.BEAM])
-
-    @property
-    def beam_velocity(self) -> float:
-        """Velocity of the beam [m/s]."""
-        return float(self.y[columns.BEAM_VELOCITY])
-
-    @property
-    def grain(self) -> float:
-        """Displacement of the grain [m]."""
-        return float(self.y[columns.GRAIN])
-
-    @property
-    def grain_velocity(self) -> float:
-        """Velocity of the grain [m/s]."""
-        return float(self.y[columns.GRAIN_VELOCITY])
-
-    @property
-    def mode(self) -> int:
-        """FREE, ON_FLOOR, ON_CEILING, OFF_FLOOR or OFF_CEILING of `columns`."""
-        return int(self.n[columns.MODE])
-
-    @property
     def amplitude(self) -> float:
         """Half peak-to-peak of the beam in the observation window [m]."""
         return float(0.5 * (self.y[columns.HIGHEST] - self.y[columns.LOWEST]))
-
-    @property
-    def floor_impacts(self) -> int:
-        """Impacts on the floor since the start."""
-        return int(self.n[columns.FLOOR_HITS])
-
-    @property
-    def ceiling_impacts(self) -> int:
-        """Impacts on the ceiling since the start."""
-        return int(self.n[columns.CEILING_HITS])
 
     @property
     def steps(self) -> int:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of the support and loss of the beam's damper while beam or beam and grain move in closed form."""
 
-from __future__ import annotations
-
 import math
 
 from atpid_sim.engine.beam import beam_at

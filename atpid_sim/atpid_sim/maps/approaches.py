@@ -1,49 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """Approach paths to a height: near the optimum the motion depends on the path of the ceiling before."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import partial
 
 from atpid_sim.maps.response import DamperResponse, Path
 
 #: From a damper, a height [m] and a time to settle at the first height [s] to the path of the ceiling.
 Approach = Callable[[DamperResponse, float, float], Path]
-
 #: Duration of slow travels of the ceiling [s]: the thesis's opening time.
 TRAVEL = 1.0
-
 #: Clearance before the ceiling is raised or lowered, as a share of the final one.
 _BELOW, _ABOVE = 0.5, 1.25
 
 
-def at_once(damper: DamperResponse, height: float, rest: float) -> Path:
+def at_once(_damper: DamperResponse, height: float, _rest: float) -> Path:
     """Open the closed damper at once."""
-    del damper, rest
     return ((0.0, height),)
 
 
-def opened(damper: DamperResponse, height: float, rest: float) -> Path:
+def opened(damper: DamperResponse, height: float, _rest: float) -> Path:
     """Open the closed damper slowly."""
-    del rest
     return (0.0, damper.diameter), (TRAVEL, height)
 
 
-def raised(damper: DamperResponse, height: float, rest: float) -> Path:
-    """Come from half the clearance, settled there."""
-    return _passed(damper, height, rest, _BELOW)
+def _passed(damper: DamperResponse, height: float, rest: float, share: float) -> Path:
+    """Come from another clearance, settled there: a share of the final one."""
+    before = damper.diameter + share * (height - damper.diameter)
+    return (0.0, before), (rest, before), (rest + TRAVEL, height)
 
 
-def lowered(damper: DamperResponse, height: float, rest: float) -> Path:
-    """Come from a quarter more clearance, settled there."""
-    return _passed(damper, height, rest, _ABOVE)
+raised: Approach = partial(_passed, share=_BELOW)
+lowered: Approach = partial(_passed, share=_ABOVE)
 
 
 def travelled(present: float, speed: float, delay: float = 0.0) -> Approach:
     """Come from a present height [m], settled there, at a speed [m/s], a delay [s] later."""
 
-    def approach(damper: DamperResponse, height: float, rest: float) -> Path:
-        del damper
+    def approach(_damper: DamperResponse, height: float, rest: float) -> Path:
         start = rest + delay
         return (0.0, present), (start, present), (start + max(abs(height - present) / speed, 1e-6), height)
 
@@ -52,11 +46,5 @@ def travelled(present: float, speed: float, delay: float = 0.0) -> Approach:
 
 #: All: a height that is good after each of them is good from every previous state.
 ALL_APPROACHES: tuple[Approach, ...] = (raised, lowered, opened, at_once)
-
 #: Approaches of a damper that is closed now.
 FROM_CLOSED: tuple[Approach, ...] = (raised, opened, at_once)
-
-
-def _passed(damper: DamperResponse, height: float, rest: float, share: float) -> Path:
-    before = damper.diameter + share * (height - damper.diameter)
-    return (0.0, before), (rest, before), (rest + TRAVEL, height)

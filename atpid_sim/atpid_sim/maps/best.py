@@ -7,8 +7,6 @@ raised from below, lowered from above), where these disagree with a surcharge, a
 lowest is taken (docs/selection.md).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -21,35 +19,25 @@ from atpid_sim.maps.response import DamperResponse, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
-
 #: Where, between irregular motions, narrow wells lie: there the steps are half as long.
 _NARROW = (0.44, 0.83)
-
 #: Where the best lies at the end of what was tried, the range grows by this much, down to closed and up to this share.
 _GROWTH, _HIGHEST = 0.2, 2.0
-
 #: Finer grid around a promising clearance, in coarse steps.
 _FINE = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-
 #: How far a coarse amplitude may lie above the least to be looked at closely, and how many are.
 _PROMISING, _CANDIDATES, _RATED = 1.25, 4, 4
-
 #: In an irregular motion a short window shows less than the worst: what its amplitude is multiplied by.
 _IRREGULAR = 1.15
-
 #: Heights whose amplitudes differ by less than this share are equally good [-].
 FLAT = 2e-3
-
 #: Where the approach paths to a height end in amplitudes further apart than this, its motion is not reproducible, and
 #: the surcharge on its amplitude.
 REPRODUCIBLE, _SURCHARGE = 1e-2, 1.05
-
 #: While not all approaches are known, a height this much worse than the best so far is given up.
 _HOPELESS = 1.08
-
 #: Heights tried between the best of the grid and the one below it.
 _BETWEEN = 4
-
 #: Wells whose clearances differ by this factor are far apart: between them the ceiling passes heights of
 #: irregular motion.
 _FAR = 1.1

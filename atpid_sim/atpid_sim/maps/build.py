@@ -1,50 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make a map: every point by itself, on all cores, kept in a journal until the map is whole."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from atpid_sim.maps.cluster import on_cluster
-from atpid_sim.maps.errors import MapError
-from atpid_sim.maps.height_map import FORMAT, Failure, HeightMap
+from atpid_sim.maps.cluster import on_cluster, on_cores
+from atpid_sim.maps.height_map import FORMAT, Failure, HeightMap, MapError
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.maps.journal import Journal, Point
-from atpid_sim.maps.point import values_at
-from atpid_sim.maps.response import DamperResponse
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import Scene, SceneError
-from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import rtol_of
 
 Progress = Callable[[int, int], None]
-
 #: Runs finer than this gain nothing: best heights are told apart by 0.2 % of the amplitude.
 _FINEST = 1e-5
-
-#: A map is read between its points, so it stays in one well unless another is better by this share.
-_HYSTERESIS = 0.15
 
 
 def build_map(
     scene: Scene,
     amplitudes: Sequence[float],
     mass_fractions: Sequence[float],
-    out: str | os.PathLike[str] | None = None,
+    out: str | os.PathLike[str],
     progress: Progress | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> HeightMap:
     """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
 
-    With `out` it is also written there, and a run that was killed goes on where it stopped: points lie in a journal
-    beside the file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
+    It is written to `out`, and a run that was killed goes on where it stopped: points lie in a journal beside that
+    file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
     use instead of this machine's cores. A point whose runs fail is NaN in the map, with the reason in `failures`.
     Raises MapError, and NumericalFailure where every point fails.
     """
@@ -52,52 +42,28 @@ def build_map(
     identity, tolerance = identity_of(scene), map_tolerance(scene)
     purpose = {"format": FORMAT, "system": identity, "tolerance": tolerance}
     wanted = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
-    with ExitStack() as stack:
-        journal = stack.enter_context(Journal(Path(out), purpose)) if out is not None else None
-        known: dict[Point, dict[str, Any]] = dict(journal.points) if journal else {}
+    report = progress or (lambda *_: None)
+    with closing(Journal(Path(out), purpose)) as journal:
+        known = journal.points
         missing = [point for point in wanted if point not in known]
-        report = progress or _silent
         report(len(wanted) - len(missing), len(wanted))
         if scheduler is None:
-            computed = _compute(scene, missing, tolerance, workers)
+            computed = on_cores(scene, missing, tolerance, workers)
         else:
-            computed = on_cluster(scheduler, scene, missing, tolerance, _HYSTERESIS)
+            computed = on_cluster(scheduler, scene, missing, tolerance)
         for point, values in computed:
             known[point] = values
-            if journal:
-                journal.record(point, values)
+            journal.record(point, values)
             report(sum(p in known for p in wanted), len(wanted))
         made = _assemble(wide, heavy, known, identity, tolerance)
-        if journal and out is not None:
-            made.save(out)
-            journal.finish()
+        made.save(out)
+        journal.finish()
     return made
 
 
 def map_tolerance(scene: Scene) -> float:
     """Return the relative tolerance of the runs of a scene's map: that of the scene, but no finer than is of use."""
     return max(rtol_of(scene), _FINEST)
-
-
-def _silent(done: int, total: int) -> None:
-    """Report no progress."""
-
-
-def _compute(scene: Scene, points: list[Point], tolerance: float, workers: int | None) -> Iterable[tuple[Point, Any]]:
-    dampers = {fraction: _damper(scene, fraction, tolerance) for fraction in {fraction for fraction, _ in points}}
-
-    def best(point: Point) -> dict[str, Any]:
-        fraction, amplitude = point
-        return values_at(dampers[fraction], amplitude, _HYSTERESIS)
-
-    return on_all_cores(best, points, workers)
-
-
-def _damper(scene: Scene, fraction: float, tolerance: float) -> DamperResponse:
-    try:
-        return DamperResponse(scene.with_(mass_fraction=fraction), tolerance)
-    except SceneError as error:
-        raise MapError(f"mass fraction {fraction:g}: {error}") from None
 
 
 def _assemble(
@@ -132,9 +98,6 @@ def _assemble(
 def _rising(values: Sequence[float], name: str, least: int) -> list[float]:
     numbers = [float(value) for value in values]
     if len(numbers) < least or not np.isfinite(numbers).all() or numbers[0] <= 0.0 or (np.diff(numbers) <= 0.0).any():
-        raise MapError(f"{name}: given {_shown(numbers)}; allowed are at least {least} rising numbers above 0")
+        given = ", ".join(f"{value:g}" for value in numbers[:4]) + (", ..." if len(numbers) > 4 else "")
+        raise MapError(f"{name}: given {given}; allowed are at least {least} rising numbers above 0")
     return numbers
-
-
-def _shown(numbers: list[float]) -> str:
-    return ", ".join(f"{value:g}" for value in numbers[:4]) + (", ..." if len(numbers) > 4 else "")

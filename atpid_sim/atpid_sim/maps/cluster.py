@@ -1,33 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The points of a map on a Dask cluster that exists already; optional, needs `dask[distributed]` on every machine.
+"""The points of a map: on this machine's cores, or on a Dask cluster that exists already.
 
-The cluster owns scheduling and retries: a point whose worker dies is computed by another.
+The latter is optional and needs `dask[distributed]` on every machine. The cluster owns scheduling and retries: a point
+whose worker dies is computed by another.
 """
 
-from __future__ import annotations
-
 import importlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict
 from typing import Any
 
-from atpid_sim.maps.errors import MapError
+from atpid_sim.maps.best import best_height
+from atpid_sim.maps.height_map import MapError
 from atpid_sim.maps.journal import Point
-from atpid_sim.maps.point import values_at
 from atpid_sim.maps.response import DamperResponse
-from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.scene import Scene, SceneError, scene_from_mapping
+from atpid_sim.simulation.batch import on_all_cores
 
+#: A map is read between its points, so it stays in one well unless another is better by this share.
+_HYSTERESIS = 0.15
 #: How long a scheduler may take to answer [s].
 _CONNECT_TIMEOUT = 10.0
+#: A point and the fields of `Best` there; None, with `failure`, where a run fails.
+Computed = tuple[Point, dict[str, Any]]
 
 
-def on_cluster(
-    address: str, scene: Scene, points: Sequence[Point], tolerance: float, hysteresis: float
-) -> Iterator[tuple[Point, dict[str, Any]]]:
+def on_cores(scene: Scene, points: list[Point], tolerance: float, workers: int | None) -> Iterator[Computed]:
+    """Yield (point, values) as the threads of this process compute them; `workers`: how many, by default all cores."""
+    dampers = {fraction: _damper(scene, fraction, tolerance) for fraction in {fraction for fraction, _ in points}}
+    return on_all_cores(lambda point: _values_at(dampers[point[0]], point[1]), points, workers)
+
+
+def on_cluster(address: str, scene: Scene, points: Iterable[Point], tolerance: float) -> Iterator[Computed]:
     """Yield (point, values) as the workers of the scheduler at `address` deliver them.
 
     Raises MapError where dask is not installed, no scheduler answers, or a point fails on every worker that tried it.
     """
-    distributed = _distributed()
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise MapError("--scheduler needs Dask: pip install 'dask[distributed]', or leave the option out") from None
     try:
         client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
@@ -37,9 +50,7 @@ def on_cluster(
         ) from None
     with client:
         mapping = scene.to_mapping()
-        futures = {
-            client.submit(point_of_map, mapping, point, tolerance, hysteresis, pure=False): point for point in points
-        }
+        futures = {client.submit(_point_of_map, mapping, point, tolerance, pure=False): point for point in points}
         for future in distributed.as_completed(list(futures), loop=client.loop):
             try:
                 yield futures[future], future.result()
@@ -48,15 +59,29 @@ def on_cluster(
                 raise MapError(lost) from None
 
 
-def point_of_map(mapping: dict[str, Any], point: Point, tolerance: float, hysteresis: float) -> dict[str, Any]:
-    """Return one point (mass fraction, amplitude [m]) of the map of the scene in `mapping`; runs on a worker."""
-    fraction, amplitude = point
-    scene = scene_from_mapping(mapping, source="scene of the map").with_(mass_fraction=fraction)
-    return values_at(DamperResponse(scene, tolerance), amplitude, hysteresis)
+def _point_of_map(mapping: dict[str, Any], point: Point, tolerance: float) -> dict[str, Any]:
+    """Return one point of the map of the scene in `mapping`; runs on a worker."""
+    scene = scene_from_mapping(mapping, source="scene of the map")
+    return _values_at(_damper(scene, point[0], tolerance), point[1])
 
 
-def _distributed() -> Any:
+def _damper(scene: Scene, fraction: float, tolerance: float) -> DamperResponse:
     try:
-        return importlib.import_module("distributed")
-    except ImportError:
-        raise MapError("--scheduler needs Dask: pip install 'dask[distributed]', or leave the option out") from None
+        return DamperResponse(scene.with_(mass_fraction=fraction), tolerance)
+    except SceneError as error:
+        raise MapError(f"mass fraction {fraction:g}: {error}") from None
+
+
+def _values_at(damper: DamperResponse, amplitude: float) -> dict[str, Any]:
+    """Return the values at a support amplitude [m].
+
+    One amplitude that cannot be simulated, as where the grain is pressed deeper into a wall than its radius, must not
+    cost the others.
+    """
+    try:
+        return asdict(best_height(damper, amplitude, _HYSTERESIS))
+    except NumericalFailure as error:
+        return {
+            "height": None, "amplitude": None, "efficiency": None, "reproducible": False, "evaluations": 0,
+            "failure": str(error),
+        }  # fmt: skip

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map as a C header for the motor's firmware: amplitudes and heights in micrometres, in program memory."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.maps.errors import MapError
-from atpid_sim.maps.height_map import HeightMap
+from atpid_common.output import writing
+from atpid_sim.maps.height_map import HeightMap, MapError
 
 _A_LINE = 8
 
@@ -48,11 +46,9 @@ def header_text(height_map: HeightMap, mass_fraction: float) -> str:
 
 
 def write_header(height_map: HeightMap, mass_fraction: float, path: str | os.PathLike[str]) -> None:
-    """Write the header; raise MapError where that is not possible."""
-    try:
+    """Write the header; raise OutputError where that is not possible."""
+    with writing(path, "--header"):
         Path(path).write_text(header_text(height_map, mass_fraction), encoding="utf-8")
-    except OSError as error:
-        raise MapError(f"{path}: cannot be written: {error.strerror}; choose another --header") from None
 
 
 def _height_um(height_map: HeightMap, amplitude: float, mass_fraction: float) -> int:

@@ -17,24 +17,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from atpid_sim.maps.errors import MapError
+from atpid_common.errors import InputError
+from atpid_common.output import writing
 from atpid_sim.maps.identity import Identity, difference, identity_of
 from atpid_sim.scene import Scene
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Version of the file and of what it calls the best height (docs/selection.md).
 FORMAT = 1
 
 _GRIDS = ("heights", "beam_amplitudes", "efficiencies", "reproducible")
-
 #: Two mass fractions this close are the same [-].
 _SAME_FRACTION = 1e-9
-
 #: No clearance is taken for less [m]: a power law needs one.
 _TINY = 1e-9
 
 _MAKE = "make one with `python -m atpid_sim map SCENE.yaml --amplitudes A0:A1:N --mass-fractions m1,m2 --out MAP.npz`"
+
+
+class MapError(InputError):
+    """A map that cannot be made, read or used; one line: what was given, what is allowed, what to do."""
 
 
 class Failure(NamedTuple):
@@ -120,21 +122,19 @@ class HeightMap:
         self._between(fraction)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the file at once or not at all: a crash leaves the old one."""
+        """Write the file at once or not at all: a crash leaves the old one. Raises OutputError."""
         target = Path(path)
         part = target.with_name(target.name + ".part")
         about = {"format": FORMAT, "system": self.identity, "tolerance": self.tolerance}
         if self.failures:
             about["failures"] = [list(failure) for failure in self.failures]
         grids = {name: getattr(self, name) for name in ("amplitudes", "mass_fractions", *_GRIDS)}
-        try:
+        with writing(target):
             with part.open("wb") as file:
                 np.savez(file, about=np.array(json.dumps(about, sort_keys=True)), **grids)
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(part, target)
-        except OSError as error:
-            raise MapError(f"{target}: cannot be written: {error.strerror or error}; choose another --out") from None
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> HeightMap:
@@ -233,6 +233,5 @@ def _unbroken(amplitudes: Array, values: Array) -> list[Curve]:
     return curves
 
 
-def _constant(values: Array, amplitude: float) -> Array:
-    del amplitude
+def _constant(values: Array, _: float) -> Array:
     return values

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a map holds for: the values that decide best heights, by the scene's own keys."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from atpid_sim.scene import HarmonicExcitation, Scene
 
 #: Numbers that differ by less are the same [relative].
 _SAME = 1e-9
-
 #: A frequency given as a number counts as resonance within this share.
 _RESONANCE = 1e-4
 

@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The journal of a map being made: one line a point, on the disk before the next; nothing is computed twice."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
-from atpid_sim.maps.errors import MapError
+from atpid_sim.maps.height_map import MapError
 
 Point = tuple[float, float]  # mass fraction [-], amplitude [m]
 
@@ -30,31 +27,22 @@ class Journal:
             raise MapError(f"{self.path}: cannot be written: {error.strerror}; choose another --out") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._file.close()
-            raise MapError(
-                f"{self.path}: another run is making this map; wait for it or choose another --out"
-            ) from None
-        try:
             self._resume(dict(purpose))
+        except OSError:
+            self.close()
+            problem = f"{self.path}: another run is making this map"
+            raise MapError(f"{problem}; wait for it or choose another --out") from None
         except MapError:
-            self._file.close()
+            self.close()
             raise
 
-    def __enter__(self) -> Journal:
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Close the file, which stays for the next attempt unless `finish` was called."""
         self._file.close()
 
     def record(self, point: Point, values: Mapping[str, Any]) -> None:
         """Put one point on the disk."""
         self._append({"point": list(point), **values})
-        self.points[point] = dict(values)
 
     def finish(self) -> None:
         """Remove the journal: the map is written."""
@@ -84,13 +72,9 @@ class Journal:
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
-            self._abandon()
+            with suppress(OSError):  # without another attempt to write what is buffered
+                self.close()
             raise MapError(
                 f"{self.path}: cannot be written: {error.strerror}; make room and give the same command: it goes on "
                 "from the points that are in it"
             ) from None
-
-    def _abandon(self) -> None:
-        """Close the file without another attempt to write what is buffered."""
-        with suppress(OSError):
-            self._file.close()

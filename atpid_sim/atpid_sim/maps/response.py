@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The response of a beam with its damper at a height, by the path on which the ceiling approached it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
@@ -15,11 +12,9 @@ from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity
 from atpid_sim.simulation.integration import Integration, Observation, impact_log, sample_series
-from atpid_sim.system import System
+from atpid_sim.system import Array, System
 
-Array = NDArray[np.float64]
 Path = tuple[tuple[float, float], ...]
-
 #: Period-to-period variation up to which a motion counts as regular [-].
 _REGULAR = 0.02
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the stream's blocks to messages."""
 
-from __future__ import annotations
-
 import numpy as np
 from atpid_interfaces.msg import PlantTruth, SampleBlock
 
@@ -14,10 +12,7 @@ from atpid_sim.plant.stream import Reading, StreamBlock, stamp_ns
 def sample_block(reading: Reading, start_ns: int, frame_id: str) -> SampleBlock:
     """Return one device's readings as its message."""
     message = SampleBlock()
-    message.header.stamp = time_of(stamp_ns(start_ns, reading.first_index, reading.rate))
-    message.header.frame_id = frame_id
-    message.first_index = reading.first_index
-    message.rate = reading.rate
+    _stamp(message, reading, start_ns, frame_id)
     message.channels = list(reading.instrument.channels)
     message.units = list(reading.instrument.units)
     message.skew = doubles(np.zeros(len(reading.instrument.channels)))
@@ -35,12 +30,8 @@ def handshake_truth(height: float) -> PlantTruth:
 
 def truth_message(block: StreamBlock, start_ns: int, frame_id: str) -> PlantTruth:
     """Return the true motion and energies of one block."""
-    laser, truth = block.readings[0], block.truth
-    message = PlantTruth()
-    message.header.stamp = time_of(stamp_ns(start_ns, block.first_index, laser.rate))
-    message.header.frame_id = frame_id
-    message.first_index = block.first_index
-    message.rate = laser.rate
+    message, truth = PlantTruth(), block.truth
+    _stamp(message, block.readings[0], start_ns, frame_id)
     for name in ("excitation_amplitude", "excitation_frequency", "input_energy", "beam_loss", "contact_loss",
                  "ceiling_work", "stored_energy"):  # fmt: skip
         setattr(message, name, float(getattr(truth, name)))
@@ -48,3 +39,11 @@ def truth_message(block: StreamBlock, start_ns: int, frame_id: str) -> PlantTrut
     for name in ("support", "beam", "grain", "ceiling"):
         setattr(message, name, doubles(block.truth_series(name)))
     return message
+
+
+def _stamp(message: SampleBlock | PlantTruth, reading: Reading, start_ns: int, frame_id: str) -> None:
+    """Enter in a message when and how fast its device's reading, the truth's is the laser's, was taken."""
+    message.header.stamp = time_of(stamp_ns(start_ns, reading.first_index, reading.rate))
+    message.header.frame_id = frame_id
+    message.first_index = reading.first_index
+    message.rate = reading.rate

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated stand: publishes what the sensors of a scene's plant read; its ceiling follows the motor's reports."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time
@@ -10,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from atpid_interfaces.msg import CeilingState, Event, PlantTruth, RecorderStatus, SampleBlock
+from atpid_interfaces.msg import CeilingState, Event, PlantTruth, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -72,7 +70,6 @@ class PlantNode(Node):
         self._steady_start = 0.0
         self._worst_lag = self._behind = 0.0
         self._make_topics()
-        self._recorder = RecorderWatch(self, self._on_recorder, self._report_recorder, expected=expect_recorder)
         self._leaving = Leaving(self, self._outgoing, lambda: expect_recorder and self._recorder.recording)
         self.done = self._leaving.done
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -84,6 +81,8 @@ class PlantNode(Node):
             recorder=expect_recorder,
             blocked=lambda: "" if is_alone(self) else "another node of this name to leave",
         )
+        on_status = self._handshake.on_status
+        self._recorder = RecorderWatch(self, on_status, self._report_recorder, expected=expect_recorder)
         self._pace_timer = self.create_timer(self.stream.block_seconds, self._pace, clock=steady)
         self._pace_timer.cancel()
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
@@ -131,9 +130,6 @@ class PlantNode(Node):
         return self._handshake.waiting_for()
 
     # the loop
-
-    def _on_recorder(self, status: RecorderStatus) -> None:
-        self._handshake.on_status(status)
 
     def _report_recorder(self, severity: int, kind: str, text: str, value: float) -> None:
         if self._lockstep:  # whose events depend on the run alone, not on the machine

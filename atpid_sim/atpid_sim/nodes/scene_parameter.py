@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameter `scene` of a node."""
 
-from __future__ import annotations
-
 from rclpy.node import Node
 
 from atpid_sim.scene import Scene, SceneError, load_scene

@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensors of the plant's exact signals: white noise of each, NaN outside the range."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.scene import Scene
 from atpid_sim.scene.sensors import Sensor
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream: advanced block by block while a controller moves the ceiling."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from operator import index
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.engine import columns, drive
@@ -19,8 +16,7 @@ from atpid_sim.simulation.energy import contact_energy, stored_energy
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, support_rows
 from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import FIDELITIES, Integration, Observation, is_closed, sample_series
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Closer to its target than this [m] the ceiling has arrived.
 _ARRIVED = 1e-12
@@ -67,28 +63,18 @@ class Plant:
         self._scene = scene
         if fidelity not in ("auto", *FIDELITIES):
             raise PlantError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
-        self._integration = Integration(scene, choose(scene, fidelity, stays_closed=False).fidelity)
-        self._system = self._integration.system
+        self.integration = Integration(scene, choose(scene, fidelity, stays_closed=False).fidelity)
         self._closed_only = fidelity == "simplified"
         if self._closed_only and not is_closed(scene):
             raise PlantError(self._opened(max(height for _, height in scene.ceiling.heights)))
         self._rows = support_rows(scene)
-        self._state = self._integration.initial_state()
-        self._energy_at_start = stored_energy(self._system, self._state, self._support_at(0.0))
+        self._state = self.integration.initial_state()
+        support = drive.support_displacement(self._rows, 0.0)
+        self._energy_at_start = stored_energy(self.integration.system, self._state, support)
         self._ticks = 0
         self._rate: float | None = None  # [Hz], that of the first advance
         self._failure = ""  # why the integration stopped
         self.height = float(scene.ceiling.heights[0][1])
-
-    @property
-    def fidelity(self) -> str:
-        """Fidelity level of the simulation."""
-        return self._integration.fidelity
-
-    @property
-    def rtol(self) -> float:
-        """Relative tolerance of the integrator."""
-        return self._integration.rtol
 
     @property
     def time(self) -> float:
@@ -114,7 +100,7 @@ class Plant:
         out = sample_series(duration_ticks)
         self._state.n[columns.SAMPLE] = 0
         self._state.restart_steps()
-        outcome = self._integration.advance(self._state, table, Observation((end, end), begin, 1.0 / rate, out))
+        outcome = self.integration.advance(self._state, table, Observation((end, end), begin, 1.0 / rate, out))
         self._rate = rate
         if outcome != Outcome.DONE:
             self._fail(outcome, table)
@@ -150,7 +136,7 @@ class Plant:
     def _opened(self, height: float) -> str:
         return (
             f"fidelity simplified: given a ceiling at {height:g} m; allowed: one that stays closed "
-            f"({2.0 * self._system.radius:g} m); use fidelity soft or impact"
+            f"({2.0 * self.integration.system.radius:g} m); use fidelity soft or impact"
         )
 
     def _fail(self, outcome: Outcome, table: Array) -> None:
@@ -175,8 +161,8 @@ class Plant:
 
     def _block(self, begin: float, end: float, rate: float, table: Array, out: Array, outcome: Outcome) -> PlantBlock:
         state, y = self._state, self._state.y
-        stored = stored_energy(self._system, state, self._support_at(end))
-        stored += contact_energy(self._integration.contact, self._system, state, table)
+        stored = stored_energy(self.integration.system, state, drive.support_displacement(self._rows, end))
+        stored += contact_energy(self.integration.contact, self.integration.system, state, table)
         return PlantBlock(
             time=begin + np.arange(out.shape[1]) / rate,
             support=out[columns.S_SUPPORT],
@@ -195,6 +181,3 @@ class Plant:
             excitation_frequency=frequency_at(self._scene, end),
             outcome=outcome,
         )
-
-    def _support_at(self, t: float) -> float:
-        return drive.support_displacement(self._rows, t)

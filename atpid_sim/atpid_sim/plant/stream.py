@@ -1,25 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream of blocks: integer ticks, one block per call, sensors at rates of their own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, gcd, isfinite
+from math import ceil, isfinite, lcm
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.plant.instrument import Instrument, accelerometer_of, laser_of
 from atpid_sim.scene import Scene
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: No rate two sensors have in common may be faster than this [Hz]; beyond it the rates are simply incommensurable.
 _FASTEST = 1_000_000
-
 #: A sample closer to the end than this share of the time lies beyond the end.
 _ROUNDING = 1e-12
 
@@ -144,20 +139,14 @@ class Stream:
 def common_rate(rates: list[float]) -> float:
     """Return the slowest rate [Hz] that is a whole multiple of every one of `rates`; raise StreamError if none."""
     exact = [Fraction(rate).limit_denominator(1000) for rate in rates]
-    common = exact[0]
-    for rate in exact[1:]:
-        common = Fraction(_lcm(common.numerator * rate.denominator, rate.numerator * common.denominator),
-                          common.denominator * rate.denominator)  # fmt: skip
+    unit = lcm(*(rate.denominator for rate in exact))
+    common = Fraction(lcm(*(int(rate * unit) for rate in exact)), unit)
     if common > _FASTEST:
         given = ", ".join(f"{rate:g}" for rate in rates)
         raise StreamError(
             f"sensors: given rates {given} Hz; allowed: rates with a common multiple up to {_FASTEST} Hz; round one"
         )
     return float(common)
-
-
-def _lcm(a: int, b: int) -> int:
-    return a // gcd(a, b) * b
 
 
 def samples_before(end: float, rate: float) -> int:
@@ -167,5 +156,4 @@ def samples_before(end: float, rate: float) -> int:
 
 def stamp_ns(start_ns: int, index: int, rate: float) -> int:
     """Return the instant [ns] of sample `index` at `rate` [Hz] after `start_ns`, rounded once, exact for any index."""
-    exact = Fraction(index * 1_000_000_000) / Fraction(rate)
-    return start_ns + round(exact)
+    return start_ns + round(Fraction(index * 1_000_000_000) / Fraction(rate))

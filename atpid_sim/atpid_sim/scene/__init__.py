@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes: what one run needs, read from YAML and checked (docs/scenes.md)."""
 
-from __future__ import annotations
-
 from atpid_sim.scene.ceiling import ControlledCeiling, FixedCeiling, OpeningCeiling, ProfileCeiling
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SeriesExcitation, SweepExcitation
-from atpid_sim.scene.scene import Scene, load_scene, scene_from_mapping
-from atpid_sim.scene.standard import standard_bench
+from atpid_sim.scene.scene import Scene, load_scene, scene_from_mapping, standard_bench
 
 __all__ = [
     "ControlledCeiling",

@@ -122,20 +122,11 @@ Ceiling = Annotated[
     | Annotated[ControlledCeiling, Tag("<controlled>")],
     by_key(
         {
-            "controller": "<controlled>",
-            "range": "<controlled>",
-            "speed": "<controlled>",
-            "profile": "<profile>",
-            "height": "<fixed>",
-            "closed": "<opening>",
-            "open": "<opening>",
+            "<controlled>": ("controller", "range", "speed"),
+            "<profile>": ("profile",),
+            "<fixed>": ("height",),
+            "<opening>": ("closed", "open"),
         },
         "one of {height}, {closed, open, start, end}, {profile}, {closed, range, speed, controller}",
     ),
 ]
-VARIANTS: dict[str, type[Block]] = {
-    "<fixed>": FixedCeiling,
-    "<opening>": OpeningCeiling,
-    "<profile>": ProfileCeiling,
-    "<controlled>": ControlledCeiling,
-}

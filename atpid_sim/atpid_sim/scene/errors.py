@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The one error a scene can raise."""
 
-from __future__ import annotations
-
 from atpid_common.errors import InputError
 
 

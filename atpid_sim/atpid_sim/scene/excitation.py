@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the support does: a tone, nothing (free decay), a sweep, or a measured series."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Tag, field_validator
@@ -21,12 +19,7 @@ from atpid_sim.fields import (
     within,
 )
 
-Frequency = Annotated[
-    Annotated[Hertz, Tag("<number>")] | Annotated[Literal["resonance"], Tag("<word>")],
-    by_word,
-]
-
-
+Frequency = Annotated[Annotated[Hertz, Tag("<number>")] | Annotated[Literal["resonance"], Tag("<word>")], by_word]
 Displacement = Annotated[Number, within(-1e3, 1e3)]
 
 
@@ -104,18 +97,11 @@ Excitation = Annotated[
     | Annotated[SeriesExcitation, Tag("<series>")],
     by_key(
         {
-            "free": "<free>",
-            "sweep": "<sweep>",
-            "series": "<series>",
-            "amplitude": "<harmonic>",
-            "frequency": "<harmonic>",
+            "<free>": ("free",),
+            "<sweep>": ("sweep",),
+            "<series>": ("series",),
+            "<harmonic>": ("amplitude", "frequency"),
         },
         "one of {amplitude, frequency}, {free: ...}, {sweep: ...}, {series: ...}",
     ),
 ]
-VARIANTS: dict[str, type[Block]] = {
-    "<harmonic>": HarmonicExcitation,
-    "<free>": FreeExcitation,
-    "<sweep>": SweepExcitation,
-    "<series>": SeriesExcitation,
-}

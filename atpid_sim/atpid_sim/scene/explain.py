@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is wrong with a scene in one line: key, what was given, what is allowed."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,16 +10,16 @@ from typing import Any, Union, get_args, get_origin
 from pydantic_core import ErrorDetails
 
 from atpid_sim.contact.laws import NAMES
-from atpid_sim.fields import Block
-from atpid_sim.scene import ceiling, contact, excitation
-from atpid_sim.scene.model import SceneValues
+from atpid_sim.fields import Block, variants_of
+from atpid_sim.scene.ceiling import Ceiling
+from atpid_sim.scene.excitation import Excitation
+from atpid_sim.scene.model import ContactBlock, SceneValues
 
-_VARIANTS: dict[str, type[Block]] = {**excitation.VARIANTS, **ceiling.VARIANTS, **contact.VARIANTS}
+_VARIANTS = {**variants_of(Excitation), **variants_of(Ceiling), **variants_of(ContactBlock)}
 
 _WITH_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 #: A unit in a description.
 _UNIT = re.compile(r"\[([^\]]+)\]")
-
 #: Further keys that are named after the first error, at most.
 _NAMED = 4
 
@@ -54,8 +52,9 @@ def _explain(error: ErrorDetails) -> str:
         key = ".".join(part for part in (key, inner) if part)
         return f"{key}: given {shown(context['given'])}; allowed: {context['allowed']}"
     if kind == "literal_error":
+        similar = _did_you_mean(str(error["input"]), re.findall(r"'([^']*)'", context["expected"]))
         word = "a bare number, or the word " if error["loc"][-1] == "<word>" else ""
-        return f"{key}: given {shown(error['input'])}; allowed: {word}{context['expected']}{_similar(error)}"
+        return f"{key}: given {shown(error['input'])}; allowed: {word}{context['expected']}{similar}"
     allowed = error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
     if kind == "float_type" and isinstance(error["input"], str):
         allowed = _bare_number(error["input"], error["loc"])
@@ -98,13 +97,7 @@ def _unknown_law(key: str, error: ErrorDetails) -> str:
         return f"{key}: given {shown(given)}; allowed: a block with law, one of {names}"
     if "law" not in given:
         return f"{key}.law: missing; allowed: {names}"
-    hint = _did_you_mean(str(given["law"]), NAMES)
-    return f"{key}.law: given {shown(given['law'])}{hint}; allowed: {names}"
-
-
-def _similar(error: ErrorDetails) -> str:
-    names = [name.strip("'\" ") for name in error["ctx"]["expected"].replace(" or ", ",").split(",")]
-    return _did_you_mean(str(error["input"]), names)
+    return f"{key}.law: given {shown(given['law'])}{_did_you_mean(str(given['law']), NAMES)}; allowed: {names}"
 
 
 def _did_you_mean(given: str, names: Iterable[str]) -> str:
@@ -144,10 +137,7 @@ def _model_at(location: tuple[int | str, ...]) -> type[Block] | None:
 
 def _block_in(annotation: Any) -> type[Block] | None:
     choices = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    for choice in choices:
-        if isinstance(choice, type) and issubclass(choice, Block):
-            return choice
-    return None
+    return next((choice for choice in choices if isinstance(choice, type) and issubclass(choice, Block)), None)
 
 
 def shown(value: Any) -> str:

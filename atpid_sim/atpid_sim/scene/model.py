@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated, Any
+import operator
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, Strict, model_validator
+from pydantic import Discriminator, Field, Strict, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from atpid_sim.contact.laws import LAWS, NAMES
+from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
-from atpid_sim.scene.contact import ContactBlock
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation, HarmonicExcitation
 from atpid_sim.scene.sensors import Recording, Sensors
@@ -22,9 +24,25 @@ from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
 _STEADY_SHARE = 0.125
-
 #: Samples a block at most: what one message can hold without filling the memory.
 _MOST_A_BLOCK = 1_000_000
+
+
+def _law(value: Any) -> str | None:
+    law = value.get("law") if isinstance(value, Mapping) else getattr(value, "law", None)
+    return f"<{law}>" if law in NAMES else None
+
+
+_SPECS = [Annotated[law.Spec, Tag(f"<{name}>")] for name, law in zip(NAMES, LAWS, strict=True)]
+
+#: The contact block: one variant per law, as the laws' files describe their keys.
+if TYPE_CHECKING:
+    ContactBlock = ContactSpec
+else:
+    ContactBlock = Annotated[
+        functools.reduce(operator.or_, _SPECS),
+        Discriminator(_law, custom_error_type="no_law", custom_error_message=f"law: one of {', '.join(NAMES)}"),
+    ]
 
 
 def _last_part(duration: float) -> tuple[float, float]:
@@ -111,32 +129,16 @@ class SceneValues(Block):
 
     def to_mapping(self) -> dict[str, Any]:
         """Return what was given, as plain numbers, text, lists and dicts."""
-        given = self.model_dump(by_alias=True, exclude_unset=True, exclude_none=True)
-        mapping: dict[str, Any] = plain(given)
-        return mapping
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude_none=True)
 
     def to_yaml(self) -> str:
         """Return the scene as YAML; loading it gives the same scene."""
         return write_yaml(self.to_mapping())
 
 
-def plain(value: Any) -> Any:
-    """Return a value, and what it contains, as numbers, text, lists and dicts."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, Block):
-        return plain(value.model_dump(by_alias=True, exclude_unset=True, exclude_none=True))
-    return str(value) if isinstance(value, Path) else value
-
-
 def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     diameter = 2.0 * scene.grain.radius
-    named: dict[str, float] = {}
-    for key in ("height", "closed", "open"):
-        if hasattr(scene.ceiling, key):
-            named[key] = getattr(scene.ceiling, key)
+    named = {key: getattr(scene.ceiling, key) for key in ("height", "closed", "open") if hasattr(scene.ceiling, key)}
     if scene.ceiling.kind == "profile":
         named["profile"] = min(height for _, height in scene.ceiling.heights)
     if isinstance(scene.ceiling, ControlledCeiling):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plausibility of a scene: values that are possible but unusual, as after a wrong unit. They are run all the same."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise
@@ -33,14 +31,12 @@ class Quantity(NamedTuple):
         """Return the line that states value and usual range; None inside the range."""
         if self.low <= self.value <= self.high:
             return None
+        usual = f"{_shown(self.low)} to {_shown(self.high)}"
+        if math.isinf(self.high) or self.low == 0.0:
+            usual = f"at least {_shown(self.low)}" if math.isinf(self.high) else f"at most {_shown(self.high)}"
         unit = f" {self.unit}" if self.unit else ""
         hint = f"; {self.hint}" if self.hint else ""
-        return f"{self.name}: {_shown(self.value)}{unit} is unusual (usual: {self._range()}{unit}){hint}"
-
-    def _range(self) -> str:
-        if math.isinf(self.high):
-            return f"at least {_shown(self.low)}"
-        return f"at most {_shown(self.high)}" if self.low == 0.0 else f"{_shown(self.low)} to {_shown(self.high)}"
+        return f"{self.name}: {_shown(self.value)}{unit} is unusual (usual: {usual}{unit}){hint}"
 
 
 def _shown(value: float) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene: read from a YAML file or a mapping, checked, changed."""
+"""The scene: read from a YAML file or a mapping, checked, changed; the standard bench."""
 
 from __future__ import annotations
 
@@ -11,9 +11,21 @@ from pydantic import ValidationError
 
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.explain import decimal_comma, explained, shown
-from atpid_sim.scene.model import SceneValues, plain
+from atpid_sim.scene.model import SceneValues
 from atpid_sim.scene.plausibility import warnings_of
 from atpid_sim.scene.yaml12 import read_yaml
+
+#: The standard bench of thesis section 3.4, which studies and figures start from.
+_STANDARD: dict[str, object] = {
+    "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
+    "grain": {"mass_fraction": 0.1, "radius": 0.0085},
+    "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
+    "excitation": {"amplitude": 0.01, "frequency": "resonance"},
+    "ceiling": {"height": 0.2},
+    "gravity": 9.81,
+    "duration": 16.0,
+    "tolerance": 1e-6,
+}
 
 
 class Scene(SceneValues):
@@ -42,9 +54,8 @@ class Scene(SceneValues):
             mapping["grain"]["mass_fraction"] = float(mass_fraction)
         for key in ("amplitude", "frequency"):
             if key in changes:
-                mapping["excitation"][key] = plain(changes.pop(key))
-        mapping.update(plain(changes))
-        return scene_from_mapping(mapping, source="changed scene")
+                mapping["excitation"][key] = changes.pop(key)
+        return scene_from_mapping(mapping | changes, source="changed scene")
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -70,3 +81,11 @@ def scene_from_mapping(mapping: Mapping[str, Any], source: str = "scene", folder
         return Scene.model_validate(dict(mapping), context={"folder": folder})
     except ValidationError as error:
         raise SceneError(f"{source}: {explained(error.errors(include_url=False))}") from None
+
+
+def standard_bench(**changes: object) -> Scene:
+    """Return the standard bench with the ceiling at 0.2 m, with some keys of the scene changed.
+
+    Raises SceneError where a change does not fit.
+    """
+    return scene_from_mapping({**_STANDARD, **changes}, source="standard bench")

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a measured series from CSV or NPZ; whatever is wrong with the file is one line that names it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import zipfile
@@ -15,8 +13,8 @@ from numpy.typing import NDArray
 
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Series
-
-Array = NDArray[np.float64]
+from atpid_sim.scene.explain import shown
+from atpid_sim.system import Array
 
 #: Samples below which there is no cubic spline.
 _FEWEST = 4
@@ -54,7 +52,7 @@ def _check(file: Path, series: Series, times: Array, values: Array) -> None:
     for name, column in ((series.time, times), (series.displacement, values)):
         missing = np.flatnonzero(~np.isfinite(column))
         if len(missing):
-            where = f"sample {missing[0] + 1} of {_shown(name)} is {column[missing[0]]}"
+            where = f"sample {missing[0] + 1} of {shown(name)} is {column[missing[0]]}"
             raise SceneError(f"{file}: {where}; allowed: finite numbers; cut or repair the gaps first")
     late = np.flatnonzero(np.diff(times) < _CLOSEST)
     if len(late):
@@ -88,10 +86,10 @@ def _read_npz(file: Path, names: Sequence[str]) -> list[Array]:
 
 def _real(file: Path, name: str, array: NDArray[np.generic]) -> Array:
     if array.dtype.kind not in "fiu":
-        given = f"array {_shown(name)} is of type {array.dtype}"
+        given = f"array {shown(name)} is of type {array.dtype}"
         raise SceneError(f"{file}: {given}; allowed: real numbers in float or integer")
     if array.ndim != 1:
-        raise SceneError(f"{file}: array {_shown(name)} has shape {array.shape}; allowed: one dimension, (samples,)")
+        raise SceneError(f"{file}: array {shown(name)} has shape {array.shape}; allowed: one dimension, (samples,)")
     return array.astype(np.float64)
 
 
@@ -116,7 +114,7 @@ def _read_csv(file: Path, names: Sequence[str]) -> list[Array]:
             try:
                 column.append(float(row[place]))
             except ValueError:
-                given = f"{_shown(name)} is {_shown(row[place])}"
+                given = f"{shown(name)} is {shown(row[place])}"
                 raise SceneError(f"{file}:{line}: {given}; allowed: a number with a decimal point") from None
     return [np.array(column, dtype=np.float64) for column in columns]
 
@@ -140,12 +138,7 @@ def _known(file: Path, name: str, have: Sequence[str], what: str) -> None:
     if have.count(name) == 1:
         return
     if name in have:
-        raise SceneError(f"{file}: two {what}s {_shown(name)}; allowed: one of each name")
+        raise SceneError(f"{file}: two {what}s {shown(name)}; allowed: one of each name")
     listed = ", ".join(have[:8]) + (", ..." if len(have) > 8 else "") or "none"
     advice = "name yours in excitation.series (time, displacement)"
-    raise SceneError(f"{file}: no {what} {_shown(name)}; it has {listed[:200]}; {advice}")
-
-
-def _shown(value: str) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    raise SceneError(f"{file}: no {what} {shown(name)}; it has {listed[:200]}; {advice}")

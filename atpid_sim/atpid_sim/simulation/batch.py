@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many runs on all cores. The kernels release the interpreter's lock, so threads are enough."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decrements of a free decay, as the thesis measures them (section 2.3.1): ratios of successive upper peaks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Peaks below this share of the first are noise and rest, not decay.
 _SMALLEST = 0.02

@@ -1,21 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The energy ledger of a run: where the work of the support went."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact
-from atpid_sim.system import System
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array, System
 
 
 @dataclass(frozen=True)

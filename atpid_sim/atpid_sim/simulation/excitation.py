@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a scene's excitation to the rows of the drive table."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation, series
-
-Array = NDArray[np.float64]
+from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation
+from atpid_sim.scene.excitation import Sweep
+from atpid_sim.scene.series import read_series
+from atpid_sim.system import Array
 
 #: Knots a period of a sweep: the cubic spline is then within 2.5e-9 of the amplitude ((2 pi / 200)^4 / 384).
 _KNOTS_A_PERIOD = 200
@@ -28,18 +26,18 @@ def support_rows(scene: Scene) -> Array:
     if isinstance(excitation, FreeExcitation):
         return drive.still_rows(duration)
     if isinstance(excitation, SeriesExcitation):
-        return _series_rows(scene)
-    return _sweep_rows(scene)
+        times, values = read_series(excitation.series, duration)
+        rows = drive.spline_rows(times, CubicSpline(times, values).c, duration)
+        rows[-1, columns.END] = min(rows[-1, columns.END], duration)
+        return rows
+    return _sweep_rows(scene, excitation.sweep)
 
 
 def amplitude_points(scene: Scene) -> list[tuple[float, float]]:
     """Return ((t [s], A [m]), ...) of a tone: one point where the amplitude is constant."""
     amplitude = getattr(scene.excitation, "amplitude", 0.0)
-    return (
-        [(0.0, float(amplitude))]
-        if isinstance(amplitude, int | float)
-        else [(float(t), float(a)) for t, a in amplitude]
-    )
+    points = [(0.0, amplitude)] if isinstance(amplitude, int | float) else amplitude
+    return [(float(t), float(a)) for t, a in points]
 
 
 def amplitude_at(scene: Scene, t: float) -> float:
@@ -65,8 +63,7 @@ def frequency_at(scene: Scene, t: float) -> float:
     return sweep.first + (sweep.last - sweep.first) * share
 
 
-def _sweep_rows(scene: Scene) -> Array:
-    sweep = scene.excitation.sweep  # type: ignore[union-attr]
+def _sweep_rows(scene: Scene, sweep: Sweep) -> Array:
     full = sweep.duration or scene.duration
     length = min(full, scene.duration)
     rise = (sweep.last - sweep.first) / full
@@ -102,19 +99,3 @@ def _sweep_knots(first: float, rise: float, length: float) -> Array:
     times = 2.0 * share / (first + np.sqrt(np.maximum(first**2 + 2.0 * rise * share, 0.0)))
     times[-1] = length
     return times
-
-
-def _series_rows(scene: Scene) -> Array:
-    times, values = read_series(scene)
-    spline = CubicSpline(times, values)
-    rows = drive.spline_rows(times, spline.c, scene.duration)
-    rows[-1, columns.END] = min(rows[-1, columns.END], scene.duration)
-    return rows
-
-
-def read_series(scene: Scene) -> tuple[Array, Array]:
-    """Return times from 0 (n,) [s] and support displacements less the offset (n,) [m] of a measured series.
-
-    Raises SceneError in one line that names the file (`scene/series.py`).
-    """
-    return series.read_series(scene.excitation.series, scene.duration)  # type: ignore[union-attr]

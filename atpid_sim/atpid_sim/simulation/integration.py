@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a scene to a run of the engine: one object for every caller."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
@@ -20,24 +17,18 @@ from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation.energy import Ledger, ledger_of
 from atpid_sim.simulation.excitation import frequency_at, support_rows
-from atpid_sim.system import System
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array, System
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
 FIDELITIES = ("simplified", "impact", "soft")
-
 #: Loosest relative tolerance of the integrator: beyond, a step's error is the size of what it computes.
 LOOSEST = 0.1
-
 #: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
 _TOLERANCE_SHARE = 0.3
-
 #: Steps any run may take, hundreds of times those of the standard task, and more for every cycle of beam or drive,
 #: eight times those of the standard task: no run is endless, a hard case still ends, and so does a very long one.
 _STEPS = 5_000_000
 _STEPS_PER_CYCLE = 1_000
-
 #: Share of the static deflection, or of the grain's radius, below which a displacement is negligible.
 _NEGLIGIBLE = 1e-8
 
@@ -76,11 +67,6 @@ class Run:
     last: State
     observation: Observation
     ledger: Ledger
-
-    @property
-    def amplitude(self) -> float:
-        """Half peak-to-peak of the beam in the window [m]."""
-        return self.last.amplitude
 
     @property
     def samples(self) -> Array:
@@ -125,8 +111,10 @@ class Integration:
             )
         self._table = table
         self._fidelity = int(Fidelity[fidelity.upper()])
-        self._mass = _moving_mass(scene) if mass is None else mass
-        self._fastest = _fastest(scene)
+        self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
+        tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
+        #: Highest frequency of beam and drive [Hz].
+        self._fastest = max([scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone))])
 
     @cached_property
     def table(self) -> Array:
@@ -142,8 +130,15 @@ class Integration:
         return _STEPS + int(_STEPS_PER_CYCLE * duration * self._fastest)
 
     def initial_state(self, disturbance: float = 0.0) -> State:
-        """Return the state at time zero, see `initial_state`."""
-        return initial_state(self.scene, disturbance)
+        """Return the state at time zero: at rest under the weight, or released from a deflection (Eqs 3.41, 3.42).
+
+        disturbance: relative change of the beam's first displacement, for judging reproducibility.
+        """
+        excitation = self.scene.excitation
+        deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else 0.0
+        beam = deflection - self.scene.static_deflection
+        size = abs(beam) if beam != 0.0 else self.scene.grain.radius
+        return State.resting(beam + disturbance * size, 0.0)
 
     def warm_up(self) -> None:
         """Compile the engine, or load it from the cache, so that a timed run does neither."""
@@ -200,18 +195,6 @@ def is_closed(scene: Scene) -> bool:
     return max(height for _, height in scene.ceiling.heights) <= diameter * (1.0 + 1e-9)
 
 
-def initial_state(scene: Scene, disturbance: float = 0.0) -> State:
-    """Return the state at time zero: at rest under the weight, or released from a deflection (equations 3.41, 3.42).
-
-    disturbance: relative change of the beam's first displacement, for judging reproducibility.
-    """
-    excitation = scene.excitation
-    deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else 0.0
-    beam = deflection - scene.static_deflection
-    size = abs(beam) if beam != 0.0 else scene.grain.radius
-    return State.resting(beam + disturbance * size, 0.0)
-
-
 def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:
     """Return the drive table (rows, columns) of a scene, with row ends also at the given times [s]."""
     rows = drive.cut(support_rows(scene), [t for t in edges if 0.0 < t < scene.duration])
@@ -229,14 +212,3 @@ def undamped_amplitude(scene: Scene, table: Array | None = None) -> float:
     state = closed.initial_state()
     closed.advance(state, closed.table if table is None else table, Observation(scene.steady_window))
     return state.amplitude
-
-
-def _moving_mass(scene: Scene) -> float:
-    """Return the one mass of the fidelity simplified [kg]: beam and grain where closed, else the beam."""
-    return scene.total_mass if is_closed(scene) else scene.beam.mass
-
-
-def _fastest(scene: Scene) -> float:
-    """Return the highest frequency of beam and drive [Hz]."""
-    tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
-    return max([scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone))])

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Error and reproducibility of an amplitude: finer tolerances, disturbed starts, an ensemble where these diverge."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,41 +9,32 @@ import numpy as np
 
 from atpid_sim.engine import columns
 from atpid_sim.outcome import Outcome
-from atpid_sim.simulation.integration import Array, Integration, Observation, negligible_displacement, sample_series
+from atpid_sim.simulation.integration import Integration, Observation, negligible_displacement, sample_series
+from atpid_sim.system import Array
 
 #: Finer runs to compare with: share of the tolerance, and disturbance of the first displacement over the amplitude.
 #: They lie below any sensor's resolution; smaller ones would decay in the closed damper before it opens.
 _CHECKS = ((1e-2, 1e-5), (1e-2, -1e-5), (1e-3, 3e-6))
-
 #: Steps of a run from which fewer and coarser checks are made, and which those are.
 _EXPENSIVE, _FEW_CHECKS = 1_000_000, ((1e-1, 1e-5), (1e-1, -1e-5))
-
 #: Share of that disturbance by which the drive is larger throughout: no damping removes it.
 _DRIVE = 1e-2
-
 #: Columns of the drive table that are proportional to the support's motion.
 _SUPPORT = [columns.A0, columns.A1, columns.C0, columns.C1, columns.C2, columns.C3]
-
 #: Relative change of an amplitude that counts: at least, in tolerances, and at most.
 _LEAST, _TOLERANCES, _MOST_ALLOWED = 1e-3, 20.0, 1e-2
-
 #: Runs of an ensemble, their share of the tolerance, and the largest of their disturbances. One more run would lie
 #: outside its range once in 17 times.
 _ENSEMBLE, _ENSEMBLE_SHARE, _ENSEMBLE_REACH = 32, 1e-1, 1e-5
-
 #: Further runs that have to agree where motions have diverged: an outcome with a probability of 3 % is missed by them
 #: once in fifty.
 _CONFIRMING = 96
-
 #: Steps of all runs of an ensemble, in those of the run that is judged, from which it has fewer.
 _TOGETHER = 8_000_000
-
 #: Threshold of divergence: distance of two motions anywhere in the run, over their amplitude.
 _DIVERGED = 1e-4
-
 #: Instants a period at which motions are compared, and the most of them.
 _PER_PERIOD, _MOST = 16, 20_000
-
 #: Steps a finer run may take, in those of the run that is judged: a short one, beside 100 000, and a long one.
 _FINER, _FINER_LONG = 20, 2
 
@@ -64,9 +53,8 @@ class _Motion(NamedTuple):
     beam: Array  # displacement throughout the run (n,) [m]
 
 
-def unchecked() -> Verdict:
-    """Return the verdict of an unchecked run: error unknown, and not reported as reproducible."""
-    return Verdict(float("nan"), False, None)
+#: The verdict of an unchecked run: error unknown, and not reported as reproducible.
+UNCHECKED = Verdict(float("nan"), False, None)
 
 
 def judge(integration: Integration, amplitude: float, steps: int) -> Verdict:

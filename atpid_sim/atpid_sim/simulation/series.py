@@ -1,28 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of a run as a file: a table (CSV), arrays (NPZ) or a picture (PNG)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from atpid_common.output import OutputError, writing
-from atpid_sim.figure_numbers import metadata_of
+from atpid_common.output import writing
+from atpid_sim.figure_numbers import drawn, light_frames
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import Trajectory
-
-Array = NDArray[np.float64]
 
 #: How many periods of the grain's motion the picture shows.
 _PERIODS = 4.0
 
 
-def columns_of(motion: Trajectory) -> dict[str, Array]:
-    """Return the series (n,), SI, by the names that `excitation.series` and `calibrate-beam` read."""
-    return {
+def write_series(motion: Trajectory, path: Path) -> None:
+    """Write the series (n,), SI, as CSV with a header line or, with the impacts (k, 3), as NPZ. Raises OutputError."""
+    # by the names that `excitation.series` and `calibrate-beam` read
+    columns = {
         "time": motion.time,
         "support_displacement": motion.support,
         "beam_displacement": motion.beam,
@@ -31,17 +27,6 @@ def columns_of(motion: Trajectory) -> dict[str, Array]:
         "grain_displacement": motion.grain,
         "ceiling_height": motion.ceiling,
     }
-
-
-def check_series_name(path: Path) -> None:
-    """Raise OutputError for a file that is neither .csv nor .npz."""
-    if path.suffix.lower() not in (".csv", ".npz"):
-        raise OutputError(f"--series: given {path}; allowed: a file that ends in .csv or .npz")
-
-
-def write_series(motion: Trajectory, path: Path) -> None:
-    """Write the columns as CSV with a header line or, with the impacts (k, 3), as NPZ. Raises OutputError."""
-    columns = columns_of(motion)
     with writing(path, "--series"):
         if path.suffix.lower() == ".npz":
             with path.open("wb") as file:
@@ -51,30 +36,19 @@ def write_series(motion: Trajectory, path: Path) -> None:
             np.savetxt(path, table, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")
 
 
-def draw(scene: Scene, motion: Trajectory, closed: Trajectory | None, path: Path) -> None:
+def draw(scene: Scene, motion: Trajectory, closed: Trajectory, path: Path) -> None:
     """Draw beam, ceiling and the grain's last periods; `closed`: the same beam, damper closed. Raises OutputError."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(3, 1, figsize=(10.0, 9.0), layout="constrained", height_ratios=(3.0, 1.2, 2.2))
-    _beam(axes[0], scene, motion, closed)
-    axes[1].plot(motion.time, motion.ceiling, "C0", linewidth=1.4)
-    axes[1].set(xlim=(0.0, scene.duration), ylim=(0.0, None), ylabel="m", xlabel="time [s]", title="Ceiling height")
-    _grain(axes[2], scene, motion)
-    for panel in axes:
-        panel.grid(alpha=0.3)
-        panel.spines[["top", "right"]].set_visible(False)
-    with writing(path, "--picture"):
-        figure.savefig(path, dpi=150, metadata=metadata_of(figure))
-    pyplot.close(figure)
+    with drawn(path, "--picture", nrows=3, figsize=(10.0, 9.0), height_ratios=(3.0, 1.2, 2.2)) as (_, axes):
+        _beam(axes[0], scene, motion, closed)
+        axes[1].plot(motion.time, motion.ceiling, "C0", linewidth=1.4)
+        axes[1].set(xlim=(0.0, scene.duration), ylim=(0.0, None), ylabel="m", xlabel="time [s]", title="Ceiling height")
+        _grain(axes[2], scene, motion)
+        light_frames(axes)
 
 
-def _beam(axes: Any, scene: Scene, motion: Trajectory, closed: Trajectory | None) -> None:
+def _beam(axes: Any, scene: Scene, motion: Trajectory, closed: Trajectory) -> None:
     rest = scene.static_deflection
-    if closed is not None:
-        axes.plot(closed.time, closed.beam + rest, "0.7", linewidth=0.7, label="damper closed")
+    axes.plot(closed.time, closed.beam + rest, "0.7", linewidth=0.7, label="damper closed")
     axes.plot(motion.time, motion.beam + rest, "C0", linewidth=0.8, label="this scene")
     axes.axvspan(*scene.steady_window, color="0.93", zorder=0, label="steady window")
     axes.set(xlim=(0.0, scene.duration), ylabel="m", title="Beam displacement from rest")

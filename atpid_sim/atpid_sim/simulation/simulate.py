@@ -1,41 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """`simulate`: one scene from start to end: amplitude, error estimate, energy, reproducibility."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from atpid_sim.engine import columns
+from atpid_sim.engine.state import State
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation import reproducibility
 from atpid_sim.simulation.decay import largest_decrement
 from atpid_sim.simulation.energy import Ledger
-from atpid_sim.simulation.fidelity import Choice, choose
+from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import (
     Integration,
     Observation,
-    Run,
     drive_table,
     impact_log,
+    is_closed,
+    negligible_displacement,
     sample_series,
     undamped_amplitude,
 )
-from atpid_sim.simulation.motion import classify
+from atpid_sim.system import Array
 
 #: Impacts logged of one run.
 _LOG = 20_000
-
 #: Samples a period from which the kind of motion is read.
 _STROBES = 64
-
 #: Samples a period from which the peaks of a free decay are read: each is within 1e-5 of the true one.
 _DECAY_SAMPLES = 800.0
+#: Change from period to period, relative to the amplitude, above which the motion is irregular (rumble).
+_IRREGULAR = 0.05
+#: Share of a period in contact above which the grain sticks (thesis Eq. 4.5: t_c < gamma T / 2 with gamma = 0.1).
+_STICKING = 0.1
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers and text; NaN as None."""
-        plain: dict[str, Any] = _finite(asdict(self))
+        plain: dict[str, Any] = finite(asdict(self))
         return plain
 
 
@@ -76,14 +78,14 @@ class Result:
 class Trajectory:
     """Series (n,) of one run: time [s], displacements [m], velocity, acceleration, ceiling [m]; impacts (k, 3)."""
 
-    time: NDArray[np.float64]
-    support: NDArray[np.float64]
-    beam: NDArray[np.float64]
-    beam_velocity: NDArray[np.float64]
-    beam_acceleration: NDArray[np.float64]
-    grain: NDArray[np.float64]
-    ceiling: NDArray[np.float64]
-    impacts: NDArray[np.float64]  # time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+    time: Array
+    support: Array
+    beam: Array
+    beam_velocity: Array
+    beam_acceleration: Array
+    grain: Array
+    ceiling: Array
+    impacts: Array  # time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
 
 
 def simulate(
@@ -106,14 +108,20 @@ def simulate(
     choice = choose(scene, fidelity, undamped=undamped)
     integration = Integration(scene, choice.fidelity, rtol, table=table)
     integration.warm_up()
-    run, wall = _steady(integration)
-    amplitude, last = run.amplitude, run.last
-    verdict = reproducibility.judge(integration, amplitude, last.steps) if check else reproducibility.unchecked()
+    begin, end = scene.steady_window
+    period = 1.0 / (_STROBES * scene.frequency_hz)
+    samples = sample_series(min(100_000, int((end - begin) / period)))
+    observation = Observation((begin, end), begin, period, samples, impact_log(_LOG))
+    begun = time.perf_counter()
+    run = integration.run(observation)
+    wall = time.perf_counter() - begun
+    amplitude, last = run.last.amplitude, run.last
+    verdict = reproducibility.judge(integration, amplitude, last.steps) if check else reproducibility.UNCHECKED
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,
         efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
-        motion=classify(scene, last, run.samples, amplitude),
+        motion=_classify(scene, last, run.samples, amplitude),
         impacts=last.floor_impacts + last.ceiling_impacts,
         floor_impacts=last.floor_impacts,
         ceiling_impacts=last.ceiling_impacts,
@@ -174,24 +182,41 @@ def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
     }
 
 
-def _finite(value: Any) -> Any:
-    """Return the same with None for every number that is not finite."""
+def _classify(scene: Scene, state: State, samples: Array, amplitude: float) -> str:
+    """Return closed, no_ceiling, irregular, optimal, sticking or mixed.
+
+    Optimal: every period one impact on the floor and one on the ceiling, and no sticking (criteria 4.3 and 4.5). A free
+    decay is never called irregular: its amplitude changes from period to period whatever the grain does.
+    """
+    if is_closed(scene):
+        return "closed"
+    window = scene.steady_window[1] - scene.steady_window[0]
+    periods = window * scene.frequency_hz
+    driven = not isinstance(scene.excitation, FreeExcitation)
+    if driven and amplitude > negligible_displacement(scene) and _period_variation(samples, amplitude) > _IRREGULAR:
+        return "irregular"
+    floor, ceiling = state.n[columns.WINDOW_FLOOR], state.n[columns.WINDOW_CEILING]
+    if ceiling == 0:
+        return "no_ceiling" if floor > 0 else "sticking"
+    touching = state.y[columns.CONTACT_TIME] / window
+    if abs(floor - periods) <= 1.0 and abs(ceiling - periods) <= 1.0 and touching < _STICKING:
+        return "optimal"
+    return "sticking" if touching > 2.0 * _STICKING else "mixed"
+
+
+def _period_variation(samples: Array, amplitude: float) -> float:
+    """Return the root mean square change between successive periods (or pairs), relative to the amplitude."""
+    beam = samples[columns.S_BEAM]
+    if len(beam) < 4 * _STROBES:
+        return 0.0
+    changes = [np.sqrt(np.mean((beam[lag:] - beam[:-lag]) ** 2)) for lag in (_STROBES, 2 * _STROBES)]
+    return float(min(changes) / amplitude)
+
+
+def finite(value: Any) -> Any:
+    """Return a value, and what dicts and lists in it contain, with None for every number that is not finite."""
     if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
+        return {key: finite(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):
-        return [_finite(inner) for inner in value]
+        return [finite(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _steady(integration: Integration) -> tuple[Run, float]:
-    """Return a run that samples the steady window, and the time it took [s]."""
-    begin, end = integration.scene.steady_window
-    period = 1.0 / (_STROBES * integration.scene.frequency_hz)
-    samples = sample_series(min(100_000, int((end - begin) / period)))
-    observation = Observation((begin, end), begin, period, samples, impact_log(_LOG))
-    begun = time.perf_counter()
-    run = integration.run(observation)
-    return run, time.perf_counter() - begun
-
-
-__all__ = ["Choice", "Result", "Trajectory", "simulate", "trajectory"]

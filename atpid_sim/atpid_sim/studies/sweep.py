@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.batch import simulate_many
 from atpid_sim.simulation.simulate import Result
 
@@ -61,32 +59,11 @@ def _opened(scene: Scene, height: float) -> Scene:
     return scene.with_(ceiling={"closed": closed, "open": height, "start": start, "end": end})
 
 
-def thesis_range(count: int, seed: int) -> list[Scene]:
-    """Return random systems: A = 2 to 80 mm, grain 2.5 to 30 %, opening to 0.02 to 1 m; else the standard task."""
-    rng = np.random.default_rng(seed)
-    scenes = []
-    for _ in range(count):
-        amplitude = float(np.exp(rng.uniform(np.log(0.002), np.log(0.08))))
-        fraction, height = float(rng.uniform(0.025, 0.3)), float(rng.uniform(0.02, 1.0))
-        scenes.append(standard_task(amplitude, fraction, height))
-    return scenes
-
-
 def standard_task(amplitude: float, fraction: float, height: float) -> Scene:
     """Return the standard bench for 16 s, closed until 6 s, open from 7 s on."""
-    return scene_from_mapping(
-        {
-            "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
-            "grain": {"mass_fraction": fraction, "radius": 0.0085},
-            "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
-            "excitation": {"amplitude": amplitude, "frequency": "resonance"},
-            "ceiling": {"closed": 0.017, "open": height, "start": 6.0, "end": 7.0},
-            "gravity": 9.81,
-            "duration": 16.0,
-            "steady_window": [14.0, 16.0],
-            "tolerance": 1e-6,
-        }
+    return standard_bench(
+        grain={"mass_fraction": fraction, "radius": 0.0085},
+        excitation={"amplitude": amplitude, "frequency": "resonance"},
+        ceiling={"closed": 0.017, "open": height, "start": 6.0, "end": 7.0},
+        steady_window=[14.0, 16.0],
     )
-
-
-__all__ = ["Sweep", "standard_task", "sweep", "thesis_range"]

@@ -1,27 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Speed against accuracy on one scene: every fidelity, method and tolerance against one converged reference."""
 
-from __future__ import annotations
-
 import math
 import statistics
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.engine import columns
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
-from atpid_sim.studies import peaks
-from atpid_sim.studies.baselines import BASELINES, BaselineError, BaselineResult, run_baseline
-
-Array = NDArray[np.float64]
+from atpid_sim.studies.baselines import BASELINES, BaselineError, BaselineResult, half_peak_to_peak, run_baseline
+from atpid_sim.system import Array
 
 #: Tolerance of the reference, and of the run it is checked against.
 REFERENCE = 1e-12
@@ -94,7 +89,7 @@ class _Timed:
         begin = time.thread_time()
         run = integration.run(observation, table, limit, disturbance)
         wall = time.thread_time() - begin
-        return run.amplitude, run.samples, run.ledger.residual, wall
+        return run.last.amplitude, run.samples, run.ledger.residual, wall
 
 
 def reference_of(scene: Scene) -> Reference:
@@ -139,13 +134,13 @@ def measure(scene: Scene, reference: Reference, time_limit: float = TIME_LIMIT) 
 
 def with_front(points: list[Point]) -> list[Point]:
     """Return the points with those marked that no other beats in both time and amplitude error."""
-    marked = []
-    for point in points:
-        beaten = any(
+
+    def beaten(point: Point) -> bool:
+        return any(
             q.time_s <= point.time_s and q.amplitude_error <= point.amplitude_error and q != point for q in points
         )
-        marked.append(Point(**(asdict(point) | {"front": not beaten and math.isfinite(point.amplitude_error)})))
-    return marked
+
+    return [replace(p, front=not beaten(p) and math.isfinite(p.amplitude_error)) for p in points]
 
 
 def answers(points: list[Point]) -> list[dict[str, Any]]:
@@ -233,7 +228,7 @@ def _error_as_read(result: BaselineResult, reference: Reference, converged: _Tim
         return abs(result.amplitude / reference.amplitude - 1.0)
     series = converged.run(times)[1]
     rows = series[[columns.S_BEAM, columns.S_VELOCITY, columns.S_ACCELERATION]]
-    return abs(peaks.half_peak_to_peak(times, *own_rows) - peaks.half_peak_to_peak(times, *rows)) / reference.amplitude
+    return abs(half_peak_to_peak(times, *own_rows) - half_peak_to_peak(times, *rows)) / reference.amplitude
 
 
 def _apart(beam: Array, reference: Reference) -> float:

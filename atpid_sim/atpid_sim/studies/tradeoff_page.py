@@ -4,8 +4,6 @@
 python -m atpid_sim.studies.tradeoff_page --regular DIR --sticking DIR --irregular DIR --out docs
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 from pathlib import Path
@@ -32,11 +30,6 @@ the motion is chaotic no tolerance helps: look at `reproducible` and `spread`.
 _TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular (rumble)"}
 
 
-def main() -> int:
-    """Run as a command."""
-    return guarded(_run)
-
-
 def _run() -> int:
     """Assemble the page and copy the pictures beside it."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -60,4 +53,4 @@ def _run() -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(guarded(_run))

@@ -55,7 +55,7 @@ def two_impacts(
     )  # fmt: skip
     run = Integration(scene, "impact", _RTOL)
     return {
-        "peak": run.run(Observation(scene.steady_window)).amplitude,
+        "peak": run.run(Observation(scene.steady_window)).last.amplitude,
         "closed_peak": force * stable[0].peak if stable else math.nan,
         "multiplier": stable[0].multiplier if stable else math.nan,
     }

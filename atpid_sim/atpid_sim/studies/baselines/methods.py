@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The methods themselves: scipy's, and Runge-Kutta pairs of our own where scipy has none."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import BDF, LSODA, RK45, ODEintWarning, OdeSolver, Radau, odeint
 
 from atpid_sim.engine import columns
-from atpid_sim.studies.baselines import stepping, tableaux
-from atpid_sim.studies.baselines.problem import POINTS, Array, BaselineError, Problem, Solution
+from atpid_sim.studies.baselines.problem import POINTS, BaselineError, Problem, Solution
 from atpid_sim.studies.baselines.rhs import slope
+from atpid_sim.studies.baselines.stepping import CASH_KARP, FEHLBERG, Tableau, adaptive_row, classical_row
+from atpid_sim.system import Array
 
 #: Absolute over relative tolerance [m, m/s]: resolves an overlap of 0.1 mm as finely as a displacement of 0.1 m.
 _ABSOLUTE = 1e-3
@@ -28,21 +26,7 @@ _CAPACITY = 4_000_000
 Method = Callable[[Problem, float], Solution]
 
 
-class _Instant(NamedTuple):
-    """One state (6,) at a local time [s]."""
-
-    time: float
-    state: Array
-
-
-def _scipy(name: str) -> Method:
-    def run(problem: Problem, rtol: float) -> Solution:
-        return _run_scipy(problem, _SOLVERS[name], rtol)
-
-    return run
-
-
-def _run_scipy(problem: Problem, solver_class: type[OdeSolver], rtol: float) -> Solution:
+def _scipy(solver_class: type[OdeSolver], problem: Problem, rtol: float) -> Solution:
     """Integrate a problem by one of scipy's solvers, step by step as `solve_ivp` does, with a step limit."""
     solution = Solution([], problem.start.copy())
     # the last two states are integrals of the others: they must not control the step
@@ -50,8 +34,10 @@ def _run_scipy(problem: Problem, solver_class: type[OdeSolver], rtol: float) -> 
     for row in problem.rows:
         q, length = problem.packed(row), float(row[columns.END] - row[columns.START])
         at = problem.instants(row)
-        solver = solver_class(partial(_slope_of, q), 0.0, solution.final, length, rtol=rtol, atol=atol)
-        found = [_Instant(0.0, solution.final)] if len(at) else []
+        solver = solver_class(
+            lambda tau, y, q=q: np.asarray(slope(tau, y, q)), 0.0, solution.final, length, rtol=rtol, atol=atol
+        )
+        times, states = ([0.0], [solution.final]) if len(at) else ([], [])
         while solver.status == "running" and solution.steps < _PYTHON_LIMIT:
             # implicit methods enlarge the increment of a state without effect until it overflows: harmless
             with np.errstate(over="ignore"):
@@ -61,21 +47,17 @@ def _run_scipy(problem: Problem, solver_class: type[OdeSolver], rtol: float) -> 
             passed = at[(at > solver.t_old) & (at <= solver.t)] if len(at) else at
             if len(passed):
                 dense = solver.dense_output()
-                found += [_Instant(float(t), dense(t)) for t in passed]
+                times += passed.tolist()
+                states += [dense(t) for t in passed]
             solution.check_grain(problem, row, solver.t, solver.y)
         solution.evaluations += solver.nfev
         solution.final = solver.y.copy()
         if solver.status != "finished":
             solution.message = solution.message or f"stopped after {_PYTHON_LIMIT} steps"
             break
-        if found:
-            states = np.array([instant.state for instant in found]).T
-            solution.keep(problem, row, _points(np.array([instant.time for instant in found]), states, q), True)
+        if times:
+            solution.keep(problem, row, _points(np.array(times), np.array(states).T, q), True)
     return solution
-
-
-def _slope_of(q: Array, tau: float, y: Array) -> Array:
-    return np.asarray(slope(tau, y, q))
 
 
 def _odeint(problem: Problem, rtol: float) -> Solution:
@@ -88,16 +70,9 @@ def _odeint(problem: Problem, rtol: float) -> Solution:
             # the warning repeats the message, which the result carries
             warnings.simplefilter("ignore", ODEintWarning)
             states, info = odeint(
-                slope,
-                solution.final,
-                at,
-                args=(q,),
-                tfirst=True,
-                rtol=rtol,
-                atol=atol,
-                mxstep=_PYTHON_LIMIT,
-                full_output=True,
-            )
+                slope, solution.final, at, args=(q,), tfirst=True, rtol=rtol, atol=atol,
+                mxstep=_PYTHON_LIMIT, full_output=True,
+            )  # fmt: skip
         solution.steps += int(info["nst"][-1])
         solution.evaluations += int(info["nfe"][-1])
         if info["message"] != "Integration successful.":
@@ -113,34 +88,21 @@ def _points(tau: Array, states: Array, q: Array) -> Array:
     return np.column_stack([q[columns.START] + tau, states[0], states[1], accelerations, states[2]])
 
 
-def _embedded(tableau: tableaux.Tableau) -> Method:
-    def run(problem: Problem, rtol: float) -> Solution:
-        y, h, solution = problem.start.copy(), 1e-3 * problem.period, Solution([], problem.start)
-        for row in problem.rows:
-            inside = problem.inside(row)
-            longest = problem.period / POINTS if inside else math.inf
-            kept = np.empty((_CAPACITY if inside else 0, 5))
-            h, tried, fill = stepping.adaptive_row(
-                problem.packed(row),
-                *tableau,
-                rtol,
-                _ABSOLUTE * rtol,
-                longest,
-                y,
-                h,
-                _COMPILED_LIMIT - solution.steps,
-                kept,
-                0,
-            )
-            solution.steps += tried
-            solution.keep(problem, row, kept[:fill], inside)
-            solution.check_grain(problem, row, float(row[columns.END] - row[columns.START]), y)
-        solution.evaluations = solution.steps * len(tableau.weights)
-        solution.message = "" if solution.steps < _COMPILED_LIMIT else f"stopped after {_COMPILED_LIMIT} steps"
-        solution.final = y
-        return solution
-
-    return run
+def _embedded(tableau: Tableau, problem: Problem, rtol: float) -> Solution:
+    y, h, solution = problem.start.copy(), 1e-3 * problem.period, Solution([], problem.start)
+    for row in problem.rows:
+        inside = problem.inside(row)
+        longest = problem.period / POINTS if inside else math.inf
+        kept = np.empty((_CAPACITY if inside else 0, 5))
+        left = _COMPILED_LIMIT - solution.steps
+        h, tried, fill = adaptive_row(problem.packed(row), *tableau, rtol, _ABSOLUTE * rtol, longest, y, h, left, kept)
+        solution.steps += tried
+        solution.keep(problem, row, kept[:fill], inside)
+        solution.check_grain(problem, row, float(row[columns.END] - row[columns.START]), y)
+    solution.evaluations = solution.steps * len(tableau.weights)
+    solution.message = "" if solution.steps < _COMPILED_LIMIT else f"stopped after {_COMPILED_LIMIT} steps"
+    solution.final = y
+    return solution
 
 
 def _classical(problem: Problem, step: float) -> Solution:
@@ -152,7 +114,7 @@ def _classical(problem: Problem, step: float) -> Solution:
     for row in problem.rows:
         inside = problem.inside(row)
         kept = np.empty((_CAPACITY if inside else 0, 5))
-        count, fill = stepping.classical_row(problem.packed(row), step, y, stride, kept, 0)
+        count, fill = classical_row(problem.packed(row), step, y, stride, kept)
         solution.steps += count
         solution.keep(problem, row, kept[:fill], inside)
         solution.check_grain(problem, row, float(row[columns.END] - row[columns.START]), y)
@@ -161,17 +123,15 @@ def _classical(problem: Problem, step: float) -> Solution:
     return solution
 
 
-_SOLVERS: dict[str, type[OdeSolver]] = {"LSODA": LSODA, "RK45": RK45, "Radau": Radau, "BDF": BDF}
-
 #: The methods the thesis compared (LSODE as LSODA, Rosenbrock as Radau) and others in common use. `odeint` is
 #: LSODA too, through scipy's older interface, whose loop over the steps is compiled: the fastest LSODA scipy has.
 BASELINES: dict[str, Method] = {
-    "lsoda": _scipy("LSODA"),
+    "lsoda": partial(_scipy, LSODA),
     "odeint": _odeint,
-    "rk45": _scipy("RK45"),
-    "radau": _scipy("Radau"),
-    "bdf": _scipy("BDF"),
-    "cash_karp": _embedded(tableaux.CASH_KARP),
-    "rkf45": _embedded(tableaux.FEHLBERG),
+    "rk45": partial(_scipy, RK45),
+    "radau": partial(_scipy, Radau),
+    "bdf": partial(_scipy, BDF),
+    "cash_karp": partial(_embedded, CASH_KARP),
+    "rkf45": partial(_embedded, FEHLBERG),
     "rk4": _classical,
 }

@@ -1,13 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Problem and solution of a baseline."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_sim.contact.laws import HYSTERETIC, IMPACT
@@ -16,9 +13,7 @@ from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation.excitation import support_rows
 from atpid_sim.studies.baselines.rhs import BEAM, GRAIN, pack
-from atpid_sim.system import System
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array, System
 
 #: Points a period at which a motion is kept in the window; see `peaks.between` for the error.
 POINTS = 64
@@ -99,4 +94,4 @@ def shortened(problem: Problem) -> Problem:
     rows = problem.rows[:1].copy()
     rows[0, columns.END] = rows[0, columns.START] + 1e-3 * problem.period
     window = rows[0, columns.START], rows[0, columns.END]
-    return Problem(rows, problem.system, problem.contact, window, problem.start, problem.period)
+    return replace(problem, rows=rows, window=window)

@@ -8,31 +8,14 @@ The constants of a row are packed in one array (24,), which keeps a call from Py
 system (6,), the number of the law, and the first five of its parameters.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.beam import support_at
-from atpid_sim.engine.columns import (
-    A0,
-    A1,
-    C0,
-    C1,
-    C2,
-    C3,
-    CEILING_VELOCITY,
-    DRIVE_COLUMNS,
-    HEIGHT,
-    OMEGA,
-    PHASE,
-)
+from atpid_sim.engine.columns import CEILING_VELOCITY, DRIVE_COLUMNS, HEIGHT
 from atpid_sim.kernel import callback, kernel
 from atpid_sim.kernel_inputs import Contact
-from atpid_sim.system import System
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array, System
 
 BEAM, BEAM_VELOCITY, GRAIN, GRAIN_VELOCITY, INPUT, WORK = range(6)
 
@@ -56,7 +39,7 @@ def _pushing(law, overlap, velocity, p):  # type: ignore[no-untyped-def]
 @kernel
 def drive_at(tau, q):  # type: ignore[no-untyped-def]
     """Support displacement [m] and velocity [m/s], ceiling height [m] at local time tau [s] of the row packed in q."""
-    u, w = support_at(q[A0], q[A1], q[OMEGA], q[PHASE], q[C0], q[C1], q[C2], q[C3], tau)
+    u, w = support_at(q, tau)
     return u, w, q[HEIGHT] + q[CEILING_VELOCITY] * tau
 
 

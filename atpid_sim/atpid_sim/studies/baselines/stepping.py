@@ -1,15 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runge-Kutta over one drive row, adaptive or with fixed steps, compiled: the methods of the thesis."""
-
-from __future__ import annotations
+"""Runge-Kutta over one drive row, adaptive or with fixed steps, compiled: methods of the thesis that scipy lacks."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from atpid_sim.engine.columns import END, START
 from atpid_sim.kernel import kernel
 from atpid_sim.studies.baselines.rhs import BEAM, BEAM_VELOCITY, GRAIN, GRAIN_VELOCITY, INPUT, WORK, drive_at, powers
+from atpid_sim.system import Array
+
+
+class Tableau(NamedTuple):
+    """An explicit pair: stages (s, s), nodes (s,), weights (s,), weights less embedded ones (s,), order of error."""
+
+    stages: Array
+    nodes: Array
+    weights: Array
+    error: Array
+    order: int
+
+
+def _pair(rows: list[list[float]], weights: list[float], embedded: list[float], order: int) -> Tableau:
+    count = len(weights)
+    stages = np.zeros((count, count))
+    for row, values in enumerate(rows, start=1):
+        stages[row, : len(values)] = values
+    b, e = np.array(weights), np.array(embedded)
+    return Tableau(stages, stages.sum(axis=1), b, b - e, order)
+
+
+#: Cash and Karp, ACM Trans. Math. Softw. 16 (1990) 201: fifth order, embedded fourth.
+CASH_KARP = _pair(
+    [
+        [1 / 5],
+        [3 / 40, 9 / 40],
+        [3 / 10, -9 / 10, 6 / 5],
+        [-11 / 54, 5 / 2, -70 / 27, 35 / 27],
+        [1631 / 55296, 175 / 512, 575 / 13824, 44275 / 110592, 253 / 4096],
+    ],
+    [37 / 378, 0.0, 250 / 621, 125 / 594, 0.0, 512 / 1771],
+    [2825 / 27648, 0.0, 18575 / 48384, 13525 / 55296, 277 / 14336, 1 / 4],
+    5,
+)
+#: Fehlberg, NASA TR R-315 (1969): the solution steps with the fourth order, as RKF45 does.
+FEHLBERG = _pair(
+    [
+        [1 / 4],
+        [3 / 32, 9 / 32],
+        [1932 / 2197, -7200 / 2197, 7296 / 2197],
+        [439 / 216, -8.0, 3680 / 513, -845 / 4104],
+        [-8 / 27, 2.0, -3544 / 2565, 1859 / 4104, -11 / 40],
+    ],
+    [25 / 216, 0.0, 1408 / 2565, 2197 / 4104, -1 / 5, 0.0],
+    [16 / 135, 0.0, 6656 / 12825, 28561 / 56430, -9 / 50, 2 / 55],
+    4,
+)
 
 
 @kernel
@@ -52,19 +99,19 @@ def _error(h, y, new, k, d, rtol, atol):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def adaptive_row(q, a, c, b, d, order, rtol, atol, longest, y, h, budget, kept, fill):  # type: ignore[no-untyped-def]
+def adaptive_row(q, a, c, b, d, order, rtol, atol, longest, y, h, budget, kept):  # type: ignore[no-untyped-def]
     """Integrate y (6,) through the row packed in q (24,) with error control.
 
     Return (next step, steps tried, points kept).
 
     The pair: stages a (s, s), nodes c, weights b, error weights d (s,), order. No step is longer than `longest` [s];
-    after `budget` steps it stops. Step ends go to `kept` (n, 5) from row `fill` on: t, x, v, acceleration, grain.
+    after `budget` steps it stops. Step ends go to `kept` (n, 5): t, x, v, acceleration, grain.
     """
     k = np.zeros((b.shape[0], 6))
     new = np.zeros(6)
     tau, length, tried = 0.0, q[END] - q[START], 0
     _slope(tau, y, q, k, 0)
-    fill = _keep(kept, fill, q[START], y, k)
+    fill = _keep(kept, 0, q[START], y, k)
     while tau < length and tried < budget:
         h = min(h, longest)
         last = tau + h >= length * (1.0 - 1e-15)
@@ -85,7 +132,7 @@ def adaptive_row(q, a, c, b, d, order, rtol, atol, longest, y, h, budget, kept, 
 
 
 @kernel
-def classical_row(q, step, y, stride, kept, fill):  # type: ignore[no-untyped-def]
+def classical_row(q, step, y, stride, kept):  # type: ignore[no-untyped-def]
     """Integrate y (6,) through the row packed in q (24,) in equal steps of about `step` [s].
 
     Return (steps, points kept).
@@ -96,6 +143,7 @@ def classical_row(q, step, y, stride, kept, fill):  # type: ignore[no-untyped-de
     count = max(1, math.ceil(length / step - 1e-9))
     h = length / count
     x, v, z, w, given, work = y
+    fill = 0
     start = drive_at(0.0, q)
     for i in range(count):
         middle, end = drive_at((i + 0.5) * h, q), drive_at((i + 1) * h, q)

@@ -4,26 +4,20 @@
 python -m atpid_sim.studies.figures.contact --out docs/figures
 """
 
-from __future__ import annotations
-
-import argparse
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from atpid_common import output
-from atpid_common.cli import guarded
 from atpid_sim.contact import dispatch
-from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_numbers import drawn, light_frames
 from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
 from atpid_sim.scene import Scene, standard_bench
-from atpid_sim.system import reduced_mass
-
-Array = NDArray[np.float64]
+from atpid_sim.studies.figures.command import figure_command
+from atpid_sim.system import Array, reduced_mass
 
 #: Approach speed at which all laws are made to agree [m/s].
 SPEED = 1.0
@@ -39,7 +33,6 @@ _LABELS = {
     "tsuji": "Tsuji, β = 1 (the thesis)",
     "walton_braun": "Walton-Braun",
 }
-
 #: Laws of the same constant restitution, and the marker of each.
 _CONSTANT = {"impact": "o", "linear": "s", "tsuji": "D", "walton_braun": "^"}
 
@@ -117,39 +110,24 @@ def restitution_table() -> str:
 
 def draw(out: Path) -> list[Path]:
     """Draw the figure into the folder `out`; return the files written."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    contacts = laws_that_agree()
     mass = reduced_mass(system_of(standard_bench()))
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(11.0, 4.4), layout="constrained")
     speeds = np.geomspace(1e-3, 20.0, 120)
-    for index, (name, contact) in enumerate(contacts.items()):
-        style: dict[str, Any] = {"color": f"C{index}", "label": _LABELS[name]}
-        style["linewidth"] = 2.4 if name == "tsuji" else 1.4
-        curve = [restitution_of(contact, speed, mass) for speed in speeds]
-        right.semilogx(speeds, curve, **style, **_marked(name))
-        if name != "impact":
-            impact = impact_of(contact, mass, SPEED)
-            left.plot(1e6 * impact.overlap, impact.force, **style)
-    left.set(
-        xlabel="overlap [µm]",
-        ylabel="contact force [N]",
-        title=f"One impact at {SPEED:g} m/s, until the force vanishes",
-    )
-    right.set(
-        xlabel="approach speed [m/s]", ylabel="restitution [-]", title="Restitution against speed", ylim=(0.0, 1.05)
-    )
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    right.legend(fontsize=8, loc="center left", bbox_to_anchor=(0.0, 0.72))
     file = output.folder(out) / "contact_laws.png"
-    with output.writing(file):
-        figure.savefig(file, dpi=150, metadata=metadata_of(figure))
-    pyplot.close(figure)
+    with drawn(file, nrows=1, ncols=2, figsize=(11.0, 4.4)) as (_, (left, right)):
+        for index, (name, contact) in enumerate(laws_that_agree().items()):
+            style: dict[str, Any] = {"color": f"C{index}", "label": _LABELS[name]}
+            style["linewidth"] = 2.4 if name == "tsuji" else 1.4
+            curve = [restitution_of(contact, speed, mass) for speed in speeds]
+            right.semilogx(speeds, curve, **style, **_marked(name))
+            if name != "impact":
+                impact = impact_of(contact, mass, SPEED)
+                left.plot(1e6 * impact.overlap, impact.force, **style)
+        title = f"One impact at {SPEED:g} m/s, until the force vanishes"
+        left.set(xlabel="overlap [µm]", ylabel="contact force [N]", title=title)
+        title = "Restitution against speed"
+        right.set(xlabel="approach speed [m/s]", ylabel="restitution [-]", title=title, ylim=(0.0, 1.05))
+        light_frames((left, right))
+        right.legend(fontsize=8, loc="center left", bbox_to_anchor=(0.0, 0.72))
     return [file]
 
 
@@ -178,24 +156,9 @@ def _stiffness_of_equal_depth(scene: Scene, mass: float) -> float:
     return float(mass * SPEED**2 / depth**2)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this figure's arguments."""
-    parser.add_argument("--out", type=Path, default=Path("docs/figures"), help="folder the picture goes to")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Draw the figure, print the table."""
-    for file in draw(args.out):
-        print(file)
-    print(restitution_table())
-    return 0
-
-
 def main() -> int:
     """Run as a command."""
-    parser = argparse.ArgumentParser(description="contact laws side by side")
-    add_arguments(parser)
-    return guarded(lambda: run(parser.parse_args()))
+    return figure_command("contact laws side by side", draw, restitution_table)
 
 
 if __name__ == "__main__":

@@ -4,11 +4,11 @@
 python -m atpid_sim.studies.figures.scenes
 """
 
-from __future__ import annotations
-
-from atpid_sim.fields import Block
-from atpid_sim.scene import Scene, ceiling, contact, excitation
-from atpid_sim.scene.excitation import FreeDecay, Series, Sweep
+from atpid_sim.fields import Block, variants_of
+from atpid_sim.scene import Scene
+from atpid_sim.scene.ceiling import Ceiling
+from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
+from atpid_sim.scene.model import ContactBlock
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
 from atpid_sim.scene.structure import Beam, Grain
 
@@ -16,9 +16,9 @@ _PARTS: dict[str, list[type[Block]]] = {
     "The scene": [Scene],
     "`beam`": [Beam],
     "`grain`": [Grain],
-    "`contact`: one of": list(contact.VARIANTS.values()),
-    "`excitation`: one of": [*excitation.VARIANTS.values(), FreeDecay, Sweep, Series],
-    "`ceiling`: one of": list(ceiling.VARIANTS.values()),
+    "`contact`: one of": list(variants_of(ContactBlock).values()),
+    "`excitation`: one of": [*variants_of(Excitation).values(), FreeDecay, Sweep, Series],
+    "`ceiling`: one of": list(variants_of(Ceiling).values()),
     "`sensors`": [Sensors, Sensor],
     "`recording`": [Recording],
 }
@@ -31,7 +31,7 @@ def schema_tables() -> str:
         lines += [f"### {title}", ""]
         for model in models:
             if len(models) > 1:
-                lines += [f"**{_title(model)}.** {_first_line(model)}", ""]
+                lines += [f"**{_title(model)}.** {str(model.__doc__).strip().splitlines()[0]}", ""]
             lines += ["| key | needed | meaning |", "|---|---|---|", *_rows(model), ""]
     return "\n".join(lines).strip()
 
@@ -52,10 +52,6 @@ def _title(model: type[Block]) -> str:
     if law is not None:
         return str(law.annotation).rpartition("[")[2].strip("]'\"")
     return model.__name__.removesuffix("Ceiling").removesuffix("Excitation")
-
-
-def _first_line(model: type[Block]) -> str:
-    return (model.__doc__ or "").strip().splitlines()[0]
 
 
 if __name__ == "__main__":

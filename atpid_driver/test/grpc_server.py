@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# ruff: noqa: N802, D102 - the methods are named by the service that NI defined
+# ruff: noqa: N802 - the methods are named by the service that NI defined
 """NI's gRPC device server as far as an analogue input task needs it, on loopback, over the stand-in library.
 
 Built from the stubs that ship in `nidaqmx[grpc]`. Like NI's own server it hands each call to the local library, an
@@ -40,35 +40,17 @@ class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]  # nidaqmx has no t
         return types.CreateTaskResponse(task={"name": name}, new_session_initialized=True)
 
     def CreateAIAccelChan(self, request: Any, context: Any) -> Any:
-        code = self._library.DAQmxCreateAIAccelChan(
-            self._task(request, context),
-            request.physical_channel.encode(),
-            request.name_to_assign_to_channel.encode(),
-            request.terminal_config_raw,
-            ctypes.c_double(request.min_val),
-            ctypes.c_double(request.max_val),
-            request.units_raw,
+        sensor = (
             ctypes.c_double(request.sensitivity),
             request.sensitivity_units_raw,
             request.current_excit_source_raw,
             ctypes.c_double(request.current_excit_val),
-            request.custom_scale_name.encode(),
         )
-        self._check(context, code)
+        self._add_channel(self._library.DAQmxCreateAIAccelChan, request, context, *sensor)
         return types.CreateAIAccelChanResponse()
 
     def CreateAIVoltageChan(self, request: Any, context: Any) -> Any:
-        code = self._library.DAQmxCreateAIVoltageChan(
-            self._task(request, context),
-            request.physical_channel.encode(),
-            request.name_to_assign_to_channel.encode(),
-            request.terminal_config_raw,
-            ctypes.c_double(request.min_val),
-            ctypes.c_double(request.max_val),
-            request.units_raw,
-            request.custom_scale_name.encode(),
-        )
-        self._check(context, code)
+        self._add_channel(self._library.DAQmxCreateAIVoltageChan, request, context)
         return types.CreateAIVoltageChanResponse()
 
     def CfgSampClkTiming(self, request: Any, context: Any) -> Any:
@@ -113,51 +95,23 @@ class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]  # nidaqmx has no t
         self._check(context, 0 if code == NOT_YET else code)
         return types.ReadAnalogF64Response(status=code, read_array=values, samps_per_chan_read=read.value)
 
-    def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:
-        value = ctypes.c_uint()
-        code = self._library.DAQmxGetSystemInfoAttribute(request.attribute_raw, ctypes.byref(value))
-        self._check(context, code)
-        return types.GetSystemInfoAttributeUInt32Response(value=value.value)
-
-    def GetDeviceAttributeUInt32(self, request: Any, context: Any) -> Any:
-        value = ctypes.c_uint()
-        name = request.device_name.encode()
-        code = self._library.DAQmxGetDeviceAttribute(name, request.attribute_raw, ctypes.byref(value), 0)
-        self._check(context, code)
-        return types.GetDeviceAttributeUInt32Response(value=value.value)
-
-    def GetDeviceAttributeString(self, request: Any, context: Any) -> Any:
-        text = ctypes.create_string_buffer(TEXT)
-        name = request.device_name.encode()
-        self._check(context, self._library.DAQmxGetDeviceAttribute(name, request.attribute_raw, text, TEXT))
-        return types.GetDeviceAttributeStringResponse(value=text.value.decode())
-
-    def GetTaskAttributeString(self, request: Any, context: Any) -> Any:
-        text = ctypes.create_string_buffer(TEXT)
-        task = self._task(request, context)
-        self._check(context, self._library.DAQmxGetTaskAttribute(task, request.attribute_raw, text, TEXT))
-        return types.GetTaskAttributeStringResponse(value=text.value.decode())
-
-    def GetTaskAttributeUInt32(self, request: Any, context: Any) -> Any:
-        value = ctypes.c_uint()
-        task = self._task(request, context)
-        self._check(context, self._library.DAQmxGetTaskAttribute(task, request.attribute_raw, ctypes.byref(value), 0))
-        return types.GetTaskAttributeUInt32Response(value=value.value)
-
-    def GetTimingAttributeDouble(self, request: Any, context: Any) -> Any:
-        value = ctypes.c_double()
-        task = self._task(request, context)
-        self._check(context, self._library.DAQmxGetTimingAttribute(task, request.attribute_raw, ctypes.byref(value)))
-        return types.GetTimingAttributeDoubleResponse(value=value.value)
-
-    def GetReadAttributeUInt32(self, request: Any, context: Any) -> Any:
-        value = ctypes.c_uint()
-        task = self._task(request, context)
-        self._check(context, self._library.DAQmxGetReadAttribute(task, request.attribute_raw, ctypes.byref(value), 0))
-        return types.GetReadAttributeUInt32Response(value=value.value)
-
     def GetErrorString(self, request: Any, _context: Any) -> Any:
         return types.GetErrorStringResponse(error_string=self._text(request.error_code))
+
+    def _add_channel(self, create: Any, request: Any, context: Any, *sensor: Any) -> None:
+        """Call `create`, whose arguments differ only in those of the sensor."""
+        code = create(
+            self._task(request, context),
+            request.physical_channel.encode(),
+            request.name_to_assign_to_channel.encode(),
+            request.terminal_config_raw,
+            ctypes.c_double(request.min_val),
+            ctypes.c_double(request.max_val),
+            request.units_raw,
+            *sensor,
+            request.custom_scale_name.encode(),
+        )
+        self._check(context, code)
 
     def _task(self, request: Any, context: Any) -> ctypes.c_void_p:
         handle = self._tasks.get(request.task.name)
@@ -175,6 +129,36 @@ class Servicer(stubs.NiDAQmxServicer):  # type: ignore[misc]  # nidaqmx has no t
         if code < 0:
             context.set_trailing_metadata((("ni-error", str(code)),))
             context.abort(grpc.StatusCode.UNKNOWN, self._text(code))
+
+
+def attribute(owner: str, kind: str) -> Any:
+    """Return the call that reads an attribute of the system, a device or a task; `kind`: its type by NI's name."""
+
+    def get(servicer: Servicer, request: Any, context: Any) -> Any:
+        value: Any = {"UInt32": ctypes.c_uint(), "Double": ctypes.c_double()}.get(kind)
+        text = ctypes.create_string_buffer(TEXT)
+        place, size = (text, TEXT) if kind == "String" else (ctypes.byref(value), 0)
+        subject: list[Any] = [request.device_name.encode()] if owner == "Device" else []
+        if owner in ("Task", "Timing", "Read"):
+            subject = [servicer._task(request, context)]
+        call = getattr(servicer._library, f"DAQmxGet{owner}Attribute")
+        servicer._check(context, call(*subject, request.attribute_raw, place, size))
+        response = getattr(types, f"Get{owner}Attribute{kind}Response")
+        return response(value=text.value.decode() if kind == "String" else value.value)
+
+    return get
+
+
+for owner, kind in (
+    ("SystemInfo", "UInt32"),
+    ("Device", "UInt32"),
+    ("Device", "String"),
+    ("Task", "UInt32"),
+    ("Task", "String"),
+    ("Timing", "Double"),
+    ("Read", "UInt32"),
+):
+    setattr(Servicer, f"Get{owner}Attribute{kind}", attribute(owner, kind))
 
 
 class Server:

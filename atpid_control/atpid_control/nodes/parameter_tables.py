@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of identifier and selector; `config/*.yaml` have the same values, docs/parameters.md the tables."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+
+from atpid_common.nodes.parameters import Row, Value
+from atpid_control.identification import IdentificationError
+from atpid_control.identification.from_beam import ModelInverse
+from atpid_control.selection.registry import METHODS, plug_ins
+from atpid_sim.scene import load_scene
+
+#: A parameter that may change while the node runs.
+_live = partial(Row, live=True)
+
+IDENTIFIER = (
+    Row("support_channel", "support_displacement", "name of the channel with the support's displacement"),
+    Row("beam_channel", "beam_displacement", "name of the channel with the beam's displacement"),
+    Row(
+        "origin", "support", "support: the excitation is read from the support; beam: inferred from it and `scene`",
+        choices=("support", "beam"),
+    ),
+    Row("scene", "", "scene file with the beam and damper, for origin: beam"),
+    Row("lockstep", False, "true: time is that of the stamps, so that no silence is reported"),
+    Row("window_periods", 2.0, "length of the sliding window in periods of the tone", "-", 1.0, 20.0),
+    Row("lowest_frequency", 1.0, "tones are looked for above this", "Hz", 0.01, 1e4),
+    Row("highest_frequency", 40.0, "tones are looked for below this", "Hz", 0.02, 1e4),
+    Row("mains_frequency", 50.0, "hum that joins the fit where it is present; 0: none", "Hz", 0.0, 1e4),
+    _live("least_amplitude", 5e-5, "a smaller tone is no excitation", "m", 0.0, 1.0),
+    Row("lower_limit", -math.inf, "readings at or below it are saturated [m]"),
+    Row("upper_limit", math.inf, "readings at or above it are saturated [m]"),
+    _live("change", 0.01, "relative change of a steady amplitude that counts as one", "-", 1e-5, 0.9),
+    _live(
+        "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing inside the window", "-", 0.1,
+        1e6,
+    ),
+    _live("poor_residual", 0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
+    _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
+    _live("poor_lost", 0.5, "share of lost samples from which an estimate is poor", "-", 1e-4, 1.0),
+    Row("analysis_rate", 1000.0, "streams of twice this rate and more are averaged down to it", "Hz", 1.0, 1e6),
+    _live("rumble_onset", 0.06, "scatter of the beam's amplitude from which it rumbles", "-", 1e-4, 0.99),
+    _live("rumble_calm", 0.03, "scatter below which a period is calm, at most rumble_onset", "-", 1e-4, 0.99),
+    _live("rumble_calm_periods", 3, "consecutive calm periods that end the rumble", "", 1, 1000),
+    _live("rumble_least_amplitude", 0.002, "a smaller response of the beam is not judged", "m", 0.0, 10.0),
+    _live("stale_timeout", 0.4, "silence of sensors/laser after which an event is published", "s", 0.1, 60.0),
+)  # fmt: skip
+
+SELECTOR = (
+    Row("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
+    Row("map", "", "height map for the look-up; empty: the one the scene names"),
+    Row("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
+    Row("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
+    _live("dead_band", 0.01, "relative change of amplitude that moves nothing", "-", 0.0, 0.9),
+    _live("sigmas", 4.0, "a change must also exceed this many standard deviations", "-", 0.0, 100.0),
+    _live("steady_count", 4, "consecutive agreeing steady estimates that are acted on", "", 1, 1000),
+    _live("rising_count", 4, "consecutive rising estimates that are a ramp to follow", "", 2, 1000),
+    _live("falling_count", 2, "consecutive lower estimates before the ceiling goes down", "", 1, 1000),
+    _live("frequency_tolerance", 0.03, "relative distance from resonance at which heights still hold", "-", 1e-6, 1.0),
+    _live("step_back", 0.06, "share of the clearance given up when the beam rumbles", "-", 1e-3, 0.9),
+    _live(
+        "settle_count", 24, "estimates after the ceiling has come to rest that do not count as rumble", "", 0, 10_000,
+    ),
+    _live(
+        "rumble_count", 6, "consecutive estimates that rumble after that, before the ceiling steps back", "", 1, 10_000,
+    ),
+    _live(
+        "step_back_excess", 0.15, "amplitude of the beam above the predicted that is more than inaccuracy", "-", 0.0,
+        10.0,
+    ),
+    _live(
+        "step_back_memory", 0.05, "change of the excitation's amplitude over which a step back applies", "-", 0.0, 10.0,
+    ),
+    _live("drift_tolerance", 0.15, "relative error the model may have without a drift alarm", "-", 1e-3, 10.0),
+    _live("drift_noise", 0.02, "standard deviation of the beam's amplitude from period to period", "-", 1e-4, 1.0),
+    _live(
+        "drift_periods", 10_000.0, "settled periods between false alarms of a model at the edge of its tolerance",
+        "-", 1.0, 1e12,
+    ),
+    _live(
+        "margin", 3.0, "standard deviations of the amplitude the height must be safe for; 0: bare optimum", "-", 0.0,
+        100.0,
+    ),
+    Row("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
+    _live(
+        "stale_timeout", 0.4, "silence of excitation or ceiling/state after which an event is published", "s", 0.1,
+        60.0,
+    ),
+)  # fmt: skip
+
+
+def inverse_of(value: Value) -> ModelInverse | None:
+    """Return the model from beam to support, None where the support is measured.
+
+    Raises IdentificationError, SceneError.
+    """
+    if value("origin") == "support":
+        return None
+    if not value("scene"):
+        raise IdentificationError("scene: given none; allowed with origin beam: the scene file of the beam and damper")
+    return ModelInverse.of_scene(load_scene(value("scene")))
+
+
+def selector_table() -> tuple[Row, ...]:
+    """Return the selector's table with the methods that other distributions have installed. Raises SelectionError."""
+    further = tuple(plug_ins())
+    return tuple(replace(row, choices=(*row.choices, *further)) if row.name == "method" else row for row in SELECTOR)
