@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant node at its ends: a plant that fails, a machine too slow, and a recorder that is waited for."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path

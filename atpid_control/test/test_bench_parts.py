@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bench's pure parts: domain, output folder, parameters, processes."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

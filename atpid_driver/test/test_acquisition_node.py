@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The acquisition nodes: lifecycle, handshake, messages, diagnostics, and every fault by name."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import signal

@@ -5,8 +5,6 @@ Layout (XCDR1, little-endian, alignment counted after the 4-byte encapsulation h
 stamp.sec int32 at 4, stamp.nanosec uint32 at 8, frame_id length uint32 at 12, its characters with a final zero from 16.
 """
 
-from __future__ import annotations
-
 import struct
 from functools import cache
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of bags, each in one line: what was given, what is allowed, what to do."""
 
-from __future__ import annotations
-
 import errno
 
 from atpid_common.errors import InputError

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a bag to the files its replay needs: the scene, the height map, and a parameter file for every node."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One recording from its first message to its last: what is counted, what is written and when it is complete."""
 
-from __future__ import annotations
-
 import heapq
 import time
 from collections.abc import Callable, Iterator

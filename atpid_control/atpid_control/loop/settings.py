@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the parameter files describe: the controller's and the identifier's parts, for the nodes and the pure loop."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers each block of samples with one estimate of the excitation."""
 
-from __future__ import annotations
-
 import math
 import sys
 from functools import partial

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records the graph's topics to a bag; serialised messages are written as they are received."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Mapping

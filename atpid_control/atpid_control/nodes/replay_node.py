@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag into identifier and selector in place of plant or stand, with /clock."""
 
-from __future__ import annotations
-
 import sys
 import time
 from functools import partial

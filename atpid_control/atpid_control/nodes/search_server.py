@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The action `~/search` (SearchHeight): a step search on the running structure, with feedback and cancel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers each excitation estimate with one ceiling command, and selects heights on request."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -6,8 +6,6 @@ stream. `labjack_node` and `ni_node` are two uses of it, with a backend and a to
 The device's calls block in the Reader's thread; only the executor's thread publishes.
 """
 
-from __future__ import annotations
-
 import array
 import queue
 import sys

@@ -7,8 +7,6 @@ and after it has finished it writes a body at rest, paced by the clock. The plan
 before the real device streams, so that the stand records the run from its first instant.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from functools import partial

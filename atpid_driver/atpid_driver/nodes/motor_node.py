@@ -6,8 +6,6 @@ In lockstep each command is answered by one state at its stamp; in real time sta
 and a ceiling that gets no more commands is stopped where it is.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from contextlib import suppress

@@ -4,8 +4,6 @@
 A motor node that is started in mid-run must not move the plant's ceiling by assuming a height.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from atpid_interfaces.msg import PlantTruth

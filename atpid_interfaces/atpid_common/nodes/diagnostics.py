@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Publishes a node's state once a second on the absolute topic `/diagnostics` (REP 107)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue

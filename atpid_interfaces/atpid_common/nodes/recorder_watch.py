@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Follows `recorder/status`: a source reports a recorder that has gone, and does not wait for it at the end."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 
