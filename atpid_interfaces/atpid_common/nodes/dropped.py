@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import ClassVar
 from weakref import WeakKeyDictionary
 
 from rclpy.node import Node
@@ -12,7 +13,7 @@ from rclpy.node import Node
 class Dropped:
     """A node's dropped messages by topic; the first of each topic is logged, all are in its diagnostics."""
 
-    _of: WeakKeyDictionary[Node, Dropped] = WeakKeyDictionary()
+    _of: ClassVar[WeakKeyDictionary[Node, Dropped]] = WeakKeyDictionary()
 
     def __init__(self, node: Node) -> None:
         """Begin with none."""

@@ -11,14 +11,23 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation, PlantTruth, RecorderStatus, SampleBlock
+from atpid_interfaces.msg import (
+    CeilingCommand,
+    CeilingState,
+    Event,
+    Excitation,
+    PlantTruth,
+    RecorderStatus,
+    SampleBlock,
+)
 from builtin_interfaces.msg import Time
 
 #: Returns why a message cannot be used, in a few words; empty: it can.
 Check = Callable[[Any], str]
 
 _LARGEST_INDEX = 2**62
-_LARGEST_RATE = 1e7  # [Hz]
+_END_OF_TIME = 2**31 - 1  # last second a stamp can hold [s]
+_RATES = 1e-3, 1e7  # lowest, highest [Hz]
 
 
 def check(message: Any) -> str:
@@ -35,13 +44,16 @@ def _stamp(stamp: Time) -> str:
     return ""
 
 
-def series(first_index: int, rate: float, scans: int) -> str:
-    """Return why scans cannot be placed in time; empty: they can."""
-    if not 0.0 < rate <= _LARGEST_RATE:
-        return f"its rate is {rate} Hz; above 0 and at most {_LARGEST_RATE:g}"
+def _series(message: SampleBlock | PlantTruth, scans: int) -> str:
+    """Return why the scans of a message cannot be placed in time; empty: they can."""
+    first_index, rate = message.first_index, message.rate
+    if not _RATES[0] <= rate <= _RATES[1]:
+        return f"its rate is {rate} Hz; {_RATES[0]:g} to {_RATES[1]:g}"
     if first_index + scans > _LARGEST_INDEX:
         return f"its first index is {first_index}; at most 2^62"
-    return "" if scans else "it has no samples"
+    if not scans:
+        return "it has no samples"
+    return "" if message.header.stamp.sec + scans / rate < _END_OF_TIME else "it ends after 2038"
 
 
 def _block(block: SampleBlock) -> str:
@@ -54,14 +66,14 @@ def _block(block: SampleBlock) -> str:
         return f"{len(block.units)} units and {len(block.skew)} delays for {channels} channels"
     if np.isinf(np.frombuffer(block.data, dtype=np.float64)).any() or not np.isfinite(block.skew).all():
         return "a value or a delay is infinite"
-    return series(block.first_index, block.rate, values // channels)
+    return _series(block, values // channels)
 
 
 def _truth(truth: PlantTruth) -> str:
     lengths = {len(values) for values in (truth.support, truth.beam, truth.grain, truth.ceiling)}
     if len(lengths) > 1:
         return f"its series have {' and '.join(map(str, sorted(lengths)))} values"
-    return series(truth.first_index, truth.rate, lengths.pop())
+    return _series(truth, lengths.pop())
 
 
 def _excitation(excitation: Excitation) -> str:
