@@ -37,9 +37,9 @@ class BlockShape(NamedTuple):
 
 
 def header(data: bytes) -> Header:
-    """Return stamp and frame_id of a message whose first field is a Header; raise ValueError for a big-endian one."""
+    """Return stamp and frame_id of a message whose first field is a Header; raise MessageError for a big-endian one."""
     if data[1] & 1 != _LITTLE_ENDIAN:
-        raise ValueError("a big-endian message: this recorder reads little-endian CDR only")
+        raise MessageError("it is big-endian; this recorder reads little-endian CDR only")
     seconds, nanoseconds, length = _HEADER.unpack_from(data, 4)
     frame_id = bytes(data[16 : 16 + max(0, length - 1)]).decode("utf-8", "replace")
     return Header(seconds * 1_000_000_000 + nanoseconds, frame_id)
