@@ -8,8 +8,6 @@ interpreter. Standard library only.
 Exit status: 0 set up, 2 something is missing on this machine (one line says what to install), 1 a step failed.
 """
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What set-up finds on this machine, and the keys by which it detects changes. Standard library only."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What set-up prints while a step runs. Standard library only."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

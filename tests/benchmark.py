@@ -5,8 +5,6 @@
 the machine and on what else it does.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from dataclasses import dataclass

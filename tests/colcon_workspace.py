@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The repository as a ROS user has it: a clone in a workspace of their own, built and sourced like any other."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

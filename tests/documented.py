@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contents of the documentation: its commands, links, headings and the names it mentions."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags with older message definitions, made from one with today's: fields are taken out or renamed."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

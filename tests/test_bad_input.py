@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input to the bench and the nodes: one clear line, status 2, nothing started and nothing overwritten."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 from typing import Any, NoReturn

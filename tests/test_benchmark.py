@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark measures each of its parts; how fast they are is no test."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

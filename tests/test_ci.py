@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """CI runs the tests in an environment that hides nothing."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path

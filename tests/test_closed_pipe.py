@@ -3,8 +3,6 @@
 that depends neither on buffering nor on the version of argparse; another pipe that breaks is not hidden.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What takes long moves on a terminal, on standard error only, and prints nothing of the kind anywhere else."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

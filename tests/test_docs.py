@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The documentation is true: its commands run, its links lead somewhere, and what it names exists."""
 
-from __future__ import annotations
-
 import contextlib
 import fnmatch
 import functools

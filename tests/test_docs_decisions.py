@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decision records: the index is complete, and every record that is named anywhere exists."""
 
-from __future__ import annotations
-
 import re
 
 from documented import ROOT, files

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The glossary names code that exists, in SI units, and with the units that the code gives."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

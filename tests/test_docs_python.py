@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Python examples of the documentation run as they are printed."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

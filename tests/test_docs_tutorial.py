@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tutorial, command by command, in a folder of its own: what a reader types is what runs."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stand's own graph without hardware: vendor package, real firmware, simulated physics; and it damps."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

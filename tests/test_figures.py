@@ -5,8 +5,6 @@ No pixels are compared: each PNG carries the numbers of its curves (atpid_sim.fi
 are drawn again and compared; the whole set is made by `make figures`.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph: lockstep repeats itself, the thesis's adaptive bench is met, and other ceilings run as well."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes whose controller computes its heights run on the bench like the others; a slow one says so in real time."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The graph as processes: nothing lost, Ctrl-C closes the bag, a dead node is named, a name exists only once."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

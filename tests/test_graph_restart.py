@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes of the running graph that end and are started again: the simulated motor, and the recorder."""
 
-from __future__ import annotations
-
 import math
 import signal
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of docs/howto_contact_law.md, in a copy of the package: one file, one line, its test."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

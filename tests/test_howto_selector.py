@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps of docs/howto_selector.md, as they are printed: a selector in a package of its own is found and used."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/howto_sensor.md as a reader follows it: its files, its tests, its installation, and its samples."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -4,8 +4,6 @@
 The tests of this file are in the order in which a user comes to them: those above `removed` need the sources.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

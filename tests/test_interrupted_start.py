@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every installed executable takes SIGINT and SIGTERM at any moment of its start: status 0, nothing printed, gone."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -5,8 +5,6 @@ It is not among the wheels; there these tests are left out, and only the names i
 checks of the arguments have tests that need no `launch`: atpid_control/test/test_launching.py.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """No node replaces a private attribute of rclpy's own class: its timers or parameters would no longer be served."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

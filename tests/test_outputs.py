@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What cannot be written is one line and status 2, for every user, and before the work."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

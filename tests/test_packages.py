@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The four packages as ROS packages: their files agree, name every dependency, install whole and are found once."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/parameters.md shows the tables the nodes declare, and the shipped parameter files hold the same defaults."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A replayed bag gives the estimates and commands that are recorded in it."""
 
-from __future__ import annotations
-
 import math
 import signal
 import subprocess

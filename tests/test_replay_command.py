@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control replay`: the bag's own parameters, older definitions converted, and what differs listed."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

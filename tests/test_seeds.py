@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The adaptive loop without the graph: the reductions of Fig. 4.8, rumble, drift, and how fast a step is identified."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from dataclasses import replace
 from itertools import pairwise

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The selector node: its service, and one command for each estimate."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

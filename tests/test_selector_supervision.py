@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The selector in real time: silent partners, quality of service, live parameters, heights computed beside the loop."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -4,8 +4,6 @@
 docs/scenes.md prints the measurements beside the model's numbers, those it misses too.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the documentation gives in place of `ros2`, which the wheels do not have: stand, nodes, topics, lifecycle."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands of `python -m atpid_control COMMAND`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from atpid_common.cli import run_commands

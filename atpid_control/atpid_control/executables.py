@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of the executables: each loads its module with signals handled and returns its exit status."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from atpid_common.executable import run_executable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control.recording`."""
 
-from __future__ import annotations
-
 import sys
 
 from atpid_control.commands.recording import main

@@ -4,8 +4,6 @@
 The launch ends with the plant's run.
 """
 
-from __future__ import annotations
-
 from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
 

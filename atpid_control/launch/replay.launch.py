@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plays a bag into identifier and selector, with the bag's own parameters; `record` names a bag of their answers."""
 
-from __future__ import annotations
-
 from launch import LaunchDescription
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution

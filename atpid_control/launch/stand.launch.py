@@ -4,8 +4,6 @@
 Ctrl-C ends the run: the motor is switched off and the bag closed.
 """
 
-from __future__ import annotations
-
 from launch import LaunchDescription
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Test signals with everything that real ones carry, and the settings that identify them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

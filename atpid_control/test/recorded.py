@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags made without ROS for the tests of recording, reading and reporting: serialised by the bag's own schemas."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

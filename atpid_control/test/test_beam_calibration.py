@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Beam parameters are recovered from simulated decays and sweeps with noise, and what cannot be told is not told."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The latency of a recorded run: each stage against the stamps, and nothing where stamps are the clock."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

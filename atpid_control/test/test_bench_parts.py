@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bench's pure parts: domain, output folder, parameters, processes."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket
@@ -135,6 +133,12 @@ def test_a_closed_damper_gets_a_range_with_some_width() -> None:
 def test_parameters_of_a_node_are_found_under_each_way_to_name_it() -> None:
     document = {"/**/a_node": {"ros__parameters": {"x": 1}}, "/**": {"ros__parameters": {"y": 2}}, "b_node": {}}
     assert parts.parameters_in(document, "a_node") == {"x": 1, "y": 2}
+
+
+def test_a_list_that_stands_twice_is_written_twice(tmp_path: Path) -> None:
+    both = ["a.yaml", "b.yaml"]  # an anchor is what rcl cannot read
+    parts.write_parameters({"a_node": {"files": both}, "b_node": {"files": both}}, tmp_path / "parameters.yaml")
+    assert not {"&", "*"} & set((tmp_path / "parameters.yaml").read_text())
 
 
 def script(text: str) -> list[str]:

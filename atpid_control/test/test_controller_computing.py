@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """While a height is being computed the loop goes on, and a result that came too late moves nothing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor, Future

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The SelectHeight services over real DDS: what each method answers, refusals, and a loop they do not hold up."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dead band and hold: what moves the ceiling and, above all, what does not."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

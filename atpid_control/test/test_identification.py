@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identification on signals as they are: noise, hum, spikes, gaps, saturation, drift, steps and silence."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

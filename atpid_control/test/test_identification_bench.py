@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """On the simulated stand's own stream: each stage of the bench within a per cent two periods after its ramp or step."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

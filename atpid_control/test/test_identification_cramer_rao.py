@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Against the Cramér-Rao bound: nothing is left to gain for a tone in white noise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from identification_signals import AMPLITUDE, FREQUENCY, RATE

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What docs/identification.md says and shows is true of the code and of the parameter file."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from pathlib import Path

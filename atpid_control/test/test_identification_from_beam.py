@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The excitation from the beam alone: closed and open damper, still swinging up, and where it cannot be told."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

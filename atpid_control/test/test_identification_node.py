@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The identifier node over real DDS: the handshake, one estimate for each block with its last stamp, and refusals."""
 
-from __future__ import annotations
-
 import array
 import time
 from collections.abc import Callable, Iterator

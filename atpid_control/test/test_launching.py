@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arguments of the launch files: what is taken, and the one line for what is not. No `launch` needed."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

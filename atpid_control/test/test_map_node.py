@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The map action over real DDS: progress, the file, cancel and resume, refusals in one line."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Predicted against measured: drift is said once, and not for noise, transients or what the twin cannot say."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

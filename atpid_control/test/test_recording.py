@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a bag must hold for `ros2 bag` to open it, and what is left of one after a crash."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder among real publishers: handshake, order, ends of every kind."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a bag to a series, and from that series to a run of the simulation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reports: what is measured of a run, what is drawn of it, and that the page needs nothing else."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

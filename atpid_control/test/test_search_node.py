@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search action over real DDS: feedback, cancel, and the reason of every end."""
 
-from __future__ import annotations
-
 import array
 import math
 import time

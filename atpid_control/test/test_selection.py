@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One contract for every selector: what it gives, what it refuses, and that it says so in one line."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

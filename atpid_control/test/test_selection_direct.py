@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Direct selection against brute force, and the margin against what it is for."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The predictive control algorithm against the thesis's own numbers (section 4.4)."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

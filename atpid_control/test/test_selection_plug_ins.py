@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Selectors of other distributions: found by their entry points, and refused in one line where they cannot be used."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A request for a height: what is nonsense is refused with what was given and what is allowed."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The step search as a state machine, and on the plant."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

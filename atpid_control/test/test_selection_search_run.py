@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search in the control loop: it takes the ceiling, finds the height on a plant, and gives the ceiling back."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The step back: only when the height is to blame, never below the lowest, never back up while it is remembered."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rumble is seen in the simulated beam within a few periods, and never while ramps and travels are merely fast."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from itertools import pairwise

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS context of its own in a test, and a node that subscribes to the topics of a source."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

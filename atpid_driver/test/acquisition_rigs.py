@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The backends for the contract tests: a device, and functions that pull its cable."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A motor node and a node that commands it, for the tests that run over real DDS."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from math import nan

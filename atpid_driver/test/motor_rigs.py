@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the motor's tests share: the emulated board, a scripted port, and waiting for events."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every acquisition backend promises, each tried on the code that runs on the stand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

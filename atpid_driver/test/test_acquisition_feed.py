@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The wiring of the emulated stand: plant blocks become volts, the real client package reads them, metres come back."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import closing

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The T7 backend on the real labjack.ljm package: errors, overruns, rates and skew."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

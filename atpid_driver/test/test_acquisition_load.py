@@ -4,8 +4,6 @@
 That none is dropped depends on what else the machine does; `python -m atpid_driver load` measures it.
 """
 
-from __future__ import annotations
-
 import json
 
 import pytest

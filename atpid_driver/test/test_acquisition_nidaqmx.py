@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The NI-9230 backend on the real nidaqmx package, over the local library and over gRPC."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

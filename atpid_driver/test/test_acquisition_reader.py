@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reader: order, bounded queue, recovery with true indices, one line a fault; and the clock it measures."""
 
-from __future__ import annotations
-
 import math
 import queue
 import threading

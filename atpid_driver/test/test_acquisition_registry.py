@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Backends by name: built in, added by entry points, and those that cannot be used."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

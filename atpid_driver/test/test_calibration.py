@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration files, conversion both ways, and the command that makes a file from readings."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real firmware against 100 000 harmful frames, its look-up table, and that its figures are those of the driver."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The real firmware on the emulated board: what it does when things go wrong, as docs/motor_protocol.md lists it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every `CeilingActuator` must do: the simulated ceiling and the real firmware pass the same tests."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from math import isnan, nan

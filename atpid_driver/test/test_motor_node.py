@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor node over real DDS with the simulated ceiling: lockstep, real time, refusals, lifecycle, started twice."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from math import isnan, nan

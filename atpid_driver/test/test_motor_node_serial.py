@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor node with the real firmware behind it, over real DDS and real pyserial."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor node as a process, as `ros2 run` starts it: interrupted in motion, killed in motion, started twice."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The serial backend with real pyserial and the real firmware: what it does when link, board or host fail."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Golden byte exchanges: what goes over the wire, to the byte, with nothing left over."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any

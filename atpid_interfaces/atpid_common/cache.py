@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The folder in which compiled kernels, device stand-ins and height maps are kept between runs."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterable

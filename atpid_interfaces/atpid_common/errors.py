@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Base classes of the errors that are reported to the user in one line instead of a traceback."""
 
-from __future__ import annotations
-
 DONE, BROKEN_PIPE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses of commands and nodes. 1 after a broken pipe is what the Python documentation advises."""
 

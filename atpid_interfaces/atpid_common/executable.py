@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The entry point of a node's executable: loads the node's module, which takes seconds, with signals handled."""
 
-from __future__ import annotations
-
 import importlib
 
 from atpid_common.errors import DONE

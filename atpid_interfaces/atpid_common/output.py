@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output files and folders of the commands: what cannot be written is one line, before the work where possible."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Iterator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The folder in which a package's parameter, calibration, map and firmware files are installed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory

@@ -5,8 +5,6 @@ Each package's pytest.ini and the repository's pyproject.toml load it by `-p atp
 alone is tested as in the whole repository.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import socket

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Announces what takes long: nothing is printed where it is quick."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

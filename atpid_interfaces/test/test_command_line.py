@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exit statuses and one-line errors of the command lines."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from types import SimpleNamespace

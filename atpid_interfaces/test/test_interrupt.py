@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """SIGINT, SIGTERM and SIGHUP while a process loads, works and ends."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

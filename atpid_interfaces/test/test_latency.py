@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Percentiles of the latest latencies."""
 
-from __future__ import annotations
-
 import math
 
 from hypothesis import given

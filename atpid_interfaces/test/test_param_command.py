@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_common.nodes.param`: what `ros2 param` does, where there is no `ros2`."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters from a table: defaults, ranges, and changes while the node runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

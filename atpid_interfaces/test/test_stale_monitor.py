@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Silence is an event within the time-out, and so is its end; before the first message and after a run it is right."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What takes long is announced, what is quick is not."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

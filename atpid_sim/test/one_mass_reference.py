@@ -8,8 +8,6 @@ A(t) = a0 + a1 tau, and with u the imaginary part of A e^(i omega t) the motion 
 (q0 + q1 tau + q2 tau^2) e^(i omega t), plus a decaying swing that carries displacement and velocity over each kink.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The baselines: orders of convergence of the tableaux, agreement with the closed form and with each other."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many runs on all cores give what one after the other gives."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 

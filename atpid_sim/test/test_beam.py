@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The beam's closed form where it is hardest: at and near resonance, undamped, very strongly damped, in long rows."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands as a user calls them: output, exit status, errors in one line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact laws: closed forms, published numbers, and what no law may do."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Literal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture and the table of docs/contact.md are what the command makes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The engine at the edges: elastic grains without end of hops, budgets, fast supports, surfaces that just meet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

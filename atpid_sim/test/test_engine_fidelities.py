@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fidelity levels against closed forms: bounces, restitution, sticking, order of convergence, energy."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

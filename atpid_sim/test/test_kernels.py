@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How every kernel is compiled and kept: with its own error model, by the contents of all that is compiled into it."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import pkgutil

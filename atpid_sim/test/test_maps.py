@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height maps: the thesis's best heights, the file, what it refuses, and the header for the firmware."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

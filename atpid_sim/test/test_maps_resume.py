@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A map that was killed goes on where it stopped, and what is in its journal is not computed again."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import signal

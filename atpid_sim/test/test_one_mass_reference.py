@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The closed form of one mass against textbook solutions and its own equation."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Restitution of Lee-Herrmann and Kuwabara-Kono: the integral against known results, the series against it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

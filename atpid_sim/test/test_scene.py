@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes: what loads, what is refused and with which message."""
 
-from __future__ import annotations
-
 import copy
 import math
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The only real measurements there are: the free decays of thesis section 2.3.1."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

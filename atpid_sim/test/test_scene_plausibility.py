@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values that are possible but unusual: named with their usual range, never refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers a scene refuses because nothing could be computed with them, and the last ones it takes."""
 
-from __future__ import annotations
-
 import copy
 import math
 from pathlib import Path

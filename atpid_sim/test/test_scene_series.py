@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured series: what is read, where it begins, and the error for a file that is none."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from pathlib import Path

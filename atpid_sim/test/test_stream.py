@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a stream of blocks: whole samples, exact stamps, noise that repeats, sensors with rates of their own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from types import SimpleNamespace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frequency sweeps as drive tables, and sweeps over the height of the ceiling."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The trade-off: what is on the front, what is answered, and that a level meets its tolerance on a short scene."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags that `ros2 bag` reads, without rosbag2: recorded, verified, repaired, read and prepared for a replay."""
 
-from __future__ import annotations
-
 from atpid_control.bags.errors import BagError, TypeUnknownError
 from atpid_control.bags.metadata import Qos
 from atpid_control.bags.read import Bag, open_bag

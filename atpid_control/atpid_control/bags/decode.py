@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decodes messages with the schemas inside the bag, and converts them to the definitions installed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from mcap.records import Schema

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Message definitions and type hashes of the installed packages, as a bag keeps them."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Iterator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of bags, each in one line: what was given, what is allowed, what to do."""
 
-from __future__ import annotations
-
 import errno
 
 from atpid_common.errors import InputError
@@ -10,6 +8,10 @@ from atpid_common.errors import InputError
 
 class BagError(InputError):
     """A bag that cannot be written or read."""
+
+
+class MessageError(InputError):
+    """A message that cannot be recorded; the recording goes on without it."""
 
 
 class TypeUnknownError(BagError):

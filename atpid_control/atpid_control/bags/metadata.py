@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """metadata.yaml, version 9, required by rosbag2 of Jazzy, and quality of service by the names used there."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a bag to play, by the definitions installed, and how far a replay's answers agree with the bag's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

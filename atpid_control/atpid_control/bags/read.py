@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads bags: messages decoded with the schemas inside them, so that neither ROS nor the workspace is needed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import chain

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The origin of a run: its id, the commit of the code, its configuration verbatim."""
 
-from __future__ import annotations
-
 import platform
 import secrets
 import subprocess

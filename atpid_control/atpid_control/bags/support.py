@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The support's motion in a bag, as a series a scene's `excitation.series` takes."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which topics a recorder subscribes to: a fixed list, never "everything there is"."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from atpid_control.bags.definitions import message_type

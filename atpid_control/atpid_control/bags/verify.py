@@ -4,8 +4,6 @@
 `mcap recover` may succeed on a file that cannot be read; here success means that every message was decoded.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import Counter
 from collections.abc import Iterator

@@ -4,8 +4,6 @@
 Start and rest position enter linearly and are solved for exactly, so only two numbers are searched.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

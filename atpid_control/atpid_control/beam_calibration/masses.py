@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From k/m and c/m to the scene's beam block, with the one mass that has to be given."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ runs on an emulated ATmega2560. Both are connected to the simulated plant: it re
 emulated motor, and its laser signals become the voltages that the stand-in device samples.
 """
 
-from __future__ import annotations
-
 import shlex
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The output folder: the newest run at its top, older ones in folders of their own; nothing is deleted."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import socket

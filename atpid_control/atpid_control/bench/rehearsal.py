@@ -4,8 +4,6 @@
 In lockstep everything is loaded afterwards; in real time every node finds it in the compiler's cache.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

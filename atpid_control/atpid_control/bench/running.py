@@ -4,8 +4,6 @@
 Only nodes/ imports rclpy; it is imported when a run begins, so that this module is read and tested without it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of a run, how long after a sample its command is out among them: summary.json, and the same as a table."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter

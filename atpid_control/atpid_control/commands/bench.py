@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control bench SCENE.yaml --out DIR [--real-time]`."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`calibrate-beam`: a recording in, the scene's `beam:` block out."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

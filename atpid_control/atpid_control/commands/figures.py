@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control figures NAME`."""
 
-from __future__ import annotations
-
 import argparse
 
 from atpid_control.studies import figures_identification, figures_selection

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control.recording verify|repair|extract BAG`: is it whole, make it so, and what was it made with."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control replay BAG --out DIR`: what replay.launch.py does, without `ros2`, and compared."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

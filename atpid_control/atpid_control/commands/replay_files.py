@@ -4,8 +4,6 @@
 It prints the path of the parameter file of identifier_node, selector_node, recorder_node and replay_node.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control report BAG --out DIR`."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control seeds SCENE.yaml ...`: scenes through the loop with many noises, one row a stage."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from dataclasses import asdict

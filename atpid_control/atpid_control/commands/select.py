@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control select`: the ceiling height for a scene's excitation, by one of the methods."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control stand SCENE`: what stand.launch.py does, without `ros2`."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time

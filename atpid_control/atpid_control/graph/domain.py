@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS domain of the bench's own, so that two benches, or a bench and a stand, exchange no messages."""
 
-from __future__ import annotations
-
 import errno
 import os
 import socket

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The beam's steady amplitude against the support's, simulated for each height at its first use."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which groups of columns describe a window: decided by how much of the residual each explains."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@
 The four of IEEE 1057 always take part. The others come in groups, and only where they are significant.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the converged fit to the estimate: amplitude, phase and their standard deviations, residual, harmonics."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

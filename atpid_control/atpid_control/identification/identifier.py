@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One estimate of the excitation for each block of samples, in a window that slides with them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@
 `compiled` is numba's compiler behind one typed name, with the cache of `atpid_sim.kernel_cache`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar, cast

@@ -6,8 +6,6 @@ that changes inside the window is distinguished from a steady one. Each decision
 models (a likelihood ratio), so the plain four parameters are what remains for a tone in white noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finds the tone in a buffer: seed, window of whole periods, fit, and its quality."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The newest samples, in order of their index: gaps are NaN, and fast streams are averaged down to what a fit needs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arguments of the launch files, checked before anything is started, and what starts their nodes."""
 
-from __future__ import annotations
-
 import atexit
 import difflib
 import math

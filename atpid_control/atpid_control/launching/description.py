@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch descriptions whose arguments are checked before any node starts and whose nodes all have to run."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Sequence

@@ -5,8 +5,6 @@ The others are then stopped before the recorder, whose bag has their last events
 SIGINT to all of them at once.
 """
 
-from __future__ import annotations
-
 import re
 import signal
 from collections.abc import Sequence

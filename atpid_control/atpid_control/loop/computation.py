@@ -6,8 +6,6 @@ Both are executors of `concurrent.futures`. Inline, a result is there when `subm
 compiled kernels release the interpreter lock; the thread has a lower priority than the loop, which preempts it.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable

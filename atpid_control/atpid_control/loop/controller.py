@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """From each estimate to one command: hold, selection, the ceiling's range, refusals reported once, the step back."""
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace

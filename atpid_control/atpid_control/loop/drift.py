@@ -6,8 +6,6 @@ what the model is allowed to be off; the alarm comes when the sum passes a thres
 from Siegmund's formula (Sequential Analysis, 1985).
 """
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ An estimate lags behind a ramp, being a mean over its window: on a rising ramp i
 the ceiling may follow; on a falling one it is too high, so it must follow at once. A single jump is not a ramp.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ logarithm of the amplitude over eight periods follows a parabola to within a few
 second period adds an alternation, which is no rumble either. The residual of both is the scatter that is judged.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

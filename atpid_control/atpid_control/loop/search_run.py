@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The step search in the control loop: it commands the ceiling in place of the controller while it runs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

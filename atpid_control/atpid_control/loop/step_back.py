@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Out of a rumble: when the height is its cause, how far the ceiling steps back, and that it does not return."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The SelectHeight services: `~/select` by the loop's method, `~/lookup`, `~/pca`, `~/direct`. They move nothing."""
 
-from __future__ import annotations
-
 import math
 import traceback
 from collections.abc import Awaitable, Callable

@@ -4,8 +4,6 @@
 Every goal is accepted; one that cannot be computed is aborted, since only a result carries the reason.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 import traceback

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of identifier and selector; `config/*.yaml` have the same values, docs/parameters.md the tables."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between bags and rclpy: message classes by name, quality of service, and the parameters a bag holds."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

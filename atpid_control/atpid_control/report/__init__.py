@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reports of recorded runs: stages, tables, pictures and one page (docs/recording.md)."""
 
-from __future__ import annotations
-
 from atpid_control.report.make import Report, report
 from atpid_control.report.run import Run, read_run
 from atpid_control.report.stages import Stage, stages

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page's charts as plain plotly figures. Colours are names ("@own") that the page fills in for light and dark."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

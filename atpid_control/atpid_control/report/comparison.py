@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run simulated again: with the damper closed, a report's baseline, and as recorded: is it reproducible?"""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the report of a bag: a self-contained page, light or dark by the reader's setting, and its pictures."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass
 from html import escape

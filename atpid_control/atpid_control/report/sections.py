@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page's parts, each as HTML; empty where a run has no data for it."""
 
-from __future__ import annotations
-
 import math
 from html import escape
 

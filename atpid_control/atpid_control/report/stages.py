@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stages of a run, intervals of constant excitation: what was measured at the ends, and what the thesis prints."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 from itertools import pairwise

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The data of pictures and page, computed once: the run, the closed damper beside it, stages, the headline."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

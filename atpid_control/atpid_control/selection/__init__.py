@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height selection: one protocol, one small file a method, chosen by name from the registry."""
 
-from __future__ import annotations
-
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 from atpid_control.selection.registry import METHODS, make_selector, methods
 

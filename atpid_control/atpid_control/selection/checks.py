@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a selector's input and of a request for a height, and the simulation for a frequency."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

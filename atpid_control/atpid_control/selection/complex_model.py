@@ -4,8 +4,6 @@
 The criteria of optimal grain motion (equations 4.1 to 4.5) are judged on its impacts and trajectory.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

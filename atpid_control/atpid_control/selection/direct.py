@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Direct selection: the whole range of heights simulated, from the state the damper is in, in less than a period."""
 
-from __future__ import annotations
-
 import math
 import time
 from concurrent.futures import ThreadPoolExecutor

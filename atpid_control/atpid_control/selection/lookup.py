@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Heights not computed here: of a map made before (thesis section 4.2, first kind of control), or the scene's own."""
 
-from __future__ import annotations
-
 import math
 import time
 

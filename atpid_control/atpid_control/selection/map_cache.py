@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The height map of a run: the scene's own, one of the cache, or one made now and cached."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Predictive control algorithm (thesis section 4.4): guess a height, correct it by simulation, then tune it."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -5,8 +5,6 @@ Displacements are measured from the bare beam's equilibrium. In the thesis's equ
 at the resonance of beam and grain together; here it is at whatever frequency is given.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

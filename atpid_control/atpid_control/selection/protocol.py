@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The role of a height selector, from an excitation to the best ceiling height, and its contract for tests."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

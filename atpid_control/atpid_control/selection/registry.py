@@ -4,8 +4,6 @@
 A scene names the built-in ones (atpid_sim/scene/ceiling.py) or a plug-in; `fixed` is for a ceiling no controller moves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search on the running damper (thesis section 4.2): step the ceiling up, observe, return when the amplitude grows."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the sine fit is compared with: the Cramér-Rao bound, the FFT bin the thesis picks, and three interpolations."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height selection: the cliff, the margin, the error of the PCA, the map (docs/selection.md)."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

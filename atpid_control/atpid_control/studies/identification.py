@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The measurements behind the pictures and tables of docs/identification.md; seeds are fixed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lockstep bench's loop without the graph: the same plant, identifier, watch and controller, called in turn."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

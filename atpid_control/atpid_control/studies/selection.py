@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the figures of docs/selection.md show, computed: landscapes, the margin, and the error of the PCA."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The device's clock, given by its sample index, against the host's."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

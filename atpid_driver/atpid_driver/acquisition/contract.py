@@ -4,8 +4,6 @@
 Subclass `AcquisitionContract` in a test file; pytest then runs them on the device that `make` returns.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import closing

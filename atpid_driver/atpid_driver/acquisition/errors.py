@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of an acquisition device, one line each: what happened, what is expected, what to do."""
 
-from __future__ import annotations
-
 from atpid_driver.errors import DriverError
 
 

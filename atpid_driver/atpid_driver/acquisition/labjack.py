@@ -5,8 +5,6 @@ Registers, error codes and limits: LabJack's T-series datasheet 3.2 "Stream Mode
 error code list. After an overrun LJM fills the scans it lost with -9999 V, which no input can measure.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import importlib

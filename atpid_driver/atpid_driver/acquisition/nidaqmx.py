@@ -5,8 +5,6 @@ IEPE inputs are set up as accelerometers of 1 V/g, so that the reading in g is t
 sensitivity belongs to its calibration file, in one place (docs/decisions/0019-acquisition.md).
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ Time and index go on through an interruption: a stream that comes back is given 
 clock of the first start, so that the gap shows in the indices and is counted as dropped.
 """
 
-from __future__ import annotations
-
 import logging
 import threading
 import time

@@ -4,8 +4,6 @@
 A vendor's package is imported when a device is opened, not before (docs/howto_sensor.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple

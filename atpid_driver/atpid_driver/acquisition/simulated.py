@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated device: sines on every channel, with injectable faults."""
 
-from __future__ import annotations
-
 import threading
 import time
 from dataclasses import dataclass

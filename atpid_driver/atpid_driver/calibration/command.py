@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_driver calibrate`: a calibration file and its picture from readings at known positions."""
 
-from __future__ import annotations
-
 import argparse
 import datetime
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A calibration from readings at known positions: least squares with error bars."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of a calibration: readings and curve above, residuals with error bars below."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_driver reading`: the mean voltage of one input at a known position, a row for `calibrate`."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path

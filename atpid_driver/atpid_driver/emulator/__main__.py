@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_driver.emulator run|fuzz`: the emulated motor stand by hand, and the long fuzz run."""
 
-from __future__ import annotations
-
 import argparse
 import signal
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds firmware and emulator when they are needed; make decides what is out of date."""
 
-from __future__ import annotations
-
 import fcntl
 import shutil
 import subprocess

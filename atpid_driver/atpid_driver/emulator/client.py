@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A host of the emulated board in simulated time: every step is repeatable to the cycle."""
 
-from __future__ import annotations
-
 from atpid_driver.emulator.emulator import Emulator
 from atpid_driver.motor.errors import ProtocolError
 from atpid_driver.motor.protocol import Frame, Reply, StateReply, decode, encode, reply_of

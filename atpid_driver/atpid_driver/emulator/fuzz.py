@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Corrupted, truncated and duplicated frames for an armed and homed motor, which must not move for any of them."""
 
-from __future__ import annotations
-
 import random
 import time
 from collections.abc import Callable, Iterator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The firmware's fault table: bit, name and text. docs/motor_protocol.md has the same table."""
 
-from __future__ import annotations
-
 from enum import IntFlag
 from typing import Final
 

@@ -4,8 +4,6 @@
 It starts no motion by itself: every command but the poll comes from `submit`.
 """
 
-from __future__ import annotations
-
 import queue
 import threading
 import time

@@ -5,8 +5,6 @@ Everything between `$` and `*` is protected by CRC-16/XMODEM in four upper-case 
 Lengths on the wire are whole micrometres, so that a frame reads the same in a terminal and in the firmware.
 """
 
-from __future__ import annotations
-
 import re
 from binascii import crc_hqx
 from collections.abc import Callable

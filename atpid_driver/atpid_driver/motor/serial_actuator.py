@@ -5,8 +5,6 @@ Callers read the last reading and queue jobs; one I/O thread (`link.py`) communi
 The heartbeat continues only while the reading is read: the firmware switches the motor off where a node hangs.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import TimeoutError
 from contextlib import suppress
 from math import isfinite, isnan

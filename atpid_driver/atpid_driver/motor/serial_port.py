@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A serial port through pyserial, with one-line errors."""
 
-from __future__ import annotations
-
 import errno
 
 import serial

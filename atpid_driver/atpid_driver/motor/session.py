@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A session with the firmware: a request, the answer of the same sequence, the request again where none comes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Final

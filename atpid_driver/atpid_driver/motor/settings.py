@@ -4,8 +4,6 @@
 Limits and speed have no defaults: they belong into the parameter file.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from math import isfinite, nan
 

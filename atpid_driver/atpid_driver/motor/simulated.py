@@ -4,8 +4,6 @@
 A travel is kept as its start, not summed step by step, so any sequence of readings gives the same heights.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import copysign, isnan, nan
 

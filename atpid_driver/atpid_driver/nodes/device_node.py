@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A lifecycle node of one device: each failed transition is reported once, and its end releases the device."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

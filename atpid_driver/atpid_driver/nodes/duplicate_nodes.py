@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Another motor node of this name in the graph: two must not move one ceiling, on whatever machines they run."""
 
-from __future__ import annotations
-
 import time
 
 from atpid_interfaces.msg import Event

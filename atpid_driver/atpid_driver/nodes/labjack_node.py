@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The LabJack node: two lasers on a T7, published on sensors/laser; the source of the loop on the stand."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 

@@ -5,8 +5,6 @@ A T7 at 2 x 50 kS/s and an NI-9230 at 3 x 12.8 kS/s, their vendors' packages run
 node its own process, reliable blocks to a listener that checks every index, and to a recorder with `--bag`.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The processes of the load test: both hardware nodes on the stand-in libraries, and optionally a recorder."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

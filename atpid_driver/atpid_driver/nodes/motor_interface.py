@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor node as others see it: its parameters, and a reading of the ceiling as message and diagnostic status."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from math import nan
 

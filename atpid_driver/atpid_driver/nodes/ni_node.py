@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The NI node: accelerometers on an NI-9230, published on sensors/accelerometer; recorded beside the loop."""
 
-from __future__ import annotations
-
 import sys
 from functools import partial
 

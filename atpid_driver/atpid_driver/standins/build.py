@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compile the stand-in libraries once for each version of their source."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_driver standin`: build the stand-ins, print their environment, inject faults by hand."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults for a stand-in device, through a small memory-mapped file that the library reads while it runs."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -9,8 +9,6 @@ A stream sees the frames written after its start; between two frames it interpol
 scan i at rate R lies at frame i * rate / R, so that a plant that runs slower or faster takes the device along.
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_common.nodes.echo TOPIC`: prints messages, as `ros2 topic echo` does where there is one."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The end of a source: everything published is delivered, the recorder closes its bag, then the node is done."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from rclpy.clock import Clock, ClockType

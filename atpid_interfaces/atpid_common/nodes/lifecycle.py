@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_common.nodes.lifecycle NODE TRANSITION`: what `ros2 lifecycle set` does where there is one."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

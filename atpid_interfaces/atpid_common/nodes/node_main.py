@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes as processes of their own, with bad input in one line and Ctrl-C once or twice; and the node of a command."""
 
-from __future__ import annotations
-
 import gc
 import inspect
 import re

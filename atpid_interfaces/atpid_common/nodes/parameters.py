@@ -4,8 +4,6 @@
 A value that cannot be is refused in one line, at the start and while the node runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Follows `recorder/status`: a source reports a recorder that has gone, and does not wait for it at the end."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 
@@ -10,6 +8,7 @@ from atpid_interfaces.msg import Event, RecorderStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATUS
 from atpid_common.nodes.parameters import Publish
 
@@ -26,7 +25,7 @@ class RecorderWatch:
         self.status: RecorderStatus | None = None
         self._received = 0.0  # steady [s]
         self._gone = False
-        node.create_subscription(RecorderStatus, "recorder/status", self._receive, STATUS)
+        subscribe(node, RecorderStatus, "recorder/status", self._receive, STATUS)
         self._timer = node.create_timer(PERIOD, self._check, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if not expected:
             self._timer.cancel()

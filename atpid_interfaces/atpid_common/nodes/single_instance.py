@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Prevents two nodes of one name: two plants would drive one loop, two motor nodes would move one ceiling."""
 
-from __future__ import annotations
-
 import os
 import socket
 import time

@@ -5,8 +5,6 @@ Monitoring begins with the first message that is no handshake and pauses at the 
 clock; a loop in lockstep has no use for it.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

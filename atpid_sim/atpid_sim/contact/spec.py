@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the contact block of a scene has in common, whatever the law: its name, and parameters for the kernels."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
