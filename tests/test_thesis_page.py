@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/thesis.md is what `study all --page` computes now; every figure and table of chapters 2 to 4 is on it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_control study NAME|all|list`: the thesis's figures and tables, computed, beside its own numbers."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

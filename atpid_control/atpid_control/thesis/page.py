@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page that shows all studies: docs/thesis.md."""
 
-from __future__ import annotations
-
 import shutil
 import textwrap
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The points of a study's sweep, and the scene of each."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names and units of what studies measure, and symbols of what they sweep."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

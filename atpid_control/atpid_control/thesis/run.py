@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a study: all points on all cores, its rows and picture written; what is finished is kept."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A study file: scene, sweep, what is measured, the thesis's numbers, pictures (`data/NAME.yaml`)."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

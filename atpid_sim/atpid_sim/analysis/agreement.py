@@ -6,8 +6,6 @@ every period. So amplitudes of whole periods are compared, half the range in eac
 of less than a period changes little.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

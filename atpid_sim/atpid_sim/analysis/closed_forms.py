@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Closed forms of impacts: Hertz on a wall, and a ball that bounces to rest."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How much a motion is damped: decrements (Eq. 2.1), specific damping (Eq. 3.62), efficiency (Eq. 3.74)."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -10,8 +10,6 @@ then pushed. Then, over the whole periods of a window:
 - `sticking`, `mixed`, `optimal`: one visit to each wall in every period, sticking to both, one or none of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mass modification and pseudo-inertial force of a moving grain (Eqs 3.47 to 3.54)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

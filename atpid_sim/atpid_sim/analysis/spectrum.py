@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The spectrum of a displacement, and the frequency of its highest peak (Figs 3.7 and 3.8)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -6,8 +6,6 @@ constant speed between walls a clearance d apart and leaves them with restitutio
 floor and ceiling in turn, half a period apart.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

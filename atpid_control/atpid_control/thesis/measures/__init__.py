@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The measures a study file can name."""
 
-from __future__ import annotations
-
 from atpid_control.thesis.measured import Measure
 from atpid_control.thesis.measures import algorithms, driven, energies, free, heights, references
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search, adaptive runs, and the predictive control algorithm step by step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A driven beam in its steady window: amplitude, motion type, forces; specific damping on the way there."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

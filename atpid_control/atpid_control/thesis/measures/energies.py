@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Energies and works of a driven beam (Figs 3.18 to 3.22)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Free decays: decrements, spectrum, work of the first impact, energy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Amplitude over the height of the ceiling, and the best height."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of a point's scene, and the beam of it as the analysis takes it."""
 
-from __future__ import annotations
-
 from atpid_sim.analysis.energy import BeamMotion, Structure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import Trajectory, trajectory

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outside references: systems with a closed form, computed by the same engine."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
