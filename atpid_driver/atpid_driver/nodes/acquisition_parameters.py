@@ -10,8 +10,8 @@ from pydantic.fields import FieldInfo
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.folders import share_folder
 from atpid_common.nodes.parameters import Row, declare
-from atpid_common.share import share_folder
 from atpid_driver.acquisition import Settings, SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names

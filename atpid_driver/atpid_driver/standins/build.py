@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from atpid_common.cache import cache_root, content_key
+from atpid_common.folders import cache_root, content_key
 from atpid_driver.errors import DriverError
 
 SOURCES = Path(__file__).parent / "data"
