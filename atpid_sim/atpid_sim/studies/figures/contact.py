@@ -156,10 +156,5 @@ def _stiffness_of_equal_depth(scene: Scene, mass: float) -> float:
     return float(mass * SPEED**2 / depth**2)
 
 
-def main() -> int:
-    """Run as a command."""
-    return figure_command("contact laws side by side", draw, restitution_table)
-
-
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(figure_command("contact laws side by side", draw, restitution_table))

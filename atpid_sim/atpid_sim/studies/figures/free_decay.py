@@ -127,10 +127,5 @@ def _ratios(axes: Any) -> None:
     axes.legend(fontsize=8)
 
 
-def main() -> int:
-    """Run as a command."""
-    return figure_command("measured and computed free decays", draw, table)
-
-
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(figure_command("measured and computed free decays", draw, table))
