@@ -71,6 +71,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_sim.studies.figures.contact --out docs/figures; \
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
+	python -m atpid_control study all --out out/study --page docs/thesis.md; \
 	for scene in standard sticking irregular; do \
 	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
 	done; \

@@ -65,6 +65,10 @@ RUN = {
         r"python -m atpid_driver\.nodes\.labjack_node": "test_the_messages_of_a_sensor_are_printed",
         r"python -m atpid_control\.nodes\.replay_node": "test_a_replay_node_alone_logs_what_it_waits_for",
     },
+    "tests/test_thesis_page.py": {
+        r"python -m atpid_control study list": "test_the_names_are_listed",
+        r"python -m atpid_control study ": "test_the_page_shows_what_is_computed_now",
+    },
     "atpid_interfaces/test/test_param_command.py": {
         r"python -m atpid_common\.nodes\.param (set|get|describe)": "test_a_parameter_is_read_set_and_described",
     },
@@ -132,7 +136,7 @@ MADE_OR_GIVEN = {
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
-    "tradeoff.md", "tradeoff.png",
+    "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
     "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml",
 }  # fmt: skip

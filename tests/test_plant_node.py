@@ -197,13 +197,20 @@ def test_in_real_time_stamps_are_the_start_plus_index_over_rate(graph: Start) ->
     assert time.time_ns() - stamps[0] >= 500_000_000
 
 
+TOPICS = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
+
+
+def recorder_status(*, recording: bool, received: int) -> RecorderStatus:
+    counts = [received] * len(TOPICS)
+    return RecorderStatus(recording=recording, bag="/bags/run", topics=TOPICS, received=counts, written=counts)
+
+
 def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_for_its_bag(graph: Start) -> None:
     plant, peer, spin = graph(Oscillator, expect_recorder=True)
     spin(lambda: peer.handshakes > 3)
     assert not peer.blocks
     assert "recorder" in plant.waiting_for()
-    topics = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
-    status = RecorderStatus(recording=True, topics=topics, received=[1] * len(topics))
+    status = recorder_status(recording=True, received=1)
     peer.status.publish(status)
     spin(lambda: bool(peer.events) and peer.events[-1].kind == Event.FINISHED)
     assert not plant.done.done()
@@ -213,9 +220,6 @@ def test_nothing_starts_before_the_recorder_hears_everything_and_the_end_waits_f
     assert plant.done.result() == 0
 
 
-TOPICS = ["/sensors/laser", "/plant/truth", "/events", "/excitation", "/ceiling/command", "/ceiling/state"]
-
-
 @pytest.mark.slow
 def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(
     graph: Start, monkeypatch: pytest.MonkeyPatch
@@ -223,7 +227,7 @@ def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(
     monkeypatch.setattr(recorder_watch, "GONE_AFTER", 0.3)
     plant, peer, spin = graph(Oscillator, lockstep=False, expect_recorder=True, duration=2.0)
     spin(lambda: peer.handshakes > 3)
-    peer.status.publish(RecorderStatus(recording=True, bag="/bags/run", topics=TOPICS, received=[1] * len(TOPICS)))
+    peer.status.publish(recorder_status(recording=True, received=1))
     spin(lambda: any(event.kind == Event.STALE for event in peer.events))
     stale = next(event for event in peer.events if event.kind == Event.STALE)
     assert stale.severity == Event.WARNING
@@ -238,7 +242,7 @@ def test_a_recorder_that_goes_silent_is_reported_and_not_waited_for(
 def test_a_recorder_whose_bag_is_closed_does_not_start_a_run(graph: Start) -> None:
     plant, peer, spin = graph(Oscillator, expect_recorder=True)
     spin(lambda: peer.handshakes > 3)
-    peer.status.publish(RecorderStatus(recording=False, bag="/bags/run", topics=TOPICS, received=[9] * len(TOPICS)))
+    peer.status.publish(recorder_status(recording=False, received=9))
     spin(lambda: "/bags/run is closed" in plant.waiting_for())
     assert not peer.blocks
 

@@ -17,6 +17,7 @@ COMMANDS = {
         "atpid_control.commands.calibrate_beam",
         "find a beam's stiffness, damping and mass from a recording",
     ),
+    "study": ("atpid_control.commands.study", "compute the figures and tables of the thesis beside its own numbers"),
     "figures": ("atpid_control.commands.figures", "make the figures of the documentation"),
 }
 

@@ -135,6 +135,12 @@ def test_parameters_of_a_node_are_found_under_each_way_to_name_it() -> None:
     assert parts.parameters_in(document, "a_node") == {"x": 1, "y": 2}
 
 
+def test_a_list_that_stands_twice_is_written_twice(tmp_path: Path) -> None:
+    both = ["a.yaml", "b.yaml"]  # an anchor is what rcl cannot read
+    parts.write_parameters({"a_node": {"files": both}, "b_node": {"files": both}}, tmp_path / "parameters.yaml")
+    assert not {"&", "*"} & set((tmp_path / "parameters.yaml").read_text())
+
+
 def script(text: str) -> list[str]:
     return [sys.executable, "-c", f"import signal\n{text}"]
 

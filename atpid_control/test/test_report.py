@@ -26,7 +26,7 @@ from atpid_control.report.sections import number
 from atpid_control.report.stages import beside, intervals, measured_decrement
 from atpid_control.report.view import headline, view_of
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
-from atpid_sim.simulation.simulate import largest_decrement, peaks
+from atpid_sim.simulation.decay import largest_decrement, peaks
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 FREE = """

@@ -122,11 +122,11 @@ def test_a_handshake_precedes_the_first_sample(bench: Bench, t7: Control) -> Non
     answer.handshake = True
     bench.state.publish(answer)
     topics = ["/sensors/laser", "/excitation", "/diagnostics"]
-    bench.recorder.publish(RecorderStatus(recording=True, topics=topics, received=[2, 0, 0]))
+    bench.recorder.publish(RecorderStatus(recording=True, topics=topics, received=[2, 0, 0], written=[0, 0, 0]))
     bench.until(lambda: node._handshake is not None and "excitation" in node._handshake.waiting_for())
     assert not bench.blocks
     bench.recorder.publish(
-        RecorderStatus(recording=True, topics=topics, received=[2, 1, 0])
+        RecorderStatus(recording=True, topics=topics, received=[2, 1, 0], written=[0, 0, 0])
     )  # diagnostics are not in the loop
     bench.until(lambda: bench.blocks)
     assert bench.blocks[0].first_index == 0

@@ -7,12 +7,13 @@ stamp.sec int32 at 4, stamp.nanosec uint32 at 8, frame_id length uint32 at 12, i
 
 import struct
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.records import Schema
 
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.definitions import message_type
+from atpid_control.bags.errors import BagError, MessageError
 from atpid_control.bags.topics import BLOCK, EVENT, TRUTH
 
 _HEADER = struct.Struct("<iII")
@@ -36,9 +37,9 @@ class BlockShape(NamedTuple):
 
 
 def header(data: bytes) -> Header:
-    """Return stamp and frame_id of a message whose first field is a Header; raise ValueError for a big-endian one."""
+    """Return stamp and frame_id of a message whose first field is a Header; raise MessageError for a big-endian one."""
     if data[1] & 1 != _LITTLE_ENDIAN:
-        raise ValueError("a big-endian message: this recorder reads little-endian CDR only")
+        raise MessageError("it is big-endian; this recorder reads little-endian CDR only")
     seconds, nanoseconds, length = _HEADER.unpack_from(data, 4)
     frame_id = bytes(data[16 : 16 + max(0, length - 1)]).decode("utf-8", "replace")
     return Header(seconds * 1_000_000_000 + nanoseconds, frame_id)
@@ -50,20 +51,30 @@ def is_handshake(data: bytes) -> bool:
 
 
 def block_shape(data: bytes) -> BlockShape:
-    """Return which scans an atpid_interfaces/msg/SampleBlock holds."""
-    block = _decoder(BLOCK).decode(0, data)
-    return BlockShape(block.first_index, block.rate, block.dropped, len(block.data) // max(1, len(block.channels)))
+    """Return which scans an atpid_interfaces/msg/SampleBlock holds; raise MessageError for one that cannot be."""
+    block = _decoded(BLOCK, data)
+    values, channels = len(block.data), len(block.channels)
+    if not channels or values % channels:
+        raise MessageError(f"{values} values for {channels} channels")
+    return BlockShape(block.first_index, block.rate, block.dropped, values // channels)
 
 
 def truth_shape(data: bytes) -> BlockShape:
-    """Return which scans an atpid_interfaces/msg/PlantTruth holds."""
-    truth = _decoder(TRUTH).decode(0, data)
+    """Return which scans an atpid_interfaces/msg/PlantTruth holds; raise MessageError for one that cannot be."""
+    truth = _decoded(TRUTH, data)
     return BlockShape(truth.first_index, truth.rate, 0, len(truth.support))
 
 
 def event_kind(data: bytes) -> str:
-    """Return the kind of an atpid_interfaces/msg/Event."""
-    return str(_decoder(EVENT).decode(0, data).kind)
+    """Return the kind of an atpid_interfaces/msg/Event; raise MessageError for one that cannot be."""
+    return str(_decoded(EVENT, data).kind)
+
+
+def _decoded(kind: str, data: bytes) -> Any:
+    try:
+        return _decoder(kind).decode(0, data)
+    except BagError:
+        raise MessageError("its bytes do not fit its type") from None
 
 
 @cache

@@ -10,6 +10,10 @@ class BagError(InputError):
     """A bag that cannot be written or read."""
 
 
+class MessageError(InputError):
+    """A message that cannot be recorded; the recording goes on without it."""
+
+
 class TypeUnknownError(BagError):
     """A message type whose definition is not installed."""
 

@@ -11,7 +11,7 @@ import yaml
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.run_info import SCENE, commit_of
-from atpid_control.graph.parts import PARTS, Parameters, Part, parameters_in
+from atpid_control.graph.parts import PARTS, Parameters, Part, parameters_in, write_parameters
 
 PARAMETER_FILE = "parameters.yaml"
 #: There is no motor: the ceiling's state comes from the bag as well.
@@ -55,8 +55,7 @@ def write_replay_files(
         map_file = height_map or _height_map(opened, chosen[SELECTOR.name], folder)
         parameters = _all_parameters(chosen, bag, scene_file, map_file, rate, record)
         path = folder / PARAMETER_FILE
-        document = {f"/**/{name}": {"ros__parameters": values} for name, values in parameters.items()}
-        path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+        write_parameters(parameters, path, "/**/")
     except OSError as error:
         raise BagError(f"{folder}: cannot be written: {in_words(error)}") from None
     notes = [line for part in (IDENTIFIER, SELECTOR) for line in differences(part, parameters_kept(opened, part.name))]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from atpid_control.bags import cdr
-from atpid_control.bags.errors import BagError
+from atpid_control.bags.errors import BagError, MessageError
 from atpid_control.bags.metadata import Qos
 from atpid_control.bags.run_info import RunInfo
 from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
@@ -75,6 +75,8 @@ Offered = Callable[[str], tuple[Qos, ...]]
 _STARTED, _FINISHED = "started", "finished"
 #: Stamps of one instant may differ by rounding [ns].
 _SAME_INSTANT = 10_000
+_LARGEST_INDEX = 2**62
+_RATES = 1e-3, 1e7  # lowest, highest [Hz]
 #: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
 TIMEOUT = 2.0
 
@@ -128,7 +130,10 @@ class Session:
         return max(self._reached.values(), default=None)
 
     def receive(self, topic: str, data: bytes, now_ns: int) -> int:
-        """Take one message received at `now_ns`; return how many scans are missing before it. Raises BagError."""
+        """Take one message received at `now_ns`; return how many scans are missing before it.
+
+        Raises MessageError for a message that has no place in a record, which is left out, and BagError.
+        """
         self.received[topic] += 1
         if not self.recording:
             return 0
@@ -137,6 +142,8 @@ class Session:
             self._write(topic, data, now_ns, now_ns)
             return 0
         head = cdr.header(data)
+        if head.stamp_ns < 0:
+            raise MessageError("its stamp is before 1970")
         if kind.has_handshake and cdr.is_handshake(data):
             return 0
         missing = self._follow(kind, head, data)
@@ -155,11 +162,11 @@ class Session:
         """
         missing, reached, now = 0, head.stamp_ns, time.monotonic()
         if topic.type == BLOCK:
-            shape = cdr.block_shape(data)
+            shape = _checked(cdr.block_shape(data))
             missing = self.continuity[topic.name].add(shape)
             reached = _end_of(shape, head.stamp_ns)
         elif topic.type == TRUTH:
-            reached = _end_of(cdr.truth_shape(data), head.stamp_ns)
+            reached = _end_of(_checked(cdr.truth_shape(data)), head.stamp_ns)
         elif topic.type == EVENT:
             kind = cdr.event_kind(data)
             if kind == _STARTED:
@@ -236,8 +243,15 @@ class Session:
             raise
 
 
+def _checked(shape: cdr.BlockShape) -> cdr.BlockShape:
+    """Return `shape`; raise MessageError where its scans have no place in time."""
+    if not _RATES[0] <= shape.rate <= _RATES[1]:
+        raise MessageError(f"its rate is {shape.rate} Hz; {_RATES[0]:g} to {_RATES[1]:g}")
+    if shape.first_index > _LARGEST_INDEX:
+        raise MessageError(f"its first index is {shape.first_index}; at most 2^62")
+    return shape
+
+
 def _end_of(shape: cdr.BlockShape, stamp_ns: int) -> int:
-    """Return the instant after the last scan of a block [ns]; its stamp where it has no rate."""
-    if not shape.rate > 0.0:
-        return stamp_ns
+    """Return the instant after the last scan of a block [ns]."""
     return stamp_ns + round(shape.scans / shape.rate * 1e9)

@@ -97,10 +97,17 @@ def ceiling_parameters(scene: Scene) -> dict[str, float]:
     return {"lowest": low, "highest": high, "speed": speed, "initial_height": heights[0][1]}
 
 
-def write_parameters(parameters: Parameters, path: Path) -> None:
+class _WithoutAnchors(yaml.SafeDumper):
+    """Writes a list again where it stands twice: rcl reads no anchors."""
+
+    def ignore_aliases(self, _data: object) -> bool:
+        return True
+
+
+def write_parameters(parameters: Parameters, path: Path, prefix: str = "/") -> None:
     """Write the parameter file of the run: read by the nodes, and the record of how they were started."""
-    document = {f"/{name}": {"ros__parameters": values} for name, values in parameters.items()}
-    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    document = {f"{prefix}{name}": {"ros__parameters": values} for name, values in parameters.items()}
+    path.write_text(yaml.dump(document, Dumper=_WithoutAnchors, sort_keys=False), encoding="utf-8")
 
 
 def _found(where: Any, package: str) -> str:

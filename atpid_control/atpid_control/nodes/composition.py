@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
 from atpid_control.graph import BenchError, NodeDiedError, PlantFailedError
@@ -152,8 +153,8 @@ class BenchWatch(Node):
         self._report = report
         self._reported: set[str] = set()
         self._first: int | None = None
-        self.create_subscription(Excitation, "excitation", self._on_excitation, STATES)
-        self.create_subscription(Event, "events", self._on_event, EVENTS)
+        subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
+        subscribe(self, Event, "events", self._on_event, EVENTS)
         self.create_subscription(Log, "/rosout", self._on_log, ROSOUT)
 
     def _on_excitation(self, message: Excitation) -> None:

@@ -17,6 +17,7 @@ from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT
 from atpid_common.latency import Latencies
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
@@ -69,9 +70,9 @@ class IdentifierNode(Node):
         self._excitation = self.create_publisher(
             Excitation, "excitation", EVENTS, event_callbacks=qos.publisher("excitation")
         )
-        self.create_subscription(SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
+        subscribe(self, SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
         if from_beam:
-            self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
+            subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:

@@ -20,12 +20,14 @@ from rclpy.task import Future
 from atpid_common.errors import BAD_INPUT
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
+from atpid_common.nodes.dropped import Dropped
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATUS, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.bags import BagError, Qos, check_new, new_run
+from atpid_control.bags.errors import MessageError
 from atpid_control.bags.session import Session
 from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bags.writer import CHUNK, COMPRESSIONS
@@ -114,6 +116,9 @@ class RecorderNode(Node):
         try:
             session = self._open()
             missing = session.receive(topic, data, received_ns)
+        except MessageError as error:
+            Dropped.of(self).add(topic, str(error))
+            return
         except BagError as error:
             self._fail(error)
             return

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from atpid_common.errors import BAD_INPUT, DONE
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
@@ -74,7 +75,7 @@ class ReplayNode(Node):
         }
         self._clock_out = self.create_publisher(ClockMessage, "/clock", 10)
         self._events = EventPublisher(self)
-        self.create_subscription(ANSWERS[self._answer], self._answer, self._on_answer, STATES)
+        subscribe(self, ANSWERS[self._answer], self._answer, self._on_answer, STATES)
         # a warning, no event: a replay is recorded by its stamps, and two of one bag give the same
         self._recorder = RecorderWatch(
             self,

@@ -13,6 +13,7 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import BLOCKS, nanoseconds_of
 from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
@@ -89,7 +90,7 @@ class SearchServer:
             return concluded(goal, _no_result(str(error)))
         self._goal, self._ended, self._reported = goal, Future(), -1
         # only now: receiving every block costs the loop time
-        blocks = self._node.create_subscription(SampleBlock, "sensors/laser", self._on_block, BLOCKS)
+        blocks = subscribe(self._node, SampleBlock, "sensors/laser", self._on_block, BLOCKS)
         await self._ended
         self._node.destroy_subscription(blocks)
         self._goal = self._ended = None

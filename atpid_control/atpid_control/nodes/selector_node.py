@@ -20,6 +20,7 @@ from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT
 from atpid_common.latency import Latencies
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES, nanoseconds_of
@@ -109,11 +110,9 @@ class SelectorNode(Node):
             event_callbacks=qos.publisher(COMMANDS, deadline_counts=lambda: stale.running),
         )
         # before the estimates: a rumble is published before the estimate of the same block
-        self.create_subscription(Event, "events", self._on_event, STATES)
-        self.create_subscription(
-            Excitation, ESTIMATES, self._on_excitation, STATES, event_callbacks=qos.subscription(ESTIMATES)
-        )
-        self.create_subscription(CeilingState, STATE, self._on_state, STATES, event_callbacks=qos.subscription(STATE))
+        subscribe(self, Event, "events", self._on_event, STATES)
+        subscribe(self, Excitation, ESTIMATES, self._on_excitation, STATES, event_callbacks=qos.subscription(ESTIMATES))
+        subscribe(self, CeilingState, STATE, self._on_state, STATES, event_callbacks=qos.subscription(STATE))
 
     def _serve(self) -> None:
         self._height_services = HeightServices(

@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
@@ -50,7 +51,7 @@ class AcquisitionNode(DeviceNode):
         self._blocks = self.create_publisher(SampleBlock, self._settings["topic"], BLOCKS)
         self._events = EventPublisher(self)
         if self._settings["in_loop"]:
-            self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
+            subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         expected = self._settings["expect_recorder"]
         self._recorder = RecorderWatch(self, self._on_recorder, self._events.publish, expected=expected)
         self._identity: Identity | None = None

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.handshake import ANNOUNCE_AFTER, ANNOUNCE_AGAIN, empty
@@ -61,10 +62,10 @@ class FeedNode(Node):
         self._next: int | None = None
         self._live = False  # whether the device that reads the feed streams
         self._states = self.create_publisher(CeilingState, f"{EMULATED}/ceiling/state", STATES)
-        self.create_subscription(CeilingState, "ceiling/state", self._on_state, STATES)
-        self.create_subscription(SampleBlock, "sensors/laser", self._on_device, BLOCKS)
-        self.create_subscription(SampleBlock, values["topic"], self._on_block, BLOCKS)
-        self.create_subscription(Event, "events", self._on_event, EVENTS)
+        subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
+        subscribe(self, SampleBlock, "sensors/laser", self._on_device, BLOCKS)
+        subscribe(self, SampleBlock, values["topic"], self._on_block, BLOCKS)
+        subscribe(self, Event, "events", self._on_event, EVENTS)
         self._still = np.zeros(len(self._calibrations))  # where the body rests [m]
         self._began, self._idle = time.monotonic(), 0
         self._missing = 0  # scans of the plant that did not arrive

@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
 from atpid_common.latency import Latencies
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
@@ -87,7 +88,7 @@ class MotorNode(DeviceNode):
         qos = self._supervision.qos
         self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
         depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
-        self.create_subscription(CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
+        subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
         self.create_service(Trigger, "~/rearm", self._on_rearm)
 
     def _configure(self) -> None:

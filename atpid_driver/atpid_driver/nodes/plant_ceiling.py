@@ -12,6 +12,8 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from atpid_common.nodes.checked import subscribe
+
 ANNOUNCE_AFTER = 3.0  # until the wait is logged: discovery takes up to so long [s]
 
 
@@ -23,8 +25,8 @@ class PlantCeiling:
         self._node, self._place = node, place
         # without event handlers, which the lockstep bench takes out of its executor: it could not be destroyed then
         bare = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self._truth: Subscription | None = node.create_subscription(
-            PlantTruth, "plant/truth", self._on_truth, 1, event_callbacks=bare
+        self._truth: Subscription | None = subscribe(
+            node, PlantTruth, "plant/truth", self._on_truth, 1, event_callbacks=bare
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(ANNOUNCE_AFTER, self._announce, clock=steady)

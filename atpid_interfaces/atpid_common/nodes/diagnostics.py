@@ -7,6 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from atpid_common.nodes.dropped import Dropped
+
 TOPIC = "/diagnostics"
 PERIOD = 1.0  # [s]
 
@@ -36,9 +38,17 @@ class DiagnosticsPublisher:
         """Publish now."""
         if not self._node.context.ok():
             return
-        array = DiagnosticArray(status=self._statuses())
+        array = DiagnosticArray(status=[*self._statuses(), *self._dropped()])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
+
+    def _dropped(self) -> list[DiagnosticStatus]:
+        """Return one status where messages were dropped; none where all could be used."""
+        dropped = Dropped.of(self._node)
+        if not dropped.by_topic:
+            return []
+        text = f"{dropped.by_topic.total()} messages dropped; the last on {dropped.last}"
+        return [status(self._node, "messages", DiagnosticStatus.WARN, text, dropped.by_topic)]
 
     def cancel(self) -> None:
         """Stop the timer."""

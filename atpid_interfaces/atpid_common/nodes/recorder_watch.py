@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.task import Future
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATUS
 from atpid_common.nodes.parameters import Publish
 
@@ -32,7 +33,7 @@ class RecorderWatch:
         self.status: RecorderStatus | None = None
         self._received = 0.0  # steady [s]
         self._gone = False
-        node.create_subscription(RecorderStatus, "recorder/status", self._receive, STATUS)
+        subscribe(node, RecorderStatus, "recorder/status", self._receive, STATUS)
         self._timer = node.create_timer(PERIOD, self._check, clock=Clock(clock_type=ClockType.STEADY_TIME))
         if not expected:
             self._timer.cancel()

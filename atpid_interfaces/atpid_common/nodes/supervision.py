@@ -12,6 +12,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.node import Node
 from rclpy.qos import qos_policy_name_from_kind
 
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher, status
 from atpid_common.nodes.messages import EVENTS, nanoseconds_of
 from atpid_common.nodes.parameters import Publish
@@ -45,7 +46,7 @@ class Supervision:
     def follow_events(self) -> None:
         """Subscribe to `events` for the end of a run; a node that subscribes by itself calls `on_event`."""
         if self._enabled:
-            self._node.create_subscription(Event, "events", self.on_event, EVENTS)
+            subscribe(self._node, Event, "events", self.on_event, EVENTS)
 
     def on_event(self, event: Event) -> None:
         """Expect no further messages after the end of a run."""

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.errors import BAD_INPUT, DONE, NUMERICAL_FAILURE
+from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
@@ -94,7 +95,7 @@ class PlantNode(Node):
         }
         self._truth = self.create_publisher(PlantTruth, "plant/truth", BLOCKS)
         self._events = EventPublisher(self)
-        self.create_subscription(CeilingState, "ceiling/state", self._on_ceiling, STATES)
+        subscribe(self, CeilingState, "ceiling/state", self._on_ceiling, STATES)
 
     def _outgoing(self) -> list[Any]:
         return [*self._sensors.values(), self._truth, self._events.publisher]

@@ -13,6 +13,7 @@ from atpid_sim.engine.state import State
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation import reproducibility
+from atpid_sim.simulation.decay import largest_decrement
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import (
@@ -33,8 +34,6 @@ _LOG = 20_000
 _STROBES = 64
 #: Samples a period from which the peaks of a free decay are read: each is within 1e-5 of the true one.
 _DECAY_SAMPLES = 800.0
-#: Upper peaks of a decay below this share of the first are noise and rest.
-_SMALLEST_PEAK = 0.02
 #: Change from period to period, relative to the amplitude, above which the motion is irregular (rumble).
 _IRREGULAR = 0.05
 #: Share of a period in contact above which the grain sticks (thesis Eq. 4.5: t_c < gamma T / 2 with gamma = 0.1).
@@ -177,26 +176,6 @@ def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
         "undamped_decrement": largest("simplified", rtol, 2.0 * scene.grain.radius),
         "decrement_error": abs(largest(fidelity, max(1e-2 * rtol, 1e-12)) / found - 1.0),
     }
-
-
-def peaks(displacement: Array) -> Array:
-    """Return the upper peaks (k,) [m] of a displacement (n,) from rest [m]: the highest point of each upward swing.
-
-    One per swing above zero, so that an impact's ripple makes no second peak.
-    """
-    above = displacement > 0.0
-    edges = np.flatnonzero(np.diff(above.astype(np.int8))) + 1
-    swings = np.split(displacement, edges)
-    return np.array([swing.max() for swing in swings if len(swing) and swing[0] > 0.0])
-
-
-def largest_decrement(displacement: Array) -> float:
-    """Return the largest ratio of successive upper peaks [-] (thesis section 2.3.1); NaN for fewer than two."""
-    found = peaks(displacement)
-    if len(found) < 2:
-        return math.nan
-    found = found[found > _SMALLEST_PEAK * found[0]]
-    return float(np.max(found[:-1] / found[1:])) if len(found) > 1 else math.nan
 
 
 def _classify(scene: Scene, state: State, samples: Array, amplitude: float) -> str:

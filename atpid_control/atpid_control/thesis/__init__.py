@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The thesis side by side: studies as data (`data/`), what they measure, their rows, pictures and page."""

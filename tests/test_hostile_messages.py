@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages that cannot be used, given to each node's own callbacks: the node goes on and counts them."""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Iterator
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from atpid_interfaces.msg import (
+    CeilingCommand,
+    CeilingState,
+    Event,
+    Excitation,
+    PlantTruth,
+    RecorderStatus,
+    SampleBlock,
+)
+from graph_runs import parameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+
+from atpid_common.nodes.dropped import Dropped
+from atpid_common.nodes.message_checks import CHECKS, check
+from atpid_control.nodes.identifier_node import IdentifierNode
+from atpid_control.nodes.recorder_node import RecorderNode
+from atpid_control.nodes.selector_node import SelectorNode
+from atpid_driver.nodes.motor_node import MotorNode
+from atpid_sim.nodes.plant_node import PlantNode
+
+NODES = {"identifier_node": IdentifierNode, "selector_node": SelectorNode, "recorder_node": RecorderNode,
+         "motor_node": MotorNode, "plant_node": PlantNode}  # fmt: skip
+NUMBERS = [0.0, -1.0, 1.0, 0.3, 1e-300, 1e9, 1e308, -1e308, math.nan, math.inf, -math.inf, 5.49, 0.015, 1000.0]
+TEXTS = [
+    "",
+    "x",
+    "support_displacement",
+    "beam_displacement",
+    "finished",
+    "started",
+    "rumble",
+    "labjack:1",
+    "\u00b5" * 50,
+]
+RANGES = {"uint8": 8, "uint32": 32, "uint64": 64}
+
+
+def value(kind: str, rng: np.random.Generator) -> Any:
+    """A value of a field, by chance ordinary or at an extreme."""
+    if kind.startswith("sequence<"):
+        length = int(rng.choice([0, 1, 2, 2, 3, 50, 100, 101, 200]))
+        return [value(kind[9:-1], rng) for _ in range(length)]
+    if kind == "double":
+        return float(rng.choice(NUMBERS))
+    if kind == "boolean":
+        return bool(rng.random() < 0.1)
+    if kind == "string":
+        return str(rng.choice(TEXTS))
+    bits = RANGES[kind]
+    return (
+        int(rng.choice([0, 1, 2, 3, 5, 7, 50, 2 ** (bits - 1), 2**bits - 1]) % 2**bits)
+        if bits < 64
+        else int([0, 1, 50, 1000, 2**31, 2**62, 2**63, 2**64 - 1][rng.integers(8)])
+    )
+
+
+def hostile(kind: type[Any], rng: np.random.Generator) -> Any:
+    """A message of a type with values of its own kind but of no sense."""
+    message = kind()
+    for name, field in kind.get_fields_and_field_types().items():
+        if name == "header":
+            message.header.stamp.sec = int(rng.choice([0, 1, 100, 1_700_000_000, -1, -(2**31), 2**31 - 1]))
+            message.header.stamp.nanosec = int(rng.choice([0, 50_000_000, 999_999_999, 2**32 - 1]))
+            message.header.frame_id = str(rng.choice(TEXTS))
+        else:
+            setattr(message, name, value(field, rng))
+    return message
+
+
+@pytest.fixture(params=sorted(NODES))
+def node(request: pytest.FixtureRequest, scenes: Path, tmp_path: Path) -> Iterator[Node]:
+    """One node with the parameters of the bench in real time."""
+    context = rclpy.Context()
+    context.init()
+    _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)
+    overrides = [Parameter(name, value=value) for name, value in given[request.param].items()]
+    made: Any = NODES[request.param](parameter_overrides=overrides, context=context)
+    yield made
+    getattr(made, "close", lambda: None)()
+    made.destroy_node()
+    context.shutdown()
+
+
+@pytest.mark.slow
+def test_a_node_outlives_what_cannot_be(node: Node) -> None:
+    rng = np.random.default_rng(7)
+    subscriptions = [each for each in node.subscriptions if each.msg_type in CHECKS]
+    assert subscriptions
+    refused = 0
+    for _ in range(2000):
+        chosen = subscriptions[rng.integers(len(subscriptions))]
+        message = hostile(chosen.msg_type, rng)
+        refused += bool(check(message))
+        given: list[Any] = [serialize_message(message) if chosen.raw else message]
+        if len(signature(chosen.callback).parameters) == 2:
+            given.append({"received_timestamp": 1_700_000_000_000_000_000})
+        chosen.callback(*given)
+    assert node.context.ok()
+    counted = Dropped.of(node).by_topic.total()
+    assert 0 < counted <= refused if node.get_name() == "recorder_node" else counted == refused
+
+
+BLOCK = {"rate": 1000.0, "channels": ["a", "b"], "units": ["m", "m"], "skew": [0.0, 0.0]}
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (SampleBlock(**BLOCK, data=array.array("d", [0.0] * 101)), "101 values for 2 channels"),
+        (SampleBlock(**BLOCK | {"rate": math.nan}, data=array.array("d", [0.0] * 2)), "its rate is nan Hz"),
+        (SampleBlock(**BLOCK | {"rate": 0.0}, data=array.array("d", [0.0] * 2)), "its rate is 0.0 Hz"),
+        (SampleBlock(**BLOCK | {"channels": ["a", "a"]}, data=array.array("d", [0.0] * 2)), "one twice"),
+        (SampleBlock(**BLOCK, first_index=2**63, data=array.array("d", [0.0] * 2)), "at most 2^62"),
+        (SampleBlock(**BLOCK, data=array.array("d", [0.0, math.inf])), "infinite"),
+        (SampleBlock(**BLOCK), "no samples"),
+        (PlantTruth(rate=1000.0, support=array.array("d", [0.0])), "0 and 1 values"),
+        (RecorderStatus(topics=["a"], received=[1], written=[]), "1 topics, 1 and 0 counts"),
+        (Excitation(quality=Excitation.STEADY, amplitude=math.nan, frequency=5.0), "amplitude nan"),
+        (Excitation(quality=9), "quality is 9"),
+        (CeilingState(mode=9), "mode is 9"),
+        (Event(severity=9), "severity is 9"),
+    ],
+)
+def test_what_cannot_be_has_a_reason(message: Any, reason: str) -> None:
+    assert reason in check(message)
+
+
+@pytest.mark.parametrize("kind", CHECKS)
+def test_a_stamp_before_1970_is_no_stamp(kind: type[Any]) -> None:
+    message = kind()
+    message.header.stamp.sec = -1
+    assert "no time since 1970" in check(message)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        SampleBlock(**BLOCK, data=array.array("d", [0.0, math.nan])),
+        SampleBlock(handshake=True, channels=["a"]),
+        PlantTruth(handshake=True, ceiling=array.array("d", [0.3])),
+        Excitation(quality=Excitation.NONE, amplitude=math.nan),
+        CeilingCommand(height=math.nan),
+        CeilingState(mode=CeilingState.UNCONFIGURED, height=math.nan),
+    ],
+)
+def test_what_nodes_publish_passes(message: Any) -> None:
+    assert check(message) == ""

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/thesis.md is what `study all --page` computes now; every figure and table of chapters 2 to 4 is on it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from atpid_control.cli import main
+from atpid_control.thesis import page, run
+from atpid_control.thesis.rows import IRREGULAR, Row, rows_of
+from atpid_control.thesis.study import load, names, not_computed
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs/thesis.md"
+#: The last number of figures and of tables in each chapter.
+FIGURES, TABLES = {2: 46, 3: 26, 4: 46}, {2: 1, 3: 7}
+#: Numbers on the page have three digits or more: what processors round otherwise is far below.
+CLOSE = 0.01
+
+
+def printed(name: str) -> list[list[str]]:
+    """Return the cells of the table in a study's section of the page."""
+    section = PAGE.read_text(encoding="utf-8").partition(f"## {load(name).title}")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[1:]]
+
+
+def computed(name: str) -> list[Row]:
+    jobs, measured = run.compute(name, ROOT / "scenes", lambda done: None)
+    return rows_of(load(name), jobs, measured)
+
+
+def alike(one: str, other: str) -> bool:
+    """Compare two cells of ours: words, or numbers to within a hundredth, and nothings."""
+    try:
+        return abs(float(one) - float(other)) <= CLOSE * max(abs(float(one)), abs(float(other)), 1e-9)
+    except ValueError:
+        return one == other
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in names() if not load(name).slow])
+def test_the_page_shows_what_is_computed_now(name: str) -> None:
+    rows, shown = computed(name), printed(name)
+    assert [cells[:2] for cells in shown] == [page.cells(row)[:2] for row in rows]
+    again = "run `python -m atpid_control study all --out out/study --page docs/thesis.md`"
+    for row, there in zip(rows, shown, strict=True):
+        now = page.cells(row)
+        assert there[3] == now[3], again
+        assert there[5] == now[5], again
+        if IRREGULAR not in row.why:
+            assert alike(there[2], now[2]), f"{row.figure}, {row.quantity}: {there[2]}, now {now[2]}: {again}"
+            assert ("differs" in there[4]) == (row.agrees is False), again
+
+
+@pytest.mark.slow
+def test_references_agree_to_eight_digits() -> None:
+    off = [row.quantity for row in computed("references") if not row.agrees]
+    assert [text for text in off if not text.startswith("time at which the ball rests")] == []
+    assert len(off) == 2
+
+
+def numbers(text: str) -> set[tuple[int, int]]:
+    """Return chapter and number of all figures, or tables, in a text such as 2.9-2.18, 2.20a."""
+    found = set()
+    for chapter, first, last in re.findall(r"\b(\d)\.(\d+)[a-f]?(?:-\d\.(\d+))?", text):
+        found |= {(int(chapter), number) for number in range(int(first), int(last or first) + 1)}
+    return found
+
+
+def test_every_figure_and_table_has_its_row_or_a_reason() -> None:
+    named = [row.figure for name in names() for row in load(name).rows] + [item.figures for item in not_computed()]
+    figures = set().union(*(numbers(text.partition("Table")[0]) for text in named if text.startswith(("Fig", "All"))))
+    tables = set().union(*(numbers(text) for text in named if text.startswith("Table")))
+    assert {(chapter, k + 1) for chapter, last in FIGURES.items() for k in range(last)} - figures == set()
+    assert {(chapter, k + 1) for chapter, last in TABLES.items() for k in range(last)} - tables == set()
+
+
+def test_the_page_has_the_section_of_every_study() -> None:
+    headings = re.findall(r"^## (.+?)(?: \(section .*)?$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert headings == ["What agrees and what does not", *(load(name).title for name in names()),
+                        "What cannot be computed"]  # fmt: skip
+
+
+def test_the_page_is_wrapped_at_100_columns() -> None:
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if len(line) > 100 and not line.startswith(("|", "!["))] == []
+
+
+def test_a_finished_study_is_kept_until_its_inputs_change(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ["study", "constants", "--out", str(tmp_path), "--scenes", str(ROOT / "scenes")]
+    assert main(command) == 0
+    assert "Table 3.2" in capsys.readouterr().out
+    rows = tmp_path / "constants/rows.json"
+    before = rows.stat().st_mtime_ns
+    assert (tmp_path / "constants/rows.csv").read_text().startswith("figure,quantity,unit,ours,thesis,difference,")
+    assert main(command) == 0
+    assert rows.stat().st_mtime_ns == before
+    rows.write_text("damaged")
+    assert main(command) == 0
+    kept = rows.read_text()
+    monkeypatch.setattr(run, "_sources_key", lambda: "changed")
+    assert main(command) == 0
+    assert rows.read_text() != kept
+
+
+def test_the_names_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "list"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing", "--out", "out"], ["nothing", "allowed: all, list, adaptive"]),
+        (["heights"], ["--out: none given"]),
+        (["heights", "--out", "out", "--page", "page.md"], ["--page", "give all"]),
+        (["adaptive", "--out", "out", "--scenes", "nowhere"], ["--scenes", "nowhere"]),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.strip().splitlines()) == 1
+    assert all(word in captured.err for word in words), captured.err
