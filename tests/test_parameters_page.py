@@ -12,7 +12,7 @@ from atpid_common.nodes.parameters import Row
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import motor_interface
-from atpid_driver.nodes.acquisition_parameters import COMMON, Use, rows_of
+from atpid_driver.nodes.acquisition_parameters import COMMON, own_rows, rows_of
 
 CONFIGURED = {
     "identifier_node": (IDENTIFIER, "atpid_control/config/identifier.yaml"),
@@ -24,7 +24,7 @@ CONFIGURED = {
 TABLES = {
     **{node: table for node, (table, _) in CONFIGURED.items()},
     "motor_node": motor_interface.TABLE,
-    "acquisition_node": (*Use().rows(), *COMMON),
+    "acquisition_node": (*own_rows(None, "sensors/acquisition", False), *COMMON),
     **{f"Backend {name}": rows_of(backend(name).settings) for name in BUILT_IN},
 }
 

@@ -3,7 +3,7 @@
 
 from functools import partial
 
-from atpid_common.executable import run_executable
+from atpid_common.interrupt import run_executable
 
 identifier_node = partial(run_executable, "atpid_control.nodes.identifier_node")
 recorder_node = partial(run_executable, "atpid_control.nodes.recorder_node")

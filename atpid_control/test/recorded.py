@@ -12,8 +12,8 @@ from atpid_control.bags import Qos, new_run
 from atpid_control.bags.definitions import message_type
 from atpid_control.bags.session import Session
 from atpid_control.bags.topics import DEFAULT, parse
-from atpid_sim.plant.instrument import laser_of
 from atpid_sim.plant.plant import Plant
+from atpid_sim.plant.stream import laser_of
 from atpid_sim.scene import Scene, load_scene
 
 PACKAGE = "atpid_interfaces/msg"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands of `python -m atpid_driver COMMAND`."""
 
-from collections.abc import Sequence
+from functools import partial
 
 from atpid_common.cli import run_commands
 
@@ -13,7 +13,5 @@ COMMANDS = {
     "standin": ("atpid_driver.standins.command", "build the stand-in libraries, or inject a fault into one"),
 }
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit status (`atpid_common.cli.guarded`)."""
-    return run_commands("atpid_driver", "The hardware of the ATPID stand.", COMMANDS, argv)
+#: Runs one command, by default that of the process's arguments; returns its exit status (`run_commands`).
+main = partial(run_commands, "atpid_driver", "The hardware of the ATPID stand.", COMMANDS)

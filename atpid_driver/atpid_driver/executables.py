@@ -3,7 +3,7 @@
 
 from functools import partial
 
-from atpid_common.executable import run_executable
+from atpid_common.interrupt import run_executable
 
 acquisition_node = partial(run_executable, "atpid_driver.nodes.acquisition_node")
 feed_node = partial(run_executable, "atpid_driver.nodes.feed_node")

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SIGINT, SIGTERM and SIGHUP of a process that must end in order."""
+"""SIGINT, SIGTERM and SIGHUP of a process that must end in order, and the entry point of a node's executable."""
 
 from __future__ import annotations
 
+import importlib
 import signal
 import sys
 from types import FrameType
 from typing import Any
+
+from atpid_common.errors import DONE
 
 #: What asks a process to end. SIGHUP: the terminal was closed or the connection to it broke, while a motor may move.
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -60,3 +63,24 @@ class Interrupt:
         sys.unraisablehook = self._hook_before
         for number, before in zip(ENDING_SIGNALS, self._before, strict=True):
             signal.signal(number, before)
+
+
+def run_executable(module: str) -> int:
+    """Import a node's `module`, which takes seconds, and run its `main`; return the exit status.
+
+    An interrupt while loading ends with status 0.
+    """
+    with Interrupt() as interrupt:
+        try:
+            if interrupt.received:
+                return DONE
+            loaded = importlib.import_module(module)
+            # the exception is lost where it is raised in a callback of the interpreter, such as a finaliser
+            return DONE if interrupt.received else int(loaded.main())
+        except BaseException:
+            # a library that is being loaded may turn KeyboardInterrupt into an error of its own
+            if interrupt.received:
+                return DONE
+            raise
+        finally:
+            interrupt.ignore_further()

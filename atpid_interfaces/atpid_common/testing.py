@@ -17,6 +17,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from atpid_common.claim import claimed
+
 # The same examples each time, and none too slow: the result must not depend on chance or on the load.
 settings.register_profile("atpid", derandomize=True, deadline=None)
 settings.load_profile("atpid")
@@ -76,15 +78,13 @@ def claim_domain() -> tuple[int, socket.socket]:
     name is the one a bench claims its domain by, so benches and test sessions do not share one.
     """
     for domain in random.Random(os.getpid()).sample(range(1, 102), 101):
-        holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            holder.bind(f"\0atpid/bench/domain/{domain}")
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(("", 7410 + 250 * domain))
-        except OSError:
-            holder.close()
+        holder = claimed(f"bench/domain/{domain}")
+        if holder is None:
             continue
-        return domain, holder
+        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("", 7410 + 250 * domain))
+            return domain, holder
+        holder.close()
     raise RuntimeError("no free ROS domain between 1 and 101: end the ROS programs that run here")
 
 

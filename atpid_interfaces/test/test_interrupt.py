@@ -31,7 +31,7 @@ try:
 except KeyboardInterrupt:
     {reaction}
 """
-MAIN = "import sys; from atpid_common.executable import run_executable; sys.exit(run_executable('slow_module'))"
+MAIN = "import sys; from atpid_common.interrupt import run_executable; sys.exit(run_executable('slow_module'))"
 
 
 @pytest.mark.parametrize("number", SIGNALS)

@@ -11,11 +11,11 @@ _TEXT = progress.TextColumn("{task.description}", markup=False)
 
 
 @contextmanager
-def working(text: str) -> Iterator[Callable[[str], None]]:
-    """Show `text`, a spinner and the time elapsed until the block ends; yield a function that changes the text."""
+def working(text: str) -> Iterator[None]:
+    """Show `text`, a spinner and the time elapsed until the block ends."""
     with _progress(progress.SpinnerColumn(), _TEXT, progress.TimeElapsedColumn()) as display:
-        task = display.add_task(text, total=None)
-        yield lambda new: display.update(task, description=new)
+        display.add_task(text, total=None)
+        yield
 
 
 @contextmanager

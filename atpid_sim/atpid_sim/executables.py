@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of the nodes' executables: each loads its node with signals handled."""
 
-from atpid_common.executable import run_executable
+from atpid_common.interrupt import run_executable
 
 
 def plant_node() -> int:

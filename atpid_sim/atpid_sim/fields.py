@@ -111,16 +111,16 @@ AmplitudeOrPoints = Annotated[
     Annotated[Amplitude, Tag("<number>")] | Annotated[AmplitudePoints, Tag("<points>")],
     Discriminator(lambda value: "<points>" if isinstance(value, list | tuple) else "<number>"),
 ]
-#: Tells a word from a number before either is validated, so that the message speaks of the one that was meant.
+#: Selects the variant by the type that was given, a word or a number: the error is then about that variant only.
 by_word = Discriminator(lambda value: "<word>" if isinstance(value, str) else "<number>")
 
 
 def by_key(keys: Mapping[str, Sequence[str]], hint: str) -> Discriminator:
-    """Return a discriminator that takes the first variant of which a telling key is present: {tag: keys}."""
+    """Return a discriminator that selects the first variant of which a key is present: {tag: its keys}."""
 
     def tag(value: Any) -> str | None:
         if isinstance(value, Mapping):
-            return next((name for name, telling in keys.items() if any(key in value for key in telling)), None)
+            return next((name for name, own in keys.items() if any(key in value for key in own)), None)
         # a model that is validated again (copies): `kind` names its variant
         return f"<{value.kind}>" if hasattr(value, "kind") else None
 

@@ -17,7 +17,7 @@ from typing import Any
 from numba import config
 from numba.core.caching import InTreeCacheLocator
 
-from atpid_common.cache import cache_root, content_key
+from atpid_common.folders import cache_root, content_key
 
 #: Folder of the cache for each source file.
 _FOLDERS: dict[str, str] = {}

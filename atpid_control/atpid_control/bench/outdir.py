@@ -3,12 +3,12 @@
 
 import hashlib
 import json
-import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from atpid_common import claim
 from atpid_common.output import writing
 from atpid_control.graph import BenchError
 
@@ -31,11 +31,10 @@ def of_run(out: Path, source: Path) -> Iterator[None]:
 @contextmanager
 def claimed(out: Path) -> Iterator[None]:
     """Lock the folder against other benches of this machine; raise BenchError where one runs there."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as holder:
-        try:
-            holder.bind(f"\0atpid/bench/out/{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}")
-        except OSError:
-            raise BenchError(f"--out: given {out}, where another bench is running; give another folder") from None
+    holder = claim.claimed(f"bench/out/{hashlib.sha256(str(out.resolve()).encode()).hexdigest()}")
+    if holder is None:
+        raise BenchError(f"--out: given {out}, where another bench is running; give another folder")
+    with holder:
         yield
 
 

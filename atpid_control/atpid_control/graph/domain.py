@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS domain of the bench's own, so that two benches, or a bench and a stand, exchange no messages."""
 
-import errno
 import os
 import socket
 from collections.abc import Iterator, Mapping, MutableMapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import count
 
+from atpid_common.claim import claimed
 from atpid_control.graph import BenchError
 
 #: Domains whose ports lie below Linux's ephemeral range, without 0, the default.
@@ -59,13 +59,12 @@ def _claim(requested: int | None) -> tuple[int, socket.socket]:
     start = os.getpid() + next(_turn)
     candidates = [requested] if requested is not None else [LOWEST + (start + k) % span for k in range(span)]
     for domain in candidates:
-        holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        with suppress(OSError):
-            # held for the whole run: another bench may look between this check of the ports and the first node
-            holder.bind(f"\0atpid/bench/domain/{domain}")
+        # held for the whole run: another bench may look between this check of the ports and the first node
+        holder = claimed(f"bench/domain/{domain}")
+        if holder is not None:
             if requested is not None or is_quiet(domain):
                 return domain, holder
-        holder.close()
+            holder.close()
     if requested is not None:
         raise BenchError(f"ROS domain {requested}: another bench is running there; name another one with --domain")
     raise BenchError(
@@ -80,8 +79,6 @@ def is_quiet(domain: int) -> bool:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.bind(("", port))
-            except OSError as error:
-                if error.errno == errno.EADDRINUSE:
-                    return False
-                raise
+            except OSError:
+                return False
     return True

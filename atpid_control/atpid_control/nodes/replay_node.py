@@ -20,11 +20,10 @@ from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import Handshake, empty_block
-from atpid_common.nodes.leaving import Leaving
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_common.nodes.recorder_watch import RecorderWatch
+from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.playback import Item, load_playback

@@ -6,7 +6,6 @@ The criteria of optimal grain motion (equations 4.1 to 4.5) are judged on its im
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from atpid_control.selection.predictive import Impact, response_lag
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.maps import DamperResponse
-from atpid_sim.simulation.integration import impact_log, sample_series
+from atpid_sim.simulation.integration import Observation, impact_log, sample_series
 
 Array = NDArray[np.float64]
 
@@ -129,11 +128,11 @@ class ComplexModel:
         """
         state, log = self._state.copy(), impact_log(_LOG)
         end = self.time + periods * self._damper.period
-        self._advance(state, end, impacts=log)
+        self._advance(state, Observation((end, end), impacts=log))
         throw = _throw(log[: state.n[columns.IMPACTS]], self.time + 0.1 * self._damper.period)
         if throw is None:
             return None
-        self._advance(self._state, throw)
+        self._advance(self._state, Observation((throw, throw)))
         self._leave_floor()
         now, s = self._state, self._damper.system
         equilibrium = s.beam_mass * s.gravity / s.stiffness
@@ -146,10 +145,8 @@ class ComplexModel:
         end = begin + window * damper.period
         path = ((begun, self.height), (begun + damper.period, height))
         samples, log = sample_series(int(window * _SAMPLES)), impact_log(_LOG)
-        self._damper.advance(
-            self._amplitude, self._state, path, begin, end,
-            phase=self._phase, samples=samples, rate=_SAMPLES * damper.frequency, impacts=log,
-        )  # fmt: skip
+        observation = Observation((begin, end), begin, 1.0 / (_SAMPLES * damper.frequency), samples, log)
+        damper.advance(self._amplitude, self._state, path, observation, self._phase)
         self.height = height
         self.evaluations += 1
         times = begin + np.arange(samples.shape[1]) * damper.period / _SAMPLES
@@ -158,20 +155,20 @@ class ComplexModel:
         verdict = judge(impacts, times, samples[columns.S_VELOCITY], longest, damper.period)
         return Observed(self._state.amplitude, verdict)
 
-    def _advance(self, state: State, end: float, **extra: Any) -> None:
-        path = ((state.time, self.height),)
-        begin = state.time if "samples" in extra else end
-        self._damper.advance(self._amplitude, state, path, begin, end, phase=self._phase, **extra)
+    def _advance(self, state: State, observation: Observation) -> None:
+        self._damper.advance(self._amplitude, state, ((state.time, self.height),), observation, self._phase)
 
     def _leave_floor(self) -> None:
         """Go on until floor and grain no longer overlap, at most for the longest time an impact may last."""
-        length = _LONGEST_IMPACT * self._damper.period
+        begin, length = self.time, _LONGEST_IMPACT * self._damper.period
         samples = sample_series(_SAMPLES_OF_IMPACT)
-        self._advance(self._state.copy(), self.time + length, samples=samples, rate=_SAMPLES_OF_IMPACT / length)
+        spacing = 1.0 / (_SAMPLES_OF_IMPACT / length)
+        self._advance(self._state.copy(), Observation((begin, begin + length), begin, spacing, samples))
         apart = np.flatnonzero(samples[columns.S_GRAIN] > samples[columns.S_BEAM])
         apart = apart[apart > 0]
         last = int(apart[0]) if len(apart) else _SAMPLES_OF_IMPACT
-        self._advance(self._state, self.time + last * length / _SAMPLES_OF_IMPACT)
+        end = begin + last * length / _SAMPLES_OF_IMPACT
+        self._advance(self._state, Observation((end, end)))
 
 
 def _throw(impacts: Array, since: float) -> float | None:

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from atpid_common.cache import cache_root
 from atpid_common.errors import InputError
-from atpid_common.share import share_folder
+from atpid_common.folders import cache_root, share_folder
 from atpid_sim.display import counting, working
 from atpid_sim.maps import DamperResponse, HeightMap, MapError, best_height, build_map, map_tolerance
 from atpid_sim.maps.identity import identity_of

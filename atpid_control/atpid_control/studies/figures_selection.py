@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from atpid_common import output
-from atpid_common.share import share_folder
+from atpid_common.folders import share_folder
 from atpid_control.studies.selection import landscape, margin_curve, pca_errors
 from atpid_sim.display import working
 from atpid_sim.figure_numbers import metadata_of

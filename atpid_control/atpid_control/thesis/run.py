@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from atpid_common import output
-from atpid_common.cache import content_key
+from atpid_common.folders import content_key
 from atpid_control.thesis.measured import Measured
 from atpid_control.thesis.measures import MEASURES
 from atpid_control.thesis.picture import draw

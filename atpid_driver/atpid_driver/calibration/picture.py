@@ -4,7 +4,6 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.polynomial.polynomial import polyval
 
@@ -19,7 +18,6 @@ def draw(result: Fit, calibration: Calibration, path: Path) -> None:
     """Write the picture of a fit to `path` (PNG, SVG or PDF by its ending)."""
     factor, unit = PREFIXES.get(calibration.unit, (1.0, calibration.unit))
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
-    FigureCanvasAgg(figure)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     volts = np.linspace(result.volts.min(), result.volts.max(), 200)
     curve = factor * polyval(volts, result.coefficients)

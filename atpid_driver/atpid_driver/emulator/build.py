@@ -7,9 +7,8 @@ import subprocess
 from pathlib import Path
 from typing import Final
 
-from atpid_common.cache import cache_root, content_key
 from atpid_common.errors import InputError
-from atpid_common.share import share_folder
+from atpid_common.folders import cache_root, content_key, share_folder
 
 SOURCE: Final = Path(__file__).resolve().parent / "data"
 PACKAGES: Final = "gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev"

@@ -53,11 +53,10 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Kind of ceiling, firmware version, number of boots (0 where it has none)."""
+    """Kind of ceiling and firmware version."""
 
     name: str
     version: str
-    boots: int = 0
 
 
 @dataclass(frozen=True, slots=True)

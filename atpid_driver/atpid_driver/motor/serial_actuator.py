@@ -31,7 +31,7 @@ class SerialActuator:
     def connect(self, now: int) -> Identity:
         """Open the port and request the identity until the board answers; the link then reconnects by itself."""
         identity = self._link.start()
-        return Identity(identity.name, identity.version, identity.boots)
+        return Identity(identity.name, identity.version)
 
     def activate(self, now: int) -> None:
         """Arm, clearing faults whose cause is gone, and start homing if the reference is lost."""

@@ -30,7 +30,7 @@ from atpid_driver.acquisition import Identity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
 from atpid_driver.acquisition.registry import create
 from atpid_driver.calibration.convert import Counts, block_si
-from atpid_driver.nodes.acquisition_parameters import Use, settings_of
+from atpid_driver.nodes.acquisition_parameters import settings_of
 from atpid_driver.nodes.device_node import DeviceNode
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -40,12 +40,13 @@ class AcquisitionNode(DeviceNode):
     """Publishes what one device measures, in SI units, on one topic. An InputError for a parameter that cannot be."""
 
     NAME: ClassVar[str] = "acquisition_node"
-    USE: ClassVar[Use] = Use()
+    #: Its parameters `backend`, `topic` and `in_loop` by default; None: the backend must be given.
+    USUAL: ClassVar[tuple[str | None, str, bool]] = (None, "sensors/acquisition", False)
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened."""
         super().__init__(self.NAME, **kwargs)
-        self._settings, self._calibrations = settings_of(self, self.USE)
+        self._settings, self._calibrations = settings_of(self, *self.USUAL)
         self._device = create(self._settings["backend"], self._settings)
         self._blocks = self.create_publisher(SampleBlock, self._settings["topic"], BLOCKS)
         self._events = EventPublisher(self)

@@ -2,7 +2,6 @@
 """Parameters of the acquisition nodes: declared with description and range, checked before a device is opened."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -10,8 +9,8 @@ from pydantic.fields import FieldInfo
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from atpid_common.folders import share_folder
 from atpid_common.nodes.parameters import Row, declare
-from atpid_common.share import share_folder
 from atpid_driver.acquisition import Settings, SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
@@ -37,34 +36,25 @@ COMMON = (
 )
 
 
-@dataclass(frozen=True)
-class Use:
-    """What an acquisition node is used for: its parameters `backend`, `topic` and `in_loop` by default.
-
-    backend: None where it must be given; in_loop: whether the loop answers the handshake of this topic.
-    """
-
-    backend: str | None = None
-    topic: str = "sensors/acquisition"
-    in_loop: bool = False
-
-    def rows(self) -> tuple[Row, ...]:
-        """Return the three parameters."""
-        default = TYPES.STRING if self.backend is None else self.backend
-        return (
-            Row("backend", default, "what is read", choices=backend_names()),
-            Row("topic", self.topic, "where the blocks are published"),
-            Row("in_loop", self.in_loop, "whether the loop answers this topic's handshake"),
-        )
+def own_rows(usual: str | None, topic: str, in_loop: bool) -> tuple[Row, ...]:
+    """Return the parameters whose defaults differ between the nodes; usual: a backend, None where it must be given."""
+    return (
+        Row("backend", usual or TYPES.STRING, "what is read", choices=backend_names()),
+        Row("topic", topic, "where the blocks are published"),
+        Row("in_loop", in_loop, "whether the loop answers this topic's handshake"),
+    )
 
 
-def settings_of(node: Node, use: Use) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
+def settings_of(
+    node: Node, usual: str | None, topic: str, in_loop: bool
+) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
     """Declare everything on `node`; return the checked values by name, and the calibration of each channel.
 
-    `channels` and `scans_per_block` are as the backend takes them. Raises ParameterError or DriverError.
+    usual, topic, in_loop: as `own_rows`. `channels` and `scans_per_block` are as the backend takes them. Raises
+    ParameterError or DriverError.
     """
-    values = declare(node, (*use.rows(), *COMMON))
-    backends = dict.fromkeys(name for name in (values["backend"], use.backend, "simulated") if name is not None)
+    values = declare(node, (*own_rows(usual, topic, in_loop), *COMMON))
+    backends = dict.fromkeys(name for name in (values["backend"], usual, "simulated") if name is not None)
     rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
     values |= declare(node, tuple(rows.values()))
     names, terminals = list(values["channels"]), list(values["terminals"])

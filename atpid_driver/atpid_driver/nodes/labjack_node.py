@@ -6,14 +6,13 @@ from functools import partial
 
 from atpid_common.nodes.node_main import run_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
-from atpid_driver.nodes.acquisition_parameters import Use
 
 
 class LabJackNode(AcquisitionNode):
     """The acquisition node, used for the lasers."""
 
     NAME = "labjack_node"
-    USE = Use("labjack", "sensors/laser", in_loop=True)
+    USUAL = ("labjack", "sensors/laser", True)
 
 
 main = partial(run_node, LabJackNode)

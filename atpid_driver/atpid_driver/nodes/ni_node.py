@@ -6,14 +6,13 @@ from functools import partial
 
 from atpid_common.nodes.node_main import run_node
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
-from atpid_driver.nodes.acquisition_parameters import Use
 
 
 class NiNode(AcquisitionNode):
     """The acquisition node, used for the accelerometers."""
 
     NAME = "ni_node"
-    USE = Use("nidaqmx", "sensors/accelerometer")
+    USUAL = ("nidaqmx", "sensors/accelerometer", False)
 
 
 main = partial(run_node, NiNode)

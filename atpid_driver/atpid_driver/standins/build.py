@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from atpid_common.cache import cache_root, content_key
+from atpid_common.folders import cache_root, content_key
 from atpid_driver.errors import DriverError
 
 SOURCES = Path(__file__).parent / "data"
@@ -18,10 +18,10 @@ class StandinError(DriverError):
     """The stand-in libraries cannot be built, or one of their files cannot be used."""
 
 
-def build(folder: Path | None = None) -> Path:
-    """Return the folder with both libraries, made in `folder` or in the user's cache; StandinError without tools."""
+def build() -> Path:
+    """Return the folder with both libraries, made in the user's cache; StandinError without tools."""
     sources = (path for path in SOURCES.iterdir() if path.is_file())
-    target = folder or cache_root() / "standins" / content_key(SOURCES, sources)
+    target = cache_root() / "standins" / content_key(SOURCES, sources)
     if all((target / name).is_file() for name in LIBRARIES):
         return target
     for tool in ("make", "cc"):

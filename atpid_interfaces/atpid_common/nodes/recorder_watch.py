@@ -1,12 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Follows `recorder/status`: a source reports a recorder that has gone, and does not wait for it at the end."""
+"""The recorder as a source of samples follows it: a source reports one that has gone, and at its end waits for the bag.
+
+A source leaves when everything published is delivered and the recorder, unless it has gone, has closed its bag.
+"""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from atpid_interfaces.msg import Event, RecorderStatus
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.task import Future
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATUS
@@ -14,6 +20,8 @@ from atpid_common.nodes.parameters import Publish
 
 GONE_AFTER = 5.0  # the recorder publishes its status once a second; one that is silent for so long is gone [s]
 PERIOD = 0.5  # between two checks [s]
+CLOSING_PERIOD = 0.05  # between two checks whether the bag is closed [s]
+DELIVERY = 1.0  # how long a subscriber may take to receive the last messages [s]
 
 
 class RecorderWatch:
@@ -67,3 +75,33 @@ class RecorderWatch:
             f"{self.status.bag}"
         )
         self._report(Event.WARNING, Event.STALE, text, self.silent)
+
+
+class Leaving:
+    """Sets `done`, the node's exit status, once."""
+
+    def __init__(self, node: Node, publishers: Callable[[], Iterable[Publisher]], held: Callable[[], bool]) -> None:
+        """Do nothing yet. `held`: whether the recorder still writes what was published."""
+        self._node, self._publishers, self._held = node, publishers, held
+        self.done: Future = Future()
+        self.status: int | None = None  # None: the run goes on
+
+    def when_recorded(self, status: int) -> None:
+        """Leave with `status` as soon as the recorder has closed its bag."""
+        self.status = status
+        self._timer = self._node.create_timer(
+            CLOSING_PERIOD, self._check, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def at_once(self, status: int) -> None:
+        """Leave with `status` as soon as everything published is delivered."""
+        self.status = status
+        for publisher in self._publishers():
+            publisher.wait_for_all_acked(Duration(seconds=DELIVERY))
+        if not self.done.done():
+            self.done.set_result(status)
+
+    def _check(self) -> None:
+        if not self._held() and self.status is not None:
+            self._timer.cancel()
+            self.at_once(self.status)

@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 
 from rclpy.node import Node
 
+from atpid_common.claim import claimed
 from atpid_common.errors import InputError
 
 #: Discovery keeps a node that has left for a moment; only one that stays longer counts [s].
@@ -22,15 +23,11 @@ class StartedTwiceError(InputError):
 def claim(name: str) -> socket.socket:
     """Hold the fully qualified `name` in this ROS domain on this machine until the socket returned is closed.
 
-    It is a Linux abstract socket, which the kernel frees even after SIGKILL, at once and without a file, so no time
-    is lost waiting for discovery. Raises StartedTwiceError.
+    So no time is lost waiting for discovery. Raises StartedTwiceError.
     """
-    holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    try:
-        holder.bind(f"\0atpid/{os.environ.get('ROS_DOMAIN_ID', '0')}{name}")
-    except OSError:
-        holder.close()
-        raise StartedTwiceError(_text(name)) from None
+    holder = claimed(f"{os.environ.get('ROS_DOMAIN_ID', '0')}{name}")
+    if holder is None:
+        raise StartedTwiceError(_text(name))
     return holder
 
 

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.header:
         write_header(made, fractions[0], args.header)
-    _tell(made, args.out)
+    _print_summary(made, args.out)
     return 0
 
 
@@ -84,7 +84,7 @@ def _warn(scene: Scene, amplitudes: list[float], fractions: list[float]) -> None
         print(f"warning: {line}", file=sys.stderr)
 
 
-def _tell(made: HeightMap, out: str) -> None:
+def _print_summary(made: HeightMap, out: str) -> None:
     computed = made.heights.size - len(made.failures)
     irregular = computed - int(np.count_nonzero(made.reproducible))
     print(

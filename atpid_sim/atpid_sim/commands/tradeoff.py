@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _markdown(name: str, reference: study.Reference, points: list[study.Point], found: list[dict[str, Any]]) -> str:
-    lines = [f"Scene `{name}`; {_said(reference)}", ""]
+    lines = [f"Scene `{name}`; {_description(reference)}", ""]
     middle = "amplitude error | trajectory error" if reference.spread is None else "amplitude [m] | inside the spread"
     lines += [f"| method | tolerance | time [ms] | {middle} | energy residual | |", "|---|---|---|---|---|---|---|"]
     lines += [*(_row(point, reference) for point in points), ""]
@@ -77,7 +77,7 @@ def _markdown(name: str, reference: study.Reference, points: list[study.Point], 
     return "\n".join([*lines, ""])
 
 
-def _said(reference: study.Reference) -> str:
+def _description(reference: study.Reference) -> str:
     if reference.spread is None:
         return f"reference {reference.amplitude:.12g} m, two tolerances agree to {reference.agreement:.0e}."
     low, middle, high = reference.spread

@@ -9,21 +9,7 @@ from atpid_sim.maps.height_map import Failure, HeightMap, MapEntry, MapError
 from atpid_sim.maps.response import DamperResponse, Response, Timing
 
 __all__ = [
-    "ALL_APPROACHES",
-    "FROM_CLOSED",
-    "Approach",
-    "Best",
-    "DamperResponse",
-    "Failure",
-    "HeightMap",
-    "MapEntry",
-    "MapError",
-    "Response",
-    "Timing",
-    "best_height",
-    "build_map",
-    "header_text",
-    "map_tolerance",
-    "travelled",
+    "ALL_APPROACHES", "FROM_CLOSED", "Approach", "Best", "DamperResponse", "Failure", "HeightMap", "MapEntry",
+    "MapError", "Response", "Timing", "best_height", "build_map", "header_text", "map_tolerance", "travelled",
     "write_header",
-]
+]  # fmt: skip

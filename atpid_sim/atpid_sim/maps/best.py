@@ -10,7 +10,7 @@ lowest is taken (docs/selection.md).
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -42,16 +42,9 @@ _BETWEEN = 4
 #: irregular motion.
 _FAR = 1.1
 
-Job = TypeVar("Job")
-Answer = TypeVar("Answer")
+#: Like `map`, its answers in the order of the jobs: on one core, or a pool's `map` on all.
+Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 Rated = tuple[float, float]  # height [m], rating [m]
-
-
-class Mapper(Protocol):
-    """Like `map`: on one core, or a pool's `map` on all."""
-
-    def __call__(self, work: Callable[[Job], Answer], jobs: Iterable[Job], /) -> Iterable[Answer]:
-        """Return the answers in the order of the jobs."""
 
 
 @dataclass(frozen=True)

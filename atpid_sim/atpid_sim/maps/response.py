@@ -11,14 +11,12 @@ from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity
-from atpid_sim.simulation.integration import Integration, Observation, impact_log, sample_series
-from atpid_sim.system import Array, System
+from atpid_sim.simulation.integration import Integration, Observation, sample_series
+from atpid_sim.system import System
 
 Path = tuple[tuple[float, float], ...]
 #: Period-to-period variation up to which a motion counts as regular [-].
 _REGULAR = 0.02
-
-_NO_SAMPLES, _NO_IMPACTS = sample_series(0), impact_log(0)
 
 
 @dataclass(frozen=True)
@@ -113,36 +111,23 @@ class DamperResponse:
         strobe = sample_series(int(timing.window))
         begin = path[-1][0] + timing.settle * self.period
         state = self.closed_state(amplitude)
-        self.advance(amplitude, state, path, begin, begin + timing.window * self.period, samples=strobe)
+        window = begin, begin + timing.window * self.period
+        self.advance(amplitude, state, path, Observation(window, begin, self.period, strobe))
         size, beam = state.amplitude, strobe[columns.S_BEAM]
         variation = max(float(np.ptp(beam[parity::2])) for parity in (0, 1)) / size if size > 0.0 else 0.0
         return Response(size, variation)
 
-    def advance(
-        self,
-        amplitude: float,
-        state: State,
-        path: Path,
-        begin: float,
-        end: float,
-        *,
-        phase: float = 0.0,
-        samples: Array = _NO_SAMPLES,
-        rate: float = 0.0,
-        impacts: Array = _NO_IMPACTS,
-    ) -> None:
-        """Advance a state in place from its time to `end` [s] while the ceiling follows the path.
+    def advance(self, amplitude: float, state: State, path: Path, observation: Observation, phase: float = 0.0) -> None:
+        """Advance a state in place from its time to the end of the observation's window while the ceiling follows the
+        path; the beam's range is taken anew in that window. phase: of the support's sine at time zero [rad].
 
-        The beam's range is taken anew from `begin` [s] on, where `samples` (6, n) begin too, at `rate` [Hz], 0: one a
-        period; `impacts` (capacity, 3) is filled. phase: of the support's sine at time zero [rad]. Raises
-        NumericalFailure.
+        Raises NumericalFailure.
         """
+        begin, end = observation.window
         rows = drive.harmonic_rows([(0.0, amplitude)], self.frequency, end)
         rows[:, columns.PHASE] += phase
         rows = drive.cut(drive.between(rows, state.time, end), [begin])
         state.restart_observation()
-        spacing = 1.0 / rate if rate > 0.0 else self.period
-        observation = Observation((begin, end), begin, spacing, samples, impacts)
         outcome = self._integration.advance(state, drive.with_ceiling(rows, path), observation)
         if outcome != Outcome.DONE:
             raise NumericalFailure(f"{outcome.sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")

@@ -4,7 +4,8 @@
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,10 @@ from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
-from atpid_common.nodes.leaving import Leaving
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_common.nodes.recorder_watch import RecorderWatch
+from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import StartedTwiceError, check_alone, is_alone
 from atpid_common.waiting import COMPILING, announced
 from atpid_sim.nodes.messages import handshake_truth, sample_block, truth_message
@@ -259,10 +259,7 @@ class PlantNode(Node):
         self._diagnostics.cancel()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the plant as a process of its own; return the exit status."""
-    return run_node(PlantNode, args)
-
+main = partial(run_node, PlantNode)
 
 if __name__ == "__main__":
     sys.exit(main())

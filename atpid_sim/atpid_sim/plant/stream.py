@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant as a stream of blocks: integer ticks, one block per call, sensors at rates of their own."""
+"""The plant as a stream of blocks: integer ticks, one block per call, sensors at rates of their own.
+
+A sensor adds white noise to an exact signal, and reads NaN outside its range.
+"""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -9,8 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from atpid_common.errors import InputError
-from atpid_sim.plant.instrument import Instrument, accelerometer_of, laser_of
 from atpid_sim.scene import Scene
+from atpid_sim.scene.sensors import Sensor
 from atpid_sim.system import Array
 
 #: No rate two sensors have in common may be faster than this [Hz]; beyond it the rates are simply incommensurable.
@@ -34,6 +37,44 @@ class PlantLike(Protocol):
     def advance(self, duration_ticks: int, rate: float, target: float, speed: float) -> Any:
         """Advance by ticks of 1/rate [s], the ceiling moving toward target [m] at speed [m/s]; return a PlantBlock."""
         ...
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """One simulated device: which channels it reads, every how many ticks, and with how much noise."""
+
+    device: str
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    sensor: Sensor
+    seed: int
+    number: int
+
+    def read(self, block: int, signals: Array) -> Array:
+        """Return the readings (n_scans, n_channels) [SI] of exact `signals` of the same shape, NaN where saturated.
+
+        Noise is seeded by scene, device, channel and block: a run repeats, whatever was read before.
+        """
+        readings = signals.copy()
+        for channel in range(len(self.channels)) if self.sensor.noise > 0.0 else ():
+            generator = np.random.default_rng([self.seed, self.number, channel, block])
+            readings[:, channel] += self.sensor.noise * generator.standard_normal(len(readings))
+        if self.sensor.saturation is not None:
+            low, high = self.sensor.saturation
+            readings[(readings < low) | (readings > high)] = np.nan
+        return readings
+
+
+def laser_of(scene: Scene) -> Instrument:
+    """Return the two laser channels: support and beam displacement [m]."""
+    channels = ("support_displacement", "beam_displacement")
+    return Instrument("laser", channels, ("m", "m"), scene.sensors.laser, scene.seed, 0)
+
+
+def accelerometer_of(scene: Scene) -> Instrument | None:
+    """Return the accelerometer on the beam [m/s^2], if the scene has one."""
+    sensor = scene.sensors.accelerometer
+    return Instrument("accelerometer", ("beam_acceleration",), ("m/s^2",), sensor, scene.seed, 1) if sensor else None
 
 
 @dataclass(frozen=True)

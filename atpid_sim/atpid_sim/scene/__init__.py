@@ -7,17 +7,6 @@ from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, Serie
 from atpid_sim.scene.scene import Scene, load_scene, scene_from_mapping, standard_bench
 
 __all__ = [
-    "ControlledCeiling",
-    "FixedCeiling",
-    "FreeExcitation",
-    "HarmonicExcitation",
-    "OpeningCeiling",
-    "ProfileCeiling",
-    "Scene",
-    "SceneError",
-    "SeriesExcitation",
-    "SweepExcitation",
-    "load_scene",
-    "scene_from_mapping",
-    "standard_bench",
-]
+    "ControlledCeiling", "FixedCeiling", "FreeExcitation", "HarmonicExcitation", "OpeningCeiling", "ProfileCeiling",
+    "Scene", "SceneError", "SeriesExcitation", "SweepExcitation", "load_scene", "scene_from_mapping", "standard_bench",
+]  # fmt: skip

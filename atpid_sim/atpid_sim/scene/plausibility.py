@@ -125,8 +125,6 @@ def _measurement(scene: SceneValues) -> Iterator[Quantity]:
         begin, end = scene.steady_window
         periods = (end - begin) * scene.frequency_hz
         yield Quantity("steady_window, in periods", periods, 2.0, math.inf, "", "amplitudes are taken in it")
-        yield Quantity(
-            "sensors.laser.rate, samples a period", laser.rate / scene.frequency_hz, 20.0, math.inf, ""
-        )  # fmt: skip
+        yield Quantity("sensors.laser.rate, samples a period", laser.rate / scene.frequency_hz, 20.0, math.inf, "")
     if amplitude > 0.0:
         yield Quantity("sensors.laser.noise over the amplitude", laser.noise / amplitude, 0.0, 0.2, "", _MILLIMETRES)

@@ -46,10 +46,8 @@ class Beam(Block):
             frequency = _number("frequency", own.pop("frequency"), 1e-6, 1e6)
             own["stiffness"] = (2.0 * math.pi * frequency) ** 2 * mass if _is_number(mass) else 1.0
         if "damping_ratio" in own:
-            ratio, stiffness = (
-                _number("damping_ratio", own.pop("damping_ratio"), 0.0, _MOST_DAMPED),
-                own.get("stiffness"),
-            )
+            ratio = _number("damping_ratio", own.pop("damping_ratio"), 0.0, _MOST_DAMPED)
+            stiffness = own.get("stiffness")
             product = mass * stiffness if _is_number(mass) and _is_number(stiffness) else 0.0
             own["damping"] = 2.0 * ratio * math.sqrt(max(product, 0.0))
         return own

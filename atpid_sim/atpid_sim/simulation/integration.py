@@ -2,7 +2,6 @@
 """From a scene to a run of the engine: one object for every caller."""
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -32,22 +31,6 @@ _STEPS_PER_CYCLE = 1_000
 #: Share of the static deflection, or of the grain's radius, below which a displacement is negligible.
 _NEGLIGIBLE = 1e-8
 
-_NO_SAMPLES = np.zeros((columns.SAMPLE_ROWS, 0))
-_NO_IMPACTS = np.zeros((0, columns.IMPACT_COLUMNS))
-
-
-class Observation(NamedTuple):
-    """What a run records; the arrays are filled in place."""
-
-    window: tuple[float, float] = (math.inf, math.inf)  # in which the range of the beam is taken: row ends [s]
-    first: float = 0.0  # instant of the first sample [s]
-    period: float = 1.0  # of the samples [s]
-    samples: Array = _NO_SAMPLES  # (SAMPLE_ROWS, n)
-    impacts: Array = _NO_IMPACTS  # (capacity, IMPACT_COLUMNS)
-
-
-NO_OBSERVATION = Observation()
-
 
 def sample_series(count: int) -> Array:
     """Return an empty series for `count` samples."""
@@ -59,24 +42,26 @@ def impact_log(capacity: int) -> Array:
     return np.zeros((capacity, columns.IMPACT_COLUMNS))
 
 
-@dataclass(frozen=True)
-class Run:
-    """A run that has reached its end: its first and last state, what was observed, and its energy ledger."""
+class Observation(NamedTuple):
+    """What a run records; the arrays are filled in place."""
 
-    first: State
+    window: tuple[float, float] = (math.inf, math.inf)  # in which the range of the beam is taken: row ends [s]
+    first: float = 0.0  # instant of the first sample [s]
+    period: float = 1.0  # of the samples [s]
+    samples: Array = sample_series(0)  # (SAMPLE_ROWS, n)
+    impacts: Array = impact_log(0)  # (capacity, IMPACT_COLUMNS)
+
+
+NO_OBSERVATION = Observation()
+
+
+class Run(NamedTuple):
+    """A run that has reached its end: its last state, what was observed, and its energy ledger."""
+
     last: State
-    observation: Observation
+    samples: Array  # those written (SAMPLE_ROWS, k)
+    impacts: Array  # those logged (k, IMPACT_COLUMNS)
     ledger: Ledger
-
-    @property
-    def samples(self) -> Array:
-        """The samples written (SAMPLE_ROWS, k)."""
-        return self.observation.samples[:, : self.last.n[columns.SAMPLE]]
-
-    @property
-    def impacts(self) -> Array:
-        """The impacts logged (k, IMPACT_COLUMNS)."""
-        return self.observation.impacts[: self.last.n[columns.IMPACTS]]
 
 
 class Integration:
@@ -177,7 +162,9 @@ class Integration:
                 f"{outcome.sentence} (at {state.time:.6f} s: beam {state.beam:.6g} m, "
                 f"grain {state.grain:.6g} m above its rest, {state.steps} steps)"
             )
-        return Run(first, state, observation, self.ledger(first, state, rows))
+        samples = observation.samples[:, : state.n[columns.SAMPLE]]
+        impacts = observation.impacts[: state.n[columns.IMPACTS]]
+        return Run(state, samples, impacts, self.ledger(first, state, rows))
 
     def ledger(self, first: State, last: State, table: Array) -> Ledger:
         """Return the energy ledger between two states of a run through `table`."""

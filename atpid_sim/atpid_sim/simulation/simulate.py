@@ -89,11 +89,7 @@ class Trajectory:
 
 
 def simulate(
-    scene: Scene,
-    fidelity: str = "auto",
-    rtol: float | None = None,
-    height: float | None = None,
-    check: bool = True,
+    scene: Scene, fidelity: str = "auto", rtol: float | None = None, height: float | None = None, check: bool = True
 ) -> Result:
     """Run a scene and return its result.
 

@@ -20,11 +20,6 @@ class Sweep(NamedTuple):
     wall_s: float
     residual: float  # largest, relative
 
-    @property
-    def rate(self) -> float:
-        """Return simulations a second."""
-        return len(self.heights) / self.wall_s
-
 
 def sweep(
     scene: Scene,

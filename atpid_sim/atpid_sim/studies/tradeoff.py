@@ -209,7 +209,7 @@ def _baseline(scene: Scene, method: str, tolerance: float, reference: Reference,
     while len(walls) < 5 and sum(walls) < 0.5:
         walls.append(run_baseline(scene, method, tolerance).wall_s)
     note = result.message or ("grain left the container" if result.escaped else "")
-    sound = len(result.times) > 1 and math.isfinite(result.amplitude)
+    sound = result.motion.shape[1] > 1 and math.isfinite(result.amplitude)
     error = _error_as_read(result, reference, converged) if sound else math.nan
     apart = _apart(result.beam_at(reference.times), reference) if sound else math.nan
     wall = statistics.median(walls)
@@ -222,8 +222,7 @@ def _error_as_read(result: BaselineResult, reference: Reference, converged: _Tim
     Between evenly spaced points a contact at the turn is interpolated over, which alone can cost 2e-6 of the amplitude:
     more than the error of many a baseline. So the converged run is sampled at the same points, and that error cancels.
     """
-    own = np.array([result.times, result.beam, result.beam_velocity, result.beam_acceleration])
-    times, *own_rows = own[:, :-1]  # the last may end a shorter step
+    times, *own_rows = result.motion[:, :-1]  # the last may end a shorter step
     if len(times) < 3 or not np.allclose(np.diff(times), times[1] - times[0], rtol=1e-6, atol=0.0):
         return abs(result.amplitude / reference.amplitude - 1.0)
     series = converged.run(times)[1]

@@ -95,7 +95,7 @@ def _embedded(tableau: Tableau, problem: Problem, rtol: float) -> Solution:
         longest = problem.period / POINTS if inside else math.inf
         kept = np.empty((_CAPACITY if inside else 0, 5))
         left = _COMPILED_LIMIT - solution.steps
-        h, tried, fill = adaptive_row(problem.packed(row), *tableau, rtol, _ABSOLUTE * rtol, longest, y, h, left, kept)
+        h, tried, fill = adaptive_row(problem.packed(row), tableau, rtol, _ABSOLUTE * rtol, longest, y, h, left, kept)
         solution.steps += tried
         solution.keep(problem, row, kept[:fill], inside)
         solution.check_grain(problem, row, float(row[columns.END] - row[columns.START]), y)

@@ -25,10 +25,7 @@ class BaselineResult:
     wall_s: float  # the integration alone, compiled; of the computing thread, so that other programs do not count
     steps: int
     evaluations: int  # of the right-hand side
-    times: Array  # (n,) rising, in the window [s]
-    beam: Array  # displacement (n,) [m]
-    beam_velocity: Array  # (n,) [m/s]
-    beam_acceleration: Array  # (n,) [m/s^2]
+    motion: Array  # in the window (4, n): time, rising [s], the beam's displacement [m], velocity, acceleration
     amplitude: float  # half peak-to-peak of the beam [m]
     energy_residual: float  # |gained - work done| over the support's work [-]
     escaped: bool  # whether the grain's centre was beyond a wall at a step
@@ -36,7 +33,7 @@ class BaselineResult:
 
     def beam_at(self, times: Array) -> Array:
         """Return the beam's displacement (k,) [m] at `times` (k,) [s] within the window."""
-        return between(times, self.times, self.beam, self.beam_velocity, self.beam_acceleration)
+        return between(times, *self.motion)
 
 
 def run_baseline(scene: Scene, method: str, tolerance: float) -> BaselineResult:
@@ -56,17 +53,14 @@ def run_baseline(scene: Scene, method: str, tolerance: float) -> BaselineResult:
     wall = time.thread_time() - begin
     every = np.vstack(solution.points) if solution.points else np.zeros((0, 5))
     _, first = np.unique(every[:, 0], return_index=True)
-    times, x, v, a, _ = every[first].T
-    amplitude = half_peak_to_peak(times, x, v, a) if len(times) > 1 and np.isfinite(x).all() else math.nan
+    motion = every[first].T[:4]
+    sound = motion.shape[1] > 1 and np.isfinite(motion[1]).all()
     return BaselineResult(
         wall_s=wall,
         steps=solution.steps,
         evaluations=solution.evaluations,
-        times=times,
-        beam=x,
-        beam_velocity=v,
-        beam_acceleration=a,
-        amplitude=amplitude,
+        motion=motion,
+        amplitude=half_peak_to_peak(*motion) if sound else math.nan,
         energy_residual=_residual(problem, solution.final),
         escaped=solution.escaped,
         message=solution.message,

@@ -68,8 +68,9 @@ def _slope(tau, y, q, k, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _attempt(tau, h, y, q, a, c, b, k, new):  # type: ignore[no-untyped-def]
+def _attempt(tau, h, y, q, pair, k, new):  # type: ignore[no-untyped-def]
     """Fill the slopes k (s, 6), k[0] given, and leave y + h b k in `new`."""
+    a, c, b = pair.stages, pair.nodes, pair.weights
     for i in range(1, b.shape[0]):
         for j in range(4):
             total = 0.0
@@ -99,34 +100,34 @@ def _error(h, y, new, k, d, rtol, atol):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def adaptive_row(q, a, c, b, d, order, rtol, atol, longest, y, h, budget, kept):  # type: ignore[no-untyped-def]
+def adaptive_row(q, pair, rtol, atol, longest, y, h, budget, kept):  # type: ignore[no-untyped-def]
     """Integrate y (6,) through the row packed in q (24,) with error control.
 
     Return (next step, steps tried, points kept).
 
-    The pair: stages a (s, s), nodes c, weights b, error weights d (s,), order. No step is longer than `longest` [s];
-    after `budget` steps it stops. Step ends go to `kept` (n, 5): t, x, v, acceleration, grain.
+    No step of the `pair`, a Tableau, is longer than `longest` [s]; after `budget` steps it stops. Step ends go to
+    `kept` (n, 5): t, x, v, acceleration, grain.
     """
-    k = np.zeros((b.shape[0], 6))
+    k = np.zeros((pair.weights.shape[0], 6))
     new = np.zeros(6)
     tau, length, tried = 0.0, q[END] - q[START], 0
     _slope(tau, y, q, k, 0)
-    fill = _keep(kept, 0, q[START], y, k)
+    fill = _keep(kept, 0, q[START], y[BEAM], y[BEAM_VELOCITY], k[0, BEAM_VELOCITY], y[GRAIN])
     while tau < length and tried < budget:
         h = min(h, longest)
         last = tau + h >= length * (1.0 - 1e-15)
         step = length - tau if last else h
-        _attempt(tau, step, y, q, a, c, b, k, new)
-        worst = _error(step, y, new, k, d, rtol, atol)
+        _attempt(tau, step, y, q, pair, k, new)
+        worst = _error(step, y, new, k, pair.error, rtol, atol)
         tried += 1
         if not worst <= 1.0:
-            h = step * (max(0.2, 0.9 * worst ** (-1.0 / order)) if math.isfinite(worst) else 0.2)
+            h = step * (max(0.2, 0.9 * worst ** (-1.0 / pair.order)) if math.isfinite(worst) else 0.2)
             continue
         tau = length if last else tau + step
         y[:] = new
         _slope(tau, y, q, k, 0)
-        fill = _keep(kept, fill, q[START] + tau, y, k)
-        grown = step * min(5.0, 0.9 * max(worst, 1e-10) ** (-1.0 / order))
+        fill = _keep(kept, fill, q[START] + tau, y[BEAM], y[BEAM_VELOCITY], k[0, BEAM_VELOCITY], y[GRAIN])
+        grown = step * min(5.0, 0.9 * max(worst, 1e-10) ** (-1.0 / pair.order))
         h = max(h, grown) if last else grown
     return h, tried, fill
 
@@ -148,9 +149,8 @@ def classical_row(q, step, y, stride, kept):  # type: ignore[no-untyped-def]
     for i in range(count):
         middle, end = drive_at((i + 0.5) * h, q), drive_at((i + 1) * h, q)
         a1, g1, i1, p1 = powers(x, v, z, w, start, q)
-        if i % stride == 0 and fill < kept.shape[0]:
-            kept[fill, 0], kept[fill, 1], kept[fill, 2], kept[fill, 3], kept[fill, 4] = q[START] + i * h, x, v, a1, z
-            fill += 1
+        if i % stride == 0:
+            fill = _keep(kept, fill, q[START] + i * h, x, v, a1, z)
         v2, w2 = v + 0.5 * h * a1, w + 0.5 * h * g1
         a2, g2, i2, p2 = powers(x + 0.5 * h * v, v2, z + 0.5 * h * w, w2, middle, q)
         v3, w3 = v + 0.5 * h * a2, w + 0.5 * h * g2
@@ -165,18 +165,14 @@ def classical_row(q, step, y, stride, kept):  # type: ignore[no-untyped-def]
         work += h * (p1 + 2.0 * (p2 + p3) + p4) / 6.0
         start = end
     y[BEAM], y[BEAM_VELOCITY], y[GRAIN], y[GRAIN_VELOCITY], y[INPUT], y[WORK] = x, v, z, w, given, work
-    if fill < kept.shape[0]:
-        a1, _g, _i, _p = powers(x, v, z, w, start, q)
-        kept[fill, 0], kept[fill, 1], kept[fill, 2], kept[fill, 3], kept[fill, 4] = q[END], x, v, a1, z
-        fill += 1
-    return count, fill
+    a1, _g, _i, _p = powers(x, v, z, w, start, q)
+    return count, _keep(kept, fill, q[END], x, v, a1, z)
 
 
 @kernel
-def _keep(kept, fill, t, y, k):  # type: ignore[no-untyped-def]
+def _keep(kept, fill, t, x, v, a, z):  # type: ignore[no-untyped-def]
     """Write time, x, v, acceleration and grain to row `fill` while there is space; return the next row."""
     if fill < kept.shape[0]:
-        x, v, z = y[BEAM], y[BEAM_VELOCITY], y[GRAIN]
-        kept[fill, 0], kept[fill, 1], kept[fill, 2], kept[fill, 3], kept[fill, 4] = t, x, v, k[0, BEAM_VELOCITY], z
+        kept[fill, 0], kept[fill, 1], kept[fill, 2], kept[fill, 3], kept[fill, 4] = t, x, v, a, z
         fill += 1
     return fill

@@ -4,6 +4,7 @@
 python -m atpid_sim.studies.figures.contact --out docs/figures
 """
 
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -156,10 +157,7 @@ def _stiffness_of_equal_depth(scene: Scene, mass: float) -> float:
     return float(mass * SPEED**2 / depth**2)
 
 
-def main() -> int:
-    """Run as a command."""
-    return figure_command("contact laws side by side", draw, restitution_table)
-
+main = partial(figure_command, "contact laws side by side", draw, restitution_table)
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -4,6 +4,7 @@
 python -m atpid_sim.studies.figures.free_decay --out docs/figures
 """
 
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -127,10 +128,7 @@ def _ratios(axes: Any) -> None:
     axes.legend(fontsize=8)
 
 
-def main() -> int:
-    """Run as a command."""
-    return figure_command("measured and computed free decays", draw, table)
-
+main = partial(figure_command, "measured and computed free decays", draw, table)
 
 if __name__ == "__main__":
     raise SystemExit(main())
