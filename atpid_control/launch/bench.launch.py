@@ -8,8 +8,7 @@ from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
 
 from atpid_control.launching.arguments import BENCH
-from atpid_control.launching.description import config, describe, text, texts
-from atpid_control.launching.supervision import node
+from atpid_control.launching.description import config, describe, node, text, texts
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -6,8 +6,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
 
 from atpid_control.launching.arguments import REPLAY
-from atpid_control.launching.description import ReplayParameters, describe
-from atpid_control.launching.supervision import node
+from atpid_control.launching.description import ReplayParameters, describe, node
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -9,8 +9,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
 from atpid_control.launching.arguments import STAND
-from atpid_control.launching.description import config, describe, text, texts
-from atpid_control.launching.supervision import node
+from atpid_control.launching.description import config, describe, node, text, texts
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -11,13 +11,12 @@ import yaml
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.run_info import SCENE, commit_of
-from atpid_control.graph.parts import PARTS, Parameters, Part, parameters_in
+from atpid_control.graph.parts import NODES, Parameters, Part, parameters_in
 
 PARAMETER_FILE = "parameters.yaml"
 #: There is no motor: the ceiling's state comes from the bag as well.
 PLAYED = ["sensors/*", "ceiling/state"]
-_NODES = {part.name: part for part in PARTS}
-IDENTIFIER, SELECTOR, RECORDER = (_NODES[f"{name}_node"] for name in ("identifier", "selector", "recorder"))
+IDENTIFIER, SELECTOR, RECORDER = (NODES[f"{name}_node"] for name in ("identifier", "selector", "recorder"))
 REPLAY = Part("atpid_control", "replay_node", "")
 #: Parameters that name a file, or how messages are queued; a replay sets them itself.
 OF_THE_RUN = ("scene", "map", "lockstep")

@@ -41,22 +41,6 @@ def node_class(package: str, name: str) -> type[Node]:
     return found
 
 
-def _without_events(node: Node) -> Callable[[], None]:
-    """Remove the node's QoS event handlers, half of the executor's work; return what restores them.
-
-    They would only log incompatible queues, which the handshake shows as well. Destroying a node needs them in place.
-    """
-    held = list(node.waitables)
-    for waitable in held:
-        node.remove_waitable(waitable)
-
-    def restore() -> None:
-        for waitable in held:
-            node.add_waitable(waitable)
-
-    return restore
-
-
 class Composition:
     """Nodes on one single-threaded executor in this process: fast, and the same every time; no signal handlers."""
 
@@ -74,7 +58,11 @@ class Composition:
                 overrides = [Parameter(key, value=value) for key, value in parameters[name].items()]
                 node = node_class(package, name)(parameter_overrides=overrides, **NODE_OPTIONS)
                 undo.callback(node.destroy_node)
-                undo.callback(_without_events(node))
+                # QoS event handlers are half of the executor's work, and would only log incompatible queues, which the
+                # handshake shows as well; destroying the node needs them in place
+                for waitable in list(node.waitables):
+                    node.remove_waitable(waitable)
+                    undo.callback(node.add_waitable, waitable)
                 close = getattr(node, "close", None)
                 if close is not None:
                     undo.callback(close)

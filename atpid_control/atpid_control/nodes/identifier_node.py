@@ -22,7 +22,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
-from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
@@ -76,7 +76,7 @@ class IdentifierNode(Node):
 
     def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:
         self.identifier.configure(settings[0])
-        self._rumble.configure(settings[1])
+        self._rumble.settings = settings[1]
         self._supervision.stale.timeout = settings[2]
 
     def _on_state(self, state: CeilingState) -> None:
@@ -146,12 +146,8 @@ class IdentifierNode(Node):
         return [self._progress.status(self, self.last_error)]
 
     def _check_alone(self) -> None:
-        try:
-            check_alone(self)
-        except StartedTwiceError as error:
-            self.get_logger().error(str(error))
-            if self._progress.blocks == 0 and not self.done.done():
-                self.done.set_result(BAD_INPUT)
+        if started_twice(self) and self._progress.blocks == 0 and not self.done.done():
+            self.done.set_result(BAD_INPUT)
 
     def close(self) -> None:
         """Stop the timers."""
