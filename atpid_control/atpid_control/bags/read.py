@@ -12,7 +12,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.run_info import RESULT, RUN, SCENE
+from atpid_control.bags.metadata import RESULT, RUN, SCENE
 from atpid_control.bags.verify import find_file, records
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import yaml
 
 from atpid_control.bags.errors import BagError, in_words
+from atpid_control.bags.metadata import SCENE, commit_of
 from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bags.run_info import SCENE, commit_of
 from atpid_control.graph.parts import NODES, Parameters, Part, parameters_in
 
 PARAMETER_FILE = "parameters.yaml"

@@ -41,12 +41,8 @@ def run(args: argparse.Namespace) -> int:
             print(note, file=sys.stderr)
         namespace = namespace_of(playback.bag)
         # in the order of stopping
-        ros = [
-            "--ros-args",
-            "--params-file",
-            str(files.parameters),
-            *(["-r", f"__ns:={namespace}"] if namespace else []),
-        ]
+        remap = ["-r", f"__ns:={namespace}"] if namespace else []
+        ros = ["--ros-args", "--params-file", str(files.parameters), *remap]
         commands = [(part.name, [str(part.executable), *ros]) for part in (REPLAY, IDENTIFIER, SELECTOR, RECORDER)]
         with own_domain(args.domain), stoppable(), shown(playback.seconds, bag.name) as progress:
             run_realtime(commands, out / "log", progress, source=REPLAY.name, namespace=namespace)
@@ -70,12 +66,13 @@ def _conclude(recorded: Bag, out: Path) -> int:
     return 0
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the executable `replay_files`; return its exit status.
+#: Of the executable `replay_files`.
+HELP = "Write what a replay is started with, for replay.launch.py and for other starters; print the parameter file."
 
-    It writes what a replay is started with, for replay.launch.py and other starters, and prints the parameter file.
-    """
-    parser = argparse.ArgumentParser(prog="replay_files", description="Write what a replay of a bag is started with.")
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the executable `replay_files`; return its exit status."""
+    parser = argparse.ArgumentParser(prog="replay_files", description=HELP)
     parser.add_argument("bag", type=Path, help="folder of the bag")
     parser.add_argument("--out", type=Path, required=True, help="folder for the files")
     parser.add_argument("--rate", type=rate, default=1.0, help="speed against the recording; 0: as fast as possible")

@@ -25,7 +25,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from atpid_common.errors import AtpidError
-from atpid_control.launching.arguments import START, Argument, ParameterFile, check, check_names, parameter_file
+from atpid_control.launching.arguments import START, Argument, check, check_names, parameter_file
 
 PACKAGE = "atpid_control"
 
@@ -65,9 +65,7 @@ class ReplayParameters(Substitution):
 
 
 def _declared(argument: Argument) -> DeclareLaunchArgument:
-    default: Any = argument.default
-    if isinstance(default, ParameterFile):
-        default = config(default.package, default.name)
+    default: Any = config("atpid_driver", argument.file) if argument.file else argument.default
     choices = list(argument.choices) or None
     return DeclareLaunchArgument(
         argument.name, default_value=default, description=argument.description, choices=choices
@@ -117,15 +115,20 @@ class NodeEndedError(AtpidError):
     """A node that ended with an exit status other than 0, or although the run had not ended."""
 
 
-class SupervisedNode(Node):
+class GraphNode(Node):
     """A node whose end ends the launch: well, if `ends_run` and its exit status is 0."""
 
-    def __init__(self, package: str, executable: str, *, ends_run: bool, ends_last: bool, **options: Any) -> None:
+    def __init__(
+        self, package: str, executable: str, *parameters: Any, ends_run: bool = False, ends_last: bool = False,
+        **options: Any,
+    ) -> None:  # fmt: skip
+        """Take parameter files and values; ends_run: the run ends with it; ends_last: stopped after the others."""
         self.label, self.ends_run, self.ends_last = executable, ends_run, ends_last
         super().__init__(
             package=package,
             executable=executable,
             exec_name=executable,
+            parameters=list(parameters),
             prefix=[StartPrefix(executable)],
             output="screen",
             on_exit=self._on_exit,
@@ -144,26 +147,16 @@ class NodeEnded(Event):
 
     name = "atpid_control.launching.NodeEnded"
 
-    def __init__(self, node: SupervisedNode, status: int) -> None:
+    def __init__(self, node: GraphNode, status: int) -> None:
         """Keep the node and its exit status (negative: the signal)."""
         self.node, self.status = node, status
 
 
-def node(
-    package: str, executable: str, parameters: Sequence[Any], *, ends_run: bool = False, ends_last: bool = False,
-    **options: Any,
-) -> SupervisedNode:  # fmt: skip
-    """Return a node of a launch. ends_run: its end is that of the run; ends_last: it is stopped after the others."""
-    return SupervisedNode(
-        package, executable, parameters=list(parameters), ends_run=ends_run, ends_last=ends_last, **options
-    )
-
-
 def supervision() -> LaunchDescription:
-    """Return the actions that judge the end of each `node`."""
+    """Return the actions that judge the end of each node."""
     supervisor = Supervisor()
     handlers = (
-        (lambda e: isinstance(e, ProcessStarted) and isinstance(e.action, SupervisedNode), supervisor.on_start),
+        (lambda e: isinstance(e, ProcessStarted) and isinstance(e.action, GraphNode), supervisor.on_start),
         (lambda e: isinstance(e, NodeEnded), supervisor.on_end),
     )
     return LaunchDescription([
@@ -176,12 +169,12 @@ class Supervisor:
     """Ends a launch when one of its nodes has ended; an exception is how `launch` ends with a status other than 0."""
 
     def __init__(self) -> None:
-        self._running: list[SupervisedNode] = []
+        self._running: list[GraphNode] = []
         self._outcome: NodeEndedError | str = ""  # why the launch ends; empty: it goes on
 
     def on_start(self, context: LaunchContext) -> list[EmitEvent]:
         """Take a node that has started; stop it where the launch is ending."""
-        started: SupervisedNode = context.locals.event.action
+        started: GraphNode = context.locals.event.action
         self._running.append(started)
         return self._stopped([started]) if self._outcome else []
 
@@ -201,7 +194,7 @@ class Supervisor:
             return self._concluded(shutdown=False)
         return [] if stopping else self._stopped(others)
 
-    def _stopped(self, nodes: Sequence[SupervisedNode]) -> list[EmitEvent]:
+    def _stopped(self, nodes: Sequence[GraphNode]) -> list[EmitEvent]:
         return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node))) for node in nodes]
 
     def _concluded(self, *, shutdown: bool) -> list[Any]:

@@ -4,9 +4,8 @@
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, get_type_hints
 
 from atpid_control import identification
 from atpid_control.loop.controller import ProfileController, SelectingController
@@ -80,6 +79,5 @@ def rumble_settings(value: Value) -> RumbleSettings:
 
 def _read(kind: Callable[..., S], value: Value, prefix: str = "", **given: Any) -> S:
     """Return the settings `kind`, each field that is not `given` read from the parameter of its name after `prefix`."""
-    types = {"int": int, "float": float}
-    named = {field.name: str(field.type) for field in fields(cast(Any, kind)) if field.name not in given}
-    return kind(**given, **{name: types[written](value(prefix + name)) for name, written in named.items()})
+    types = {name: found for name, found in get_type_hints(kind).items() if name not in given}
+    return kind(**given, **{name: found(value(prefix + name)) for name, found in types.items()})

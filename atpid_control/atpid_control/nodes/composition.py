@@ -20,10 +20,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
+from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
 from atpid_control.graph import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
+QUIET = ["--ros-args", "--disable-stdout-logs"]
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
 HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
@@ -50,7 +52,7 @@ class Composition:
         self.nodes: dict[str, Node] = {}
         with ExitStack() as undo:
             # one context for all: nodes use the default one unless another is given
-            rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(args=QUIET, signal_handler_options=SignalHandlerOptions.NO)
             undo.callback(rclpy.try_shutdown)
             self.executor = SingleThreadedExecutor()
             undo.callback(self.executor.shutdown)
@@ -166,13 +168,5 @@ class BenchWatch(Node):
 @contextmanager
 def watching(report: Callable[[str], None], namespace: str = "") -> Iterator[tuple[BenchWatch, Callable[[], None]]]:
     """Yield the watch and a function that spins it for up to a tenth of a second."""
-    rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        watch = BenchWatch(report, namespace=namespace)
-        executor = SingleThreadedExecutor()
-        executor.add_node(watch)
+    with command_node(lambda: BenchWatch(report, namespace=namespace), *QUIET) as (watch, executor):
         yield watch, lambda: executor.spin_once(timeout_sec=0.1)
-        executor.shutdown()
-        watch.destroy_node()
-    finally:
-        rclpy.try_shutdown()

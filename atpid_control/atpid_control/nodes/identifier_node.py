@@ -61,8 +61,9 @@ class IdentifierNode(Node):
     def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
         self._supervision = Supervision(
-            self, self._events.publish, self._statuses, timeout, enabled=not self.parameters["lockstep"]
-        )
+            self, self._events.publish, lambda: [self._progress.status(self, self.last_error)], timeout,
+            enabled=not self.parameters["lockstep"],
+        )  # fmt: skip
         self._supervision.stale.watch(LASER, "the excitation is not identified")
         self._supervision.follow_events()
         qos = self._supervision.qos
@@ -141,9 +142,6 @@ class IdentifierNode(Node):
             text = f"excitation is now {estimate.amplitude:.5f} m at {estimate.frequency:.3f} Hz"
             stamp = message.header.stamp
             self._events.publish(Event.INFO, Event.EXCITATION_CHANGED, text, estimate.amplitude, stamp)
-
-    def _statuses(self) -> list[DiagnosticStatus]:
-        return [self._progress.status(self, self.last_error)]
 
     def _check_alone(self) -> None:
         if started_twice(self) and self._progress.blocks == 0 and not self.done.done():

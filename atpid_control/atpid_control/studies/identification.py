@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.beam_calibration import fit_beam
+from atpid_control.beam_calibration.fit import fit_beam
 from atpid_control.identification import Estimate, Identifier, Settings
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine

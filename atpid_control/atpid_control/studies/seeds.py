@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.graph.parts import NODES
+from atpid_control.graph.parts import NODES, Parameters
 from atpid_control.loop.step_back import DECAY, DECAY_SPAN
 from atpid_control.report.stages import WINDOW, constant_intervals
 from atpid_control.selection.map_cache import amplitudes_of, map_for
@@ -66,9 +66,6 @@ def _longest(places: NDArray[np.intp]) -> int:
         return 0
     groups = np.split(places, np.flatnonzero(np.diff(places) > _BRIDGED + 1) + 1)
     return int(max(group[-1] - group[0] + 1 for group in groups))
-
-
-Parameters = dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
