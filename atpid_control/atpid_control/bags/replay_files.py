@@ -115,8 +115,7 @@ def parameters_kept(bag: Bag, node: str) -> dict[str, Any]:
 
 def differences(part: Part, kept: Mapping[str, Any]) -> list[str]:
     """Return, one parameter a line, where a replay cannot use what the bag keeps and what it uses instead."""
-    today = part.configured()
-    name = part.name
+    today, name = part.configured(), part.name
     if not kept:
         values = ", ".join(f"{key} {value}" for key, value in today.items())
         return [f"{name}: the bag keeps none of its parameters, those of {part.config} are used: {values}"]
