@@ -48,7 +48,7 @@ def older(bag: Path, folder: Path, change: Change = without_handshake, files: di
                 writer.register_channel(record.topic, "cdr", made[record.schema_id], described)
             elif isinstance(record, Message):
                 channel = channels[record.channel_id]
-                message = opened._decoder.decode(channel.schema_id, record.data)
+                message = opened.decoder.decode(channel.schema_id, record.data)
                 name = names[channel.schema_id]
                 data = store.serialize_cdr(_filled(store, name, message), name)
                 writer.add_message(record.channel_id, record.log_time, bytes(data), record.publish_time)

@@ -122,7 +122,7 @@ def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph: Start, 
     running, watch = graph(**SHORT)
     running.until(watch.settled)
     recorder = running.nodes["recorder_node"]
-    recorder._process.send_signal(signal.SIGKILL)
+    recorder.process.send_signal(signal.SIGKILL)
     # of the plant's: the nodes that then get no samples from it report that as well, on a busy machine before it
     running.until(lambda: any(event.header.frame_id == "plant_node" for event in watch.stale()))
     assert any("recorder" in event.text for event in watch.stale() if event.header.frame_id == "plant_node")

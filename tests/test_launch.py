@@ -134,7 +134,7 @@ def short_scene(tmp_path: Path, scenes: Path) -> Path:
 def test_what_a_launch_file_names_exists(name: str) -> None:
     """Nodes, parameter files and arguments: read from the file's text, so that it needs no `launch`."""
     calls = [item for item in ast.walk(ast.parse((FOLDER / f"{name}.launch.py").read_text())) if type(item) is ast.Call]
-    names = ("node", "config", "text", "texts", "LaunchConfiguration")
+    names = ("GraphNode", "config", "text", "texts", "LaunchConfiguration")
     named: dict[str, set[tuple[Any, ...]]] = {function: set() for function in names}
     for call in calls:
         function = getattr(call.func, "id", "")
@@ -142,8 +142,8 @@ def test_what_a_launch_file_names_exists(name: str) -> None:
             named[function].add(tuple(item.value for item in call.args if isinstance(item, ast.Constant)))
     installed = [(script.dist, script.name) for script in entry_points(group="console_scripts")]
     scripts = {(found.name.replace("-", "_"), script) for found, script in installed if found is not None}
-    assert named["node"]
-    assert named["node"] <= scripts
+    assert named["GraphNode"]
+    assert named["GraphNode"] <= scripts
     assert all((ROOT / package / "config" / file).is_file() for package, file in named["config"])
     used = {word for words in named["text"] | named["texts"] | named["LaunchConfiguration"] for word in words}
     if name == "replay":

@@ -157,7 +157,7 @@ def test_a_message_that_cannot_be_converted_is_refused_in_one_line(
 def test_everything_that_reads_bags_reads_older_ones(
     old: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from atpid_control.commands.recording import main as recording
+    from atpid_control.recording import main as recording
 
     assert verify(old).by_topic[BLOCKS] == 160
     assert recording(["extract", str(old), "--out", str(tmp_path / "kept")]) == 0

@@ -7,6 +7,6 @@ from atpid_common.interrupt import run_executable
 
 identifier_node = partial(run_executable, "atpid_control.nodes.identifier_node")
 recorder_node = partial(run_executable, "atpid_control.nodes.recorder_node")
-replay_files = partial(run_executable, "atpid_control.commands.replay_files")
+replay_files = partial(run_executable, "atpid_control.commands.replay")
 replay_node = partial(run_executable, "atpid_control.nodes.replay_node")
 selector_node = partial(run_executable, "atpid_control.nodes.selector_node")

@@ -8,8 +8,7 @@ from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
 
 from atpid_control.launching.arguments import BENCH
-from atpid_control.launching.description import config, describe, text, texts
-from atpid_control.launching.supervision import node
+from atpid_control.launching.description import GraphNode, config, describe, text, texts
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -19,9 +18,11 @@ def generate_launch_description() -> LaunchDescription:
     return describe(
         __file__,
         BENCH,
-        node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder], ends_last=True),
-        node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
-        node("atpid_control", "selector_node", [config("atpid_control", "selector.yaml"), selector]),
-        node("atpid_driver", "motor_node", [LaunchConfiguration("motor_config")]),
-        node("atpid_sim", "plant_node", [config("atpid_sim", "plant.yaml"), {"scene": text("scene")}], ends_run=True),
+        GraphNode("atpid_control", "recorder_node", config("atpid_control", "recorder.yaml"), recorder, ends_last=True),
+        GraphNode("atpid_control", "identifier_node", config("atpid_control", "identifier.yaml")),
+        GraphNode("atpid_control", "selector_node", config("atpid_control", "selector.yaml"), selector),
+        GraphNode("atpid_driver", "motor_node", LaunchConfiguration("motor_config")),
+        GraphNode(
+            "atpid_sim", "plant_node", config("atpid_sim", "plant.yaml"), {"scene": text("scene")}, ends_run=True
+        ),
     )

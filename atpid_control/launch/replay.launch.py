@@ -6,8 +6,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution
 
 from atpid_control.launching.arguments import REPLAY
-from atpid_control.launching.description import ReplayParameters, describe
-from atpid_control.launching.supervision import node
+from atpid_control.launching.description import GraphNode, ReplayParameters, describe
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -17,8 +16,8 @@ def generate_launch_description() -> LaunchDescription:
     return describe(
         __file__,
         REPLAY,
-        node("atpid_control", "identifier_node", [parameters]),
-        node("atpid_control", "selector_node", [parameters]),
-        node("atpid_control", "recorder_node", [parameters], condition=IfCondition(recorded), ends_last=True),
-        node("atpid_control", "replay_node", [parameters], ends_run=True),
+        GraphNode("atpid_control", "identifier_node", parameters),
+        GraphNode("atpid_control", "selector_node", parameters),
+        GraphNode("atpid_control", "recorder_node", parameters, condition=IfCondition(recorded), ends_last=True),
+        GraphNode("atpid_control", "replay_node", parameters, ends_run=True),
     )

@@ -9,8 +9,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
 from atpid_control.launching.arguments import STAND
-from atpid_control.launching.description import config, describe, text, texts
-from atpid_control.launching.supervision import node
+from atpid_control.launching.description import GraphNode, config, describe, text, texts
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -22,10 +21,10 @@ def generate_launch_description() -> LaunchDescription:
     return describe(
         __file__,
         STAND,
-        node("atpid_control", "recorder_node", [config("atpid_control", "recorder.yaml"), recorder], ends_last=True),
-        node("atpid_control", "identifier_node", [config("atpid_control", "identifier.yaml")]),
-        node("atpid_control", "selector_node", [config("atpid_control", "selector.yaml"), selector]),
-        node("atpid_driver", "motor_node", [LaunchConfiguration("motor_config")]),
-        node("atpid_driver", "labjack_node", [LaunchConfiguration("labjack_config")]),
-        node("atpid_driver", "ni_node", [LaunchConfiguration("ni_config")], condition=with_ni),
+        GraphNode("atpid_control", "recorder_node", config("atpid_control", "recorder.yaml"), recorder, ends_last=True),
+        GraphNode("atpid_control", "identifier_node", config("atpid_control", "identifier.yaml")),
+        GraphNode("atpid_control", "selector_node", config("atpid_control", "selector.yaml"), selector),
+        GraphNode("atpid_driver", "motor_node", LaunchConfiguration("motor_config")),
+        GraphNode("atpid_driver", "labjack_node", LaunchConfiguration("labjack_config")),
+        GraphNode("atpid_driver", "ni_node", LaunchConfiguration("ni_config"), condition=with_ni),
     )

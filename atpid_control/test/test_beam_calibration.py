@@ -10,16 +10,9 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from atpid_control.beam_calibration import (
-    BeamFit,
-    CalibrationError,
-    Recording,
-    fit_beam,
-    from_added_mass,
-    from_known_mass,
-    read_recording,
-)
-from atpid_control.beam_calibration.fit import forced, free_columns
+from atpid_control.beam_calibration.fit import BeamFit, fit_beam, forced, free_columns
+from atpid_control.beam_calibration.masses import from_added_mass, from_known_mass
+from atpid_control.beam_calibration.recording import CalibrationError, Recording, read_recording
 from atpid_control.commands import calibrate_beam as command
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.simulate import trajectory

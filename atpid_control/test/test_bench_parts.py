@@ -152,7 +152,7 @@ def test_a_node_that_ends_is_named_with_the_reason_and_the_others_are_stopped(tm
     ]
     said = r"motor_node ended with status 1: no such port "
     with Processes(commands, tmp_path) as nodes:
-        nodes["motor_node"].wait()
+        nodes["motor_node"].process.wait()
         with pytest.raises(NodeDiedError, match=said):
             nodes.check(except_for="plant")
     assert nodes["plant"].status is not None

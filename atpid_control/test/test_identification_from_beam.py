@@ -93,7 +93,7 @@ def test_two_support_amplitudes_for_one_response_are_a_wide_and_poor_answer() ->
             support = np.linspace(0.0, 0.1, 21)
             return support, support * (0.1 - support) * 40.0, np.full(21, 1e-4)
 
-    inverse = ModelInverse(ClosedBeam(0.362, 427.6, 0.56), CLOSED, Folded())
+    inverse = ModelInverse(ClosedBeam(0.362, 427.6, 0.56), CLOSED, Folded().at)
     beam_seen = Estimate(
         quality=Quality.STEADY, amplitude=0.08, amplitude_std=1e-4, frequency=1.0 / PERIOD, frequency_std=1e-3,
         phase=0.0, phase_std=0.01, window=2 * PERIOD, growth=0.0, growth_std=0.01, origin=Origin.BEAM,

@@ -15,7 +15,6 @@ from atpid_control.launching.arguments import (
     REPLAY,
     STAND,
     LaunchArgumentError,
-    ParameterFile,
     check,
     check_names,
 )
@@ -139,8 +138,8 @@ def test_each_argument_is_described_and_its_default_exists(name: str) -> None:
     assert len({argument.name for argument in FILES[name]}) == len(FILES[name])
     for argument in FILES[name]:
         assert argument.description
-        if isinstance(argument.default, ParameterFile):
-            assert (ROOT / argument.default.package / "config" / argument.default.name).is_file()
+        if argument.file:
+            assert (ROOT / "atpid_driver" / "config" / argument.file).is_file()
         elif argument.default:
             assert argument.check(argument.default) == argument.default
 

@@ -16,13 +16,13 @@ from recorded import SHORT, block, make, record
 from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
+from atpid_control import recording as command
 from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
 from atpid_control.bags.cdr import block_shape, event_kind, header, is_handshake, truth_shape
 from atpid_control.bags.definitions import message_type
 from atpid_control.bags.session import Continuity, StampOrder
 from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bags.writer import Sink
-from atpid_control.commands import recording as command
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 

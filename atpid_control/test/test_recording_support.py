@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from recorded import block
 
+from atpid_control import recording as command
 from atpid_control.bags import BagError, BagWriter, new_run
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.support import support_series
-from atpid_control.commands import recording as command
 from atpid_sim.scene import load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.integration import drive_table, undamped_amplitude

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from atpid_control.selection.direct import DirectSelector, Uncertainty
-from atpid_control.studies.selection import margin_curve, pca_errors
+from atpid_control.studies.figures_selection import margin_curve, pca_errors
 from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.scene import Scene, load_scene
 

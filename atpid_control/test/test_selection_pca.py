@@ -120,7 +120,7 @@ def test_the_criteria_know_the_optimal_motion() -> None:
     ceiling = np.array([[k + 0.52, -1.0, 3.0] for k in range(10)])
     impacts = np.concatenate([floor, ceiling])
     impacts = impacts[np.argsort(impacts[:, 0])]
-    assert judge(impacts, times, rates, 0.01, period).hold
+    assert not judge(impacts, times, rates, 0.01, period).broken
     assert judge(impacts, times, rates, 0.06, period).broken == ("4.5",)
     assert "4.3" in judge(impacts[:-6], times, rates, 0.01, period).broken
     assert "4.4" in judge(impacts + np.array([0.2, 0.0, 0.0]), times, rates, 0.01, period).broken

@@ -2,9 +2,8 @@
 """Bags that `ros2 bag` reads, without rosbag2: recorded, verified, repaired, read and prepared for a replay."""
 
 from atpid_control.bags.errors import BagError, TypeUnknownError
-from atpid_control.bags.metadata import Qos
+from atpid_control.bags.metadata import Qos, RunInfo, new_run
 from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bags.run_info import RunInfo, new_run
 from atpid_control.bags.verify import Verified, repair, verify
 from atpid_control.bags.writer import BagWriter, check_new
 

@@ -3,7 +3,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,16 +16,6 @@ _PRIMITIVES = {"bool", "byte", "char", "string", "wstring", "float32", "float64"
 }
 _FIELD = re.compile(r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?:\[(?:<=)?\d*\])?\s+\w+(?!\w|\s*=)")  # not a constant
 _HANDSHAKE = re.compile(r"^std_msgs/Header +header\b.*\nbool +handshake\b", re.MULTILINE)
-
-Share = Callable[[str], str | Path]
-
-
-def installed(package: str) -> str | Path:
-    """Return the share folder of an installed package; raise LookupError, or OSError where no workspace is sourced."""
-    # imported here: reading a bag needs neither ROS nor a workspace
-    from ament_index_python.packages import get_package_share_directory
-
-    return str(get_package_share_directory(package))
 
 
 @dataclass(frozen=True)
@@ -40,21 +30,21 @@ class MessageType:
 
 
 @cache
-def message_type(name: str, share: Share = installed) -> MessageType:
-    """Return the type `name` ("pkg/msg/Name") from `share(pkg)`/msg; raise TypeUnknownError where there is none."""
-    text = _text_of(name, share)
+def message_type(name: str) -> MessageType:
+    """Return the type `name` ("pkg/msg/Name") of an installed package; raise TypeUnknownError where there is none."""
+    text = _text_of(name)
     parts, seen, waiting = [text], {name}, list(_inside(name, text))
     while waiting:
         inner = waiting.pop(0)
         if inner in seen:
             continue
         seen.add(inner)
-        inner_text = _text_of(inner, share)
+        inner_text = _text_of(inner)
         parts += [_SEPARATOR, f"MSG: {inner.replace('/msg/', '/')}", inner_text]
         waiting += _inside(inner, inner_text)
     has_header = next(_inside(name, text, all_fields=True), "") == "std_msgs/msg/Header"
     has_handshake = has_header and _HANDSHAKE.search(text) is not None
-    described = json.loads(_file_of(name, ".json", share).read_text(encoding="utf-8"))
+    described = json.loads(_file_of(name, ".json").read_text(encoding="utf-8"))
     type_hash = next(str(entry["hash_string"]) for entry in described["type_hashes"] if entry["type_name"] == name)
     return MessageType(name, "\n".join(parts), type_hash, has_header, has_handshake)
 
@@ -69,10 +59,13 @@ def split_name(name: str) -> tuple[str, str]:
     return parts[0], parts[2]
 
 
-def _file_of(name: str, suffix: str, share: Share) -> Path:
+def _file_of(name: str, suffix: str) -> Path:
+    # imported here: reading a bag needs neither ROS nor a workspace
+    from ament_index_python.packages import get_package_share_directory
+
     package, message = split_name(name)
     try:
-        path = Path(share(package)) / "msg" / f"{message}{suffix}"
+        path = Path(get_package_share_directory(package)) / "msg" / f"{message}{suffix}"
     except (LookupError, OSError):
         raise TypeUnknownError(
             f"message type {name}: the package {package} is not in this shell: source its workspace"
@@ -84,8 +77,8 @@ def _file_of(name: str, suffix: str, share: Share) -> Path:
     return path
 
 
-def _text_of(name: str, share: Share) -> str:
-    return _file_of(name, ".msg", share).read_text(encoding="utf-8")
+def _text_of(name: str) -> str:
+    return _file_of(name, ".msg").read_text(encoding="utf-8")
 
 
 def _inside(name: str, text: str, all_fields: bool = False) -> Iterator[str]:

@@ -95,7 +95,7 @@ def _converter(bag: Bag, kind: str) -> Converter | None:
     if recorded == {message_type(kind).hash}:
         return None
     try:
-        converter = bag.converter(kind)
+        converter = Converter(kind, bag.decoder)
     except BagError as error:
         commit = bag.run.get("commit", "unknown")
         raise BagError(f"{bag.path}: {error}; replay it with the version that recorded it ({commit})") from None

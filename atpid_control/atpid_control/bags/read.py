@@ -10,9 +10,9 @@ from typing import Any
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from atpid_control.bags import metadata
-from atpid_control.bags.decode import Converter, Decoder
+from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.run_info import RESULT, RUN, SCENE
+from atpid_control.bags.metadata import RESULT, RUN, SCENE
 from atpid_control.bags.verify import find_file, records
 
 
@@ -38,7 +38,7 @@ class Bag:
     result: dict[str, str] = field(default_factory=dict)
     files: dict[str, bytes] = field(default_factory=dict)  # configuration, verbatim
     raw: list[Raw] = field(default_factory=list)
-    _decoder: Decoder = field(default_factory=Decoder)
+    decoder: Decoder = field(default_factory=Decoder)
     _schemas: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -48,11 +48,7 @@ class Bag:
 
     def decode(self, raw: Raw) -> Any:
         """Return the message: fields by name, number sequences as arrays. Raises BagError."""
-        return self._decoder.decode(self._schemas[raw.topic], raw.data)
-
-    def converter(self, kind: str) -> Converter:
-        """Return what converts decoded messages of the type `kind` to the definition installed. Raises BagError."""
-        return Converter(kind, self._decoder)
+        return self.decoder.decode(self._schemas[raw.topic], raw.data)
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Yield (log time [ns], message) of one topic; nothing where the bag does not have it."""
@@ -87,7 +83,7 @@ def open_bag(path: Path | str) -> Bag:
             topic = channels[record.channel_id].topic
             bag.raw.append(Raw(topic, record.log_time, record.publish_time, record.data))
         elif isinstance(record, Schema):
-            bag._decoder.add(record)
+            bag.decoder.add(record)
         elif isinstance(record, Channel) and record.id not in channels:
             channels[record.id] = record
         elif isinstance(record, Attachment):
@@ -100,6 +96,6 @@ def open_bag(path: Path | str) -> Bag:
             given = f"{file}: {channel.topic} is encoded as {channel.message_encoding!r}"
             raise BagError(f"{given}; allowed: cdr with its definition, as recorder_node writes it")
         bag._schemas[channel.topic] = channel.schema_id
-        bag.types[channel.topic] = bag._decoder.name(channel.schema_id)
+        bag.types[channel.topic] = bag.decoder.name(channel.schema_id)
         bag.hashes[channel.topic] = channel.metadata.get("topic_type_hash", "")
     return bag

@@ -9,15 +9,14 @@ from typing import Any
 import yaml
 
 from atpid_control.bags.errors import BagError, in_words
+from atpid_control.bags.metadata import SCENE, commit_of
 from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bags.run_info import SCENE, commit_of
-from atpid_control.graph.parts import PARTS, Parameters, Part, parameters_in, write_parameters
+from atpid_control.graph.parts import NODES, Parameters, Part, parameters_in, write_parameters
 
 PARAMETER_FILE = "parameters.yaml"
 #: There is no motor: the ceiling's state comes from the bag as well.
 PLAYED = ["sensors/*", "ceiling/state"]
-_NODES = {part.name: part for part in PARTS}
-IDENTIFIER, SELECTOR, RECORDER = (_NODES[f"{name}_node"] for name in ("identifier", "selector", "recorder"))
+IDENTIFIER, SELECTOR, RECORDER = (NODES[f"{name}_node"] for name in ("identifier", "selector", "recorder"))
 REPLAY = Part("atpid_control", "replay_node", "")
 #: Parameters that name a file, or how messages are queued; a replay sets them itself.
 OF_THE_RUN = ("scene", "map", "lockstep")
@@ -115,8 +114,7 @@ def parameters_kept(bag: Bag, node: str) -> dict[str, Any]:
 
 def differences(part: Part, kept: Mapping[str, Any]) -> list[str]:
     """Return, one parameter a line, where a replay cannot use what the bag keeps and what it uses instead."""
-    today = part.configured()
-    name = part.name
+    today, name = part.configured(), part.name
     if not kept:
         values = ", ".join(f"{key} {value}" for key, value in today.items())
         return [f"{name}: the bag keeps none of its parameters, those of {part.config} are used: {values}"]

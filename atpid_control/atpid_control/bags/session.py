@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from atpid_control.bags import cdr
 from atpid_control.bags.errors import BagError, MessageError
-from atpid_control.bags.metadata import Qos
-from atpid_control.bags.run_info import RunInfo
+from atpid_control.bags.metadata import Qos, RunInfo
 from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
 from atpid_control.bags.writer import CHUNK, BagWriter
 

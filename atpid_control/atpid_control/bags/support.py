@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.read import Bag
+from atpid_sim.system import Array
 
 #: Channel with the support's displacement, and the columns written: those a scene takes.
 CHANNEL, COLUMNS = "support_displacement", ("time", "support_displacement")
 FILE_NAME = "support.csv"
-
-Array = NDArray[np.float64]
 
 
 def support_series(bag: Bag, begin: float = 0.0, end: float = math.inf) -> tuple[Array, Array]:

@@ -20,8 +20,7 @@ from zstandard import ZstdError
 from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError, in_words
-from atpid_control.bags.metadata import BagSummary, TopicSummary
-from atpid_control.bags.run_info import RESULT, RUN
+from atpid_control.bags.metadata import RESULT, RUN, BagSummary, TopicSummary
 from atpid_control.bags.writer import CHUNK, LIBRARY
 
 _MAGIC = b"\x89MCAP0\r\n"

@@ -13,8 +13,7 @@ from mcap.writer import CompressionType, Writer
 from atpid_control.bags import metadata
 from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError, in_words
-from atpid_control.bags.metadata import BagSummary, Qos, TopicSummary
-from atpid_control.bags.run_info import RESULT, RUN, RunInfo
+from atpid_control.bags.metadata import RESULT, RUN, BagSummary, Qos, RunInfo, TopicSummary
 
 #: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.03 s of 1 kHz samples sent one by one.
 CHUNK = 16_384
@@ -117,10 +116,7 @@ class BagWriter:
         """Add the topic `name` of message type `type_name`, offered with `qos`. Raises TypeUnknownError, BagError."""
         described = message_type(type_name)
         profiles = [profile.mapping() for profile in qos]
-        own = {
-            "offered_qos_profiles": yaml.safe_dump(profiles, sort_keys=False),
-            "topic_type_hash": described.hash,
-        }
+        own = {"offered_qos_profiles": yaml.safe_dump(profiles, sort_keys=False), "topic_type_hash": described.hash}
         with self._writing():  # a chunk that is full is written now
             if type_name not in self._types:
                 schema = self._writer.register_schema(type_name, "ros2msg", described.definition.encode())

@@ -14,8 +14,7 @@ from scipy.signal import lfilter
 
 from atpid_control.beam_calibration.recording import CalibrationError
 from atpid_control.identification.window import seed_frequency
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 def free_columns(count: int, step: float, stiffness: float, damping: float) -> Array:

@@ -9,17 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
 from atpid_control.bags.read import open_bag
+from atpid_sim.system import Array
 
 
 class CalibrationError(InputError):
     """A recording that does not determine the beam's parameters, or impossible masses."""
 
-
-Array = NDArray[np.float64]
 
 #: Sampling instants of a table may be off the even grid by this share of a step.
 UNEVEN = 0.05

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from atpid_control.graph import BenchError
-from atpid_control.graph.parts import PARTS, Parameters, Part, ceiling_parameters, parameters_for
+from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, Parameters, Part, ceiling_parameters, parameters_for
 from atpid_sim.scene import ControlledCeiling, Scene
 
 Commands = list[tuple[str, list[str]]]
@@ -20,9 +20,7 @@ Commands = list[tuple[str, list[str]]]
 #: The plant's lasers under another name: the identifier's blocks come from the device, never from the plant.
 _BEHIND = "emulated/sensors/laser"
 _CALIBRATIONS = ("emulated_support.yaml", "emulated_beam.yaml")
-_LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
 _FEED = Part("atpid_driver", "feed_node", "labjack.yaml")
-_SERIAL = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 
 
 def missing_tools() -> tuple[str, ...]:
@@ -44,7 +42,7 @@ def parameters_emulated(
     if not isinstance(scene.ceiling, ControlledCeiling):
         raise BenchError("the emulated stand moves the ceiling by its motor: the scene's ceiling needs a controller")
     parameters = parameters_for(scene, scene_file, height_map, bag, lockstep=False)
-    motor = _SERIAL.configured()
+    motor = SERIAL_MOTOR.configured()
     ceiling = ceiling_parameters(scene)
     if abs(ceiling["speed"] - motor["speed"]) > 1e-9:
         raise BenchError(
@@ -56,7 +54,7 @@ def parameters_emulated(
     rate = scene.sensors.laser.rate
     sampled = {"rate": rate, "calibrations": list(_CALIBRATIONS)}
     blocks = {"blocks_per_second": 1.0 / scene.recording.block}
-    parameters["labjack_node"] = _LABJACK.configured() | sampled | blocks
+    parameters["labjack_node"] = LABJACK.configured() | sampled | blocks
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
     return parameters
 
@@ -64,20 +62,19 @@ def parameters_emulated(
 def commands_emulated(parameter_file: Path, place: Path, *, board: bool) -> Commands:
     """Return (name, command) of every process, in the order of stopping: sources first, the board last."""
     ros = ["--ros-args", "--params-file", str(parameter_file)]
-    usual = {part.name: part for part in PARTS}
 
     def node(part: Part, *more: str) -> tuple[str, list[str]]:
         return part.name, [str(part.executable), *ros, *more]
 
-    name, labjack = node(_LABJACK)
+    name, labjack = node(LABJACK)
     commands = [
-        node(usual["plant_node"], "-r", f"sensors/laser:={_BEHIND}"),
+        node(NODES["plant_node"], "-r", f"sensors/laser:={_BEHIND}"),
         (name, ["env", *_device_environment(place), *labjack]),
         node(_FEED),
-        node(usual["identifier_node"]),
-        node(usual["selector_node"]),
-        node(usual["motor_node"]),
-        node(usual["recorder_node"]),
+        node(NODES["identifier_node"]),
+        node(NODES["selector_node"]),
+        node(NODES["motor_node"]),
+        node(NODES["recorder_node"]),
     ]
     emulator = [sys.executable, "-m", "atpid_driver.emulator", "run", "--link", str(place / "board")]
     return [*commands, ("emulator", emulator)] if board else commands

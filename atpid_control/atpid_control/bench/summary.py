@@ -5,7 +5,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise, zip_longest
+from itertools import chain, pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -59,16 +59,19 @@ def _answered(bag: Bag) -> Iterator[tuple[float, float, float, float]]:
         {stamp_of(message): received for received, message in bag.of_kind(kind)}  # when each was recorded [ns]
         for kind in ("Excitation", "CeilingCommand")
     )
-    for topic in bag.topics_of("SampleBlock"):
-        if not topic.endswith("laser"):
-            continue
-        for block_ns, block in bag.messages(topic):
-            scans = len(block.data) // max(1, len(block.channels))
-            end = last_stamp_ns(stamp_of(block), int(block.first_index), scans, float(block.rate))
-            if end in estimates and end in commands:
-                times = (end, block_ns, estimates[end], commands[end])
-                first, second, third = ((after - before) * 1e-9 for before, after in pairwise(times))
-                yield first, second, third, (times[-1] - end) * 1e-9
+    for block_ns, block in _laser_blocks(bag):
+        scans = len(block.data) // max(1, len(block.channels))
+        end = last_stamp_ns(stamp_of(block), int(block.first_index), scans, float(block.rate))
+        if end in estimates and end in commands:
+            times = (end, block_ns, estimates[end], commands[end])
+            first, second, third = ((after - before) * 1e-9 for before, after in pairwise(times))
+            yield first, second, third, (times[-1] - end) * 1e-9
+
+
+def _laser_blocks(bag: Bag) -> Iterator[tuple[int, Any]]:
+    """Yield (log time [ns], block) of the laser."""
+    lasers = (topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser"))
+    return chain.from_iterable(map(bag.messages, lasers))
 
 
 def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
@@ -137,8 +140,7 @@ def unanswered_blocks(bag: Bag) -> int:
     """
     finished = (received for received, event in bag.of_kind("Event") if event.kind == "finished")
     end = min(finished, default=2**63)
-    lasers = [topic for topic in bag.topics_of("SampleBlock") if topic.endswith("laser")]
-    blocks = sum(1 for topic in lasers for received, _ in bag.messages(topic) if received <= end)
+    blocks = sum(1 for received, _ in _laser_blocks(bag) if received <= end)
     answers = (len({stamp_of(m) for _, m in bag.of_kind(kind)}) for kind in ("Excitation", "CeilingCommand"))
     return max(0, blocks - min(answers))
 

@@ -6,23 +6,32 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from atpid_common.output import writing
+from atpid_common.waiting import COMPILING, announced
 from atpid_control.bench import outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
-from atpid_control.bench.rehearsal import rehearse
 from atpid_control.bench.running import commands_of, run_lockstep, run_realtime, shown
 from atpid_control.graph.domain import named_domain, own_domain
 from atpid_control.graph.parts import Parameters, parameters_for, write_parameters
 from atpid_control.graph.processes import stoppable
+from atpid_control.identification import Identifier
+from atpid_control.loop.settings import identification_settings
 from atpid_control.selection import make_selector
 from atpid_control.selection.map_cache import map_for
 from atpid_sim.display import working
+from atpid_sim.plant.plant import Plant
+from atpid_sim.plant.stream import Stream
 from atpid_sim.scene import ControlledCeiling, Scene, load_scene
+
+#: The tone of the warm-up: rate [Hz], samples a block, blocks.
+_RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,7 +87,7 @@ def _run_nodes(
     parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
     with writing(parameter_file):
         write_parameters(parameters, parameter_file)
-    rehearse(scene, parameters["identifier_node"])
+    _rehearse(scene, parameters["identifier_node"])
     os.environ["ROS_LOG_DIR"] = str(out / "log")
     paced = args.real_time or args.emulated_stand
     chosen_domain = named_domain() if paced and args.domain is None else args.domain
@@ -91,6 +100,31 @@ def _run_nodes(
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(stopped(out / "bag")) from None
+
+
+def _rehearse(scene: Scene, identifier: Mapping[str, Any]) -> None:
+    """Compile what the graph needs, or load it, before it starts: on a fresh machine that takes long.
+
+    One block of the scene's plant is computed, and a made-up tone identified with the identifier's parameters. In real
+    time every node then finds it in the compiler's cache.
+    """
+    console = Console(stderr=True)
+    with console.status(COMPILING) if console.is_terminal else announced(COMPILING):
+        Stream(scene, Plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
+        _identify(scene.frequency_hz, identifier)
+
+
+def _identify(frequency: float, parameters: Mapping[str, Any]) -> None:
+    """Feed a tone that changes, with noise, hum and a gap, so that every path of the identification is taken."""
+    trial = Identifier(identification_settings(parameters.__getitem__))
+    time = np.arange(_BLOCK * _BLOCKS) / _RATE
+    tone = np.where(time < 1.5, 1.0, 1.5) * np.sin(2.0 * np.pi * frequency * time)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(time))
+    signal = tone + noise + np.where(time < 2.0, 0.0, 0.05 * np.sin(100.0 * np.pi * time))
+    signal[1100:1103] = np.nan
+    for first in range(0, len(time), _BLOCK):
+        samples = signal[first : first + _BLOCK]
+        trial.push(first, _RATE, samples, samples, float(time[first + _BLOCK - 1]))
 
 
 def stopped(bag: Path) -> str:

@@ -3,16 +3,18 @@
 
 import argparse
 import json
+import math
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from atpid_common.cli import guarded
 from atpid_control.bags.playback import compare, load_playback
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.replay_files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
 from atpid_control.bench import outdir
 from atpid_control.bench.running import run_realtime, shown
-from atpid_control.commands.replay_files import add_files, rate
 from atpid_control.graph.domain import own_domain
 from atpid_control.graph.processes import stoppable
 
@@ -39,12 +41,8 @@ def run(args: argparse.Namespace) -> int:
             print(note, file=sys.stderr)
         namespace = namespace_of(playback.bag)
         # in the order of stopping
-        ros = [
-            "--ros-args",
-            "--params-file",
-            str(files.parameters),
-            *(["-r", f"__ns:={namespace}"] if namespace else []),
-        ]
+        remap = ["-r", f"__ns:={namespace}"] if namespace else []
+        ros = ["--ros-args", "--params-file", str(files.parameters), *remap]
         commands = [(part.name, [str(part.executable), *ros]) for part in (REPLAY, IDENTIFIER, SELECTOR, RECORDER)]
         with own_domain(args.domain), stoppable(), shown(playback.seconds, bag.name) as progress:
             run_realtime(commands, out / "log", progress, source=REPLAY.name, namespace=namespace)
@@ -66,3 +64,46 @@ def _conclude(recorded: Bag, out: Path) -> int:
         print(agreement)
     print(f"bag {out / 'bag'}")
     return 0
+
+
+#: Of the executable `replay_files`.
+HELP = "Write what a replay is started with, for replay.launch.py and for other starters; print the parameter file."
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the executable `replay_files`; return its exit status."""
+    parser = argparse.ArgumentParser(prog="replay_files", description=HELP)
+    parser.add_argument("bag", type=Path, help="folder of the bag")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the files")
+    parser.add_argument("--rate", type=rate, default=1.0, help="speed against the recording; 0: as fast as possible")
+    parser.add_argument("--record", type=Path, help="bag to make of the replay; not given: none")
+    add_files(parser)
+
+    def run() -> int:
+        given = parser.parse_args(argv)
+        files = write_replay_files(
+            given.bag, given.out, rate=given.rate, record=given.record, scene=given.scene, height_map=given.map
+        )
+        for note in files.notes:
+            print(note, file=sys.stderr)
+        print(files.parameters)
+        return 0
+
+    return guarded(run)
+
+
+def add_files(parser: argparse.ArgumentParser) -> None:
+    """Declare the files that may take the place of those kept in the bag."""
+    parser.add_argument("--scene", type=Path, help="scene to use in place of the one kept in the bag")
+    parser.add_argument("--map", type=Path, help="height map to use in place of the one kept in the bag")
+
+
+def rate(text: str) -> float:
+    """Return a speed against the recording [-]; raise argparse's error where it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value <= 1000.0:
+        raise argparse.ArgumentTypeError(f"given {text}; allowed: 0 to 1000")
+    return value

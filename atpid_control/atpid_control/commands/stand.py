@@ -12,15 +12,12 @@ import yaml
 
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
-from atpid_control.graph.parts import PARTS, Part
+from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, Part
 from atpid_control.graph.processes import Processes, stoppable
 from atpid_sim.scene import load_scene
 
 TURN = 0.1  # between two checks whether all nodes run [s]
-_USUAL = {part.name: part for part in PARTS}
-_LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
 _NI = Part("atpid_driver", "ni_node", "ni.yaml")
-_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", type=Path, help="height map; not given: the one the scene names")
     parser.add_argument("--bag", type=Path, help="folder of the bag to make; not given: run-<id> in this folder")
     parser.add_argument("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
-    for name, file in (("labjack", _LABJACK), ("ni", _NI), ("motor", _MOTOR)):
+    for name, file in (("labjack", LABJACK), ("ni", _NI), ("motor", SERIAL_MOTOR)):
         text = f"parameter file of {file.name}; not given: {file.config} of the package"
         parser.add_argument(f"--{name}-config", type=Path, metavar="FILE", help=text)
 
@@ -58,12 +55,12 @@ def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[
     """Return (name, command) of each node, in the order of stopping: the motor first, the recorder last."""
     scene = {"scene": str(args.scene.absolute())}
     nodes: list[tuple[Part, Path | None, dict[str, Any]]] = [
-        (_MOTOR, args.motor_config, {}),
-        (_LABJACK, args.labjack_config, {}),
+        (SERIAL_MOTOR, args.motor_config, {}),
+        (LABJACK, args.labjack_config, {}),
         *([(_NI, args.ni_config, {})] if args.ni else []),
-        (_USUAL["identifier_node"], None, {}),
-        (_USUAL["selector_node"], None, scene | {"map": str(args.map.absolute()) if args.map else ""}),
-        (_USUAL["recorder_node"], None, scene | {"bag": str(args.bag.absolute()) if args.bag else ""}),
+        (NODES["identifier_node"], None, {}),
+        (NODES["selector_node"], None, scene | {"map": str(args.map.absolute()) if args.map else ""}),
+        (NODES["recorder_node"], None, scene | {"bag": str(args.bag.absolute()) if args.bag else ""}),
     ]
     return [(part.name, _command(part, file, own, folder)) for part, file, own in nodes]
 

@@ -58,6 +58,10 @@ PARTS = (
     Part("atpid_driver", "motor_node", "motor.yaml"),
     Part("atpid_control", "recorder_node", "recorder.yaml"),
 )
+NODES = {part.name: part for part in PARTS}
+#: Those of the stand.
+LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
+SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
 
 
 def parameters_in(document: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -37,7 +37,7 @@ class NodeProcess:
         with ExitStack() as stack:
             sink = stack.enter_context(log.open("wb")) if log else None
             try:
-                self._process = subprocess.Popen(
+                self.process = subprocess.Popen(
                     [*(START_NODE if name.endswith("_node") else _START), *command],
                     stdin=subprocess.DEVNULL,
                     stdout=sink,
@@ -49,18 +49,9 @@ class NodeProcess:
                 raise BenchError(f"{name}: {command[0]} cannot be started: {error.strerror}; `make setup`") from None
 
     @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._process.pid
-
-    @property
     def status(self) -> int | None:
         """Exit status; None while it runs."""
-        return self._process.poll()
-
-    def wait(self) -> int:
-        """Wait until it has ended; return its exit status."""
-        return self._process.wait()
+        return self.process.poll()
 
     def reason(self) -> str:
         """Return why it ended: the error in its log or, where there is none, its last lines as one."""
@@ -75,9 +66,9 @@ class NodeProcess:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             if self.status is not None:
                 return
-            self._process.send_signal(number)
+            self.process.send_signal(number)
             with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_TIMEOUT)
+                self.process.wait(_TIMEOUT)
 
 
 class Processes:

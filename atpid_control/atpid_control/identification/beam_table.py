@@ -4,15 +4,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.window import seed_frequency
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import trajectory
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Heights are tabulated this finely: the ceiling is not positioned better [m].
 HEIGHT_STEP = 0.005
@@ -26,10 +24,9 @@ POINTS = 40
 class SimulatedRelation:
     """Simulates the standing ceiling at the nearest tabulated height, over the thesis's support amplitudes."""
 
-    def __init__(self, scene: Scene, amplitudes: Array | None = None) -> None:
-        """Take the scene's beam, damper and frequency; `amplitudes` (n,) [m] replaces the table's own."""
-        self._scene = scene
-        self._amplitudes = np.geomspace(0.002, 0.08, POINTS) if amplitudes is None else amplitudes
+    def __init__(self, scene: Scene) -> None:
+        """Take the scene's beam, damper and frequency."""
+        self._scene, self._amplitudes = scene, np.geomspace(0.002, 0.08, POINTS)
         self._tables: dict[int, tuple[Array, Array, Array]] = {}
 
     def at(self, height: float) -> tuple[Array, Array, Array]:

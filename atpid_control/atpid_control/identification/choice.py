@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
 from atpid_control.identification.linear import compiled, dot, explained, factor, gram, project
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 #: A sample this many robust standard deviations off the fit is a spike, and left out.

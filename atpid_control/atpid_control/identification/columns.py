@@ -5,11 +5,9 @@ The four of IEEE 1057 always take part. The others come in groups, and only wher
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification.linear import compiled
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 COSINE, SINE, ONE, PHASE_RATE = 0, 1, 2, 3
 BASE = 4

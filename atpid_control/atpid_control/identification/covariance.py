@@ -2,14 +2,11 @@
 """From the converged fit to the estimate: amplitude, phase and their standard deviations, residual, harmonics."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
-from atpid_control.identification.choice import chosen_columns, residual_of
+from atpid_control.identification.choice import Flags, chosen_columns, residual_of
 from atpid_control.identification.linear import compiled, dot, factor, gram, inverse_corner, project, substitute
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from atpid_sim.system import Array
 
 OK, AMPLITUDE, A_STD, OMEGA, O_STD, PHASE, P_STD = 0, 1, 2, 3, 4, 5, 6
 OFFSET, RESIDUAL, CONTENT, SLOPE, SLOPE_STD, USED, CHANGE = 7, 8, 9, 10, 11, 12, 13

@@ -12,20 +12,18 @@ from __future__ import annotations
 import cmath
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification.estimate import Estimate, Quality
 from atpid_sim.scene import Scene
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Up to this gap, as a share of the beam's amplitude, the damper counts as closed.
 CLOSED_GAP = 0.02
-#: Standard deviation of stiffness and damping where none is given: a calibrated beam's, with a margin [-].
+#: Relative standard deviations of stiffness and damping: a calibrated beam's, with a margin [-].
 MODEL_ERROR = (0.005, 0.05)
 #: Estimates agree within this many standard deviations.
 AGREE = 3.0
@@ -33,12 +31,8 @@ AGREE = 3.0
 REGULAR = 0.02
 
 
-class AmplitudeRelation(Protocol):
-    """The beam's steady amplitude as a function of the support's, at a height of the open damper."""
-
-    def at(self, height: float) -> tuple[Array, Array, Array]:
-        """Return support amplitudes (n,), the beam's (n,) and the beam's spread (n,) [m] at `height` [m]."""
-        ...
+#: From the height of the open damper [m] to support amplitudes, the beam's steady ones and their spread, each (n,) [m].
+AmplitudeRelation = Callable[[float], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -61,24 +55,18 @@ class ClosedBeam:
 class ModelInverse:
     """From the beam's motion to the support's, by the model at the present height."""
 
-    def __init__(
-        self, beam: ClosedBeam, closed_height: float, relation: AmplitudeRelation,
-        model_error: tuple[float, float] = MODEL_ERROR,
-    ) -> None:  # fmt: skip
-        """Take the closed beam, the height at which the damper is closed [m], and the relation where it is open.
-
-        `model_error`: relative standard deviations of stiffness and damping [-].
-        """
-        self._beam, self._closed, self._relation, self._error = beam, closed_height, relation, model_error
+    def __init__(self, beam: ClosedBeam, closed_height: float, relation: AmplitudeRelation) -> None:
+        """Take the closed beam, the height at which the damper is closed [m], and the relation where it is open."""
+        self._beam, self._closed, self._relation = beam, closed_height, relation
         self._past: deque[tuple[float, float, float]] = deque()  # time, amplitude, its std by chance
 
     @classmethod
-    def of_scene(cls, scene: Scene, model_error: tuple[float, float] = MODEL_ERROR) -> ModelInverse:
+    def of_scene(cls, scene: Scene) -> ModelInverse:
         """Return the inverse for a scene's beam and damper; the open damper's table is simulated when first needed."""
         from atpid_control.identification.beam_table import SimulatedRelation
 
         beam = ClosedBeam(scene.total_mass, scene.beam.stiffness, scene.beam.damping)
-        return cls(beam, 2.0 * scene.grain.radius, SimulatedRelation(scene), model_error)
+        return cls(beam, 2.0 * scene.grain.radius, SimulatedRelation(scene).at)
 
     def support_of(self, beam: Estimate, height: float) -> Estimate:
         """Return the support's estimate for the beam's estimate `beam` and the ceiling at `height` [m].
@@ -117,7 +105,7 @@ class ModelInverse:
         def off(*cases: tuple[ClosedBeam, float, float]) -> float:
             return max(abs(abs(model.inverse(at, rate)) / gain - 1.0) for model, at, rate in cases)
 
-        closed, (stiffness, damping) = self._beam, self._error
+        closed, (stiffness, damping) = self._beam, MODEL_ERROR
         chance = math.hypot(
             beam.amplitude_std / beam.amplitude,
             off((closed, omega + omega_std, growth), (closed, omega - omega_std, growth)),
@@ -144,7 +132,7 @@ class ModelInverse:
         return Quality.STEADY if whole and same else Quality.TRANSIENT
 
     def _through_relation(self, beam: Estimate, height: float) -> Estimate:
-        support, response, spread = self._relation.at(height)
+        support, response, spread = self._relation(height)
         # a beam with a regular response is not on a rumbling branch
         smooth = regular_branch(response, spread) if beam.quality == Quality.STEADY else response
         ends = crossings(support, smooth, spread, beam.amplitude, beam.amplitude_std)
@@ -162,7 +150,7 @@ class ModelInverse:
         quality = beam.quality if len(ends) == 1 else Quality.POOR
         amplitude = 0.5 * (low + high)
         # the damping's error acts less where the grain takes most of the energy, the stiffness's as in the closed beam
-        model = amplitude * math.hypot(*self._error)
+        model = amplitude * math.hypot(*MODEL_ERROR)
         return replace(
             beam, quality=quality, amplitude=amplitude, amplitude_std=math.hypot(0.5 * (high - low), model),
             phase=math.nan, phase_std=math.nan,

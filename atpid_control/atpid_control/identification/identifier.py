@@ -5,7 +5,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification.estimate import Estimate, IdentificationError, Origin, Quality, Settings
 from atpid_control.identification.from_beam import ModelInverse
@@ -13,6 +12,7 @@ from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
 from atpid_control.identification.window import SampleBuffer, half_peak_to_peak, seed_frequency
 from atpid_sim.plant.stream import stamp_ns
+from atpid_sim.system import Array
 
 #: Steady estimates differ by noise alone up to this many of their standard deviations.
 SIGMAS = 6.0
@@ -29,37 +29,31 @@ class ChangeTracker:
 
     def __init__(self, change: float) -> None:
         """Take the relative change of amplitude that counts [-]."""
-        self._change = change
-        self._reference: tuple[float, float, float, float] | None = None
+        self.change = change
+        self._reference: Estimate | None = None
         self._pending = False
 
-    def configure(self, change: float) -> None:
-        """Compare by another relative change [-] from the next estimate on."""
-        self._change = change
-
-    def judge(
-        self, quality: Quality, amplitude: float, amplitude_std: float, frequency: float, frequency_std: float
-    ) -> bool:
-        """Return whether a change was seen, this estimate included; [m], [m], [Hz], [Hz]."""
+    def judge(self, estimate: Estimate) -> bool:
+        """Return whether a change was seen, this estimate included."""
+        quality = estimate.quality
         if quality == Quality.POOR:
             return self._pending
         if quality != Quality.STEADY:
             self._pending = self._pending or quality == Quality.TRANSIENT or self._reference is not None
             return self._pending
-        newest = (amplitude, amplitude_std, frequency, frequency_std)
-        seen = self._pending or self._reference is None or self._differs(self._reference, newest)
+        seen = self._pending or self._reference is None or self._differ(self._reference, estimate)
         if seen:
-            self._reference = newest
+            self._reference = estimate
         self._pending = False
         return seen
 
-    def _differs(self, old: tuple[float, float, float, float], new: tuple[float, float, float, float]) -> bool:
-        amplitude = max(self._change * old[0], SIGMAS * math.hypot(old[1], new[1]))
-        frequency = max(FREQUENCY_SHARE * self._change * old[2], SIGMAS * math.hypot(old[3], new[3]))
-        return abs(new[0] - old[0]) > amplitude or abs(new[2] - old[2]) > frequency
+    def _differ(self, old: Estimate, new: Estimate) -> bool:
+        amplitude = max(self.change * old.amplitude, SIGMAS * math.hypot(old.amplitude_std, new.amplitude_std))
+        chance = SIGMAS * math.hypot(old.frequency_std, new.frequency_std)
+        frequency = max(FREQUENCY_SHARE * self.change * old.frequency, chance)
+        return abs(new.amplitude - old.amplitude) > amplitude or abs(new.frequency - old.frequency) > frequency
 
 
-Array = NDArray[np.float64]
 TAU = 2.0 * math.pi
 
 
@@ -84,9 +78,8 @@ class Identifier:
 
     def configure(self, settings: Settings) -> None:
         """Identify with other thresholds from the next block on; window, frequencies and rates stay what they are."""
-        self._settings = settings
-        self._finder.configure(settings)
-        self._tracker.configure(settings.change)
+        self._settings = self._finder.settings = settings
+        self._tracker.change = settings.change
 
     def push(
         self, first_index: int, rate: float, support: Array | None, beam: Array | None, t_last: float, *,
@@ -110,9 +103,7 @@ class Identifier:
             estimate = self._filled(estimate, tone, delay)
         if self._inverse is not None:
             estimate = self._inverse.support_of(estimate, height)
-        changed = self._tracker.judge(
-            estimate.quality, estimate.amplitude, estimate.amplitude_std, estimate.frequency, estimate.frequency_std
-        )
+        changed = self._tracker.judge(estimate)
         return replace(estimate, changed=changed, beam_amplitude=self._beam_amplitude(estimate, beam is not None))
 
     def _new_buffer(self, rate: float) -> SampleBuffer:

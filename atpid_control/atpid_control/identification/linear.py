@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim.kernel_cache import share_cache
+from atpid_sim.system import Array
 
 #: The modules with compiled functions.
 KERNELS = ("choice", "columns", "covariance", "linear", "sine_fit")
@@ -26,7 +27,6 @@ def compiled(function: F) -> F:
     return cast(F, numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})(function))
 
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 

@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
-from atpid_control.identification.choice import best_group, chosen_columns, without_spikes
+from atpid_control.identification.choice import Flags, best_group, chosen_columns, without_spikes
 from atpid_control.identification.covariance import CHANGE, OK, RESULTS, USED, report
 from atpid_control.identification.linear import compiled, factor, gram, project, substitute
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from atpid_sim.system import Array
 
 #: Gauss-Newton steps; three do, from the seed.
 STEPS = 12

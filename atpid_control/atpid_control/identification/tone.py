@@ -5,14 +5,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification.choice import PENALTY
 from atpid_control.identification.estimate import Quality, Settings
 from atpid_control.identification.sine_fit import SineFit, fit_sine
 from atpid_control.identification.window import SampleBuffer, seed_frequency, without_clipping
 
-Array = NDArray[np.float64]
 TAU = 2.0 * math.pi
 #: A tone must stand out of the residual by so many standard deviations: noise alone reaches it once in 10^10 fits.
 SIGNIFICANT = 7.0
@@ -48,17 +46,13 @@ class ToneFinder:
 
     def __init__(self, settings: Settings, shorten: bool = True) -> None:
         """Start without a frequency; with `shorten` a transient is looked at in one period, too."""
-        self._settings, self._shorten = settings, shorten
+        self.settings, self._shorten = settings, shorten
         self.frequency = math.nan  # of the last tone found [Hz]
-
-    def configure(self, settings: Settings) -> None:
-        """Judge by other thresholds from the next block on."""
-        self._settings = settings
 
     def find(self, buffer: SampleBuffer, channel: int) -> Tone | None:
         """Return the tone in the newest samples; None where there is none, or less than a period of it."""
         known = not math.isnan(self.frequency)
-        periods = self._settings.window_periods
+        periods = self.settings.window_periods
         tone = self._search(buffer, channel, self._count(buffer, periods, self.frequency)) if known else None
         if tone is None or tone.quality == Quality.POOR:
             wider = self._search(buffer, channel, buffer.size)
@@ -70,7 +64,7 @@ class ToneFinder:
 
     def _search(self, buffer: SampleBuffer, channel: int, count: int) -> Tone | None:
         """Seed from the newest `count` samples, then fit in the window that the seed defines."""
-        s = self._settings
+        s = self.settings
         signal = without_clipping(buffer.newest(count)[channel], s.saturation)
         seed = seed_frequency(signal, 1.0 / buffer.step, s.lowest_frequency, s.highest_frequency)
         if math.isnan(seed):
@@ -87,7 +81,7 @@ class ToneFinder:
         short = self._in_window(buffer, channel, tone.frequency, 1.0)
         if short is None or short.quality == Quality.POOR:
             return tone
-        sure = math.sqrt(2.0 * (self._settings.change_likelihood + 2.0 * PENALTY))
+        sure = math.sqrt(2.0 * (self.settings.change_likelihood + 2.0 * PENALTY))
         hidden = short.fit.slope_std * sure > HIDDEN_CHANGE
         return replace(short, quality=Quality.TRANSIENT) if hidden else short
 
@@ -101,19 +95,19 @@ class ToneFinder:
         count = self._count(buffer, periods, frequency)
         if count * buffer.step * frequency < ONE_PERIOD:
             return None
-        signal = without_clipping(buffer.newest(count)[channel], self._settings.saturation)
+        signal = without_clipping(buffer.newest(count)[channel], self.settings.saturation)
         tau = buffer.times(count)
         valid = ~np.isnan(signal)
         lost = count - int(np.count_nonzero(valid))
         if lost:
             tau, signal = tau[valid], signal[valid]
-        hum = TAU * self._settings.mains_frequency
+        hum = TAU * self.settings.mains_frequency
         start = frequency if math.isnan(seed) else seed
-        fit = fit_sine(tau, signal, TAU * start, hum, self._settings.change_likelihood)
+        fit = fit_sine(tau, signal, TAU * start, hum, self.settings.change_likelihood)
         return None if fit is None else self._judged(fit, count, lost, buffer)
 
     def _judged(self, fit: SineFit, count: int, lost: int, buffer: SampleBuffer) -> Tone | None:
-        s, window = self._settings, count * buffer.step
+        s, window = self.settings, count * buffer.step
         frequency = fit.omega / TAU
         significant = fit.amplitude > SIGNIFICANT * fit.residual * math.sqrt(2.0 / fit.used)
         inside = 0.9 * s.lowest_frequency < frequency < 1.1 * s.highest_frequency
@@ -122,7 +116,7 @@ class ToneFinder:
         return Tone(fit, window, lost * buffer.divisor, self._quality(fit, lost / count))
 
     def _quality(self, fit: SineFit, lost: float) -> Quality:
-        s = self._settings
+        s = self.settings
         if lost > s.poor_lost or (fit.change > 0.0 and lost > CHANGE_LOST):
             return Quality.POOR
         if fit.change > 0.0:

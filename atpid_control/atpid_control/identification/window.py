@@ -4,9 +4,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 class SampleBuffer:

@@ -98,22 +98,15 @@ def one_of(*choices: str) -> Check:
 
 
 @dataclass(frozen=True)
-class ParameterFile:
-    """A parameter file that a package installs."""
-
-    package: str
-    name: str
-
-
-@dataclass(frozen=True)
 class Argument:
     """One argument: `default` None means that it must be given, "" that it may be left out."""
 
     name: str
     description: str
     check: Check
-    default: str | ParameterFile | None = None
+    default: str | None = None
     choices: tuple[str, ...] = ()
+    file: str = ""  # the parameter file of atpid_driver that is the default
 
 
 def choice(name: str, description: str, default: str, *others: str) -> Argument:
@@ -169,7 +162,7 @@ _MAP = Argument("map", "height map; not given: the one the scene names", existin
 
 
 def _parameters(name: str, description: str, file: str) -> Argument:
-    return Argument(name, f"parameter file: {description}", existing_file, ParameterFile("atpid_driver", file))
+    return Argument(name, f"parameter file: {description}", existing_file, "", file=file)
 
 
 BENCH = (

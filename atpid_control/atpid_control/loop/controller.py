@@ -62,7 +62,7 @@ class SelectingController:
         another_margin = settings.margin != before.margin
         if another_margin or settings.hold != before.hold:
             self._hold.configure(settings.hold, select_anew=another_margin and self._command.sequence > 0)
-        self._step_back.configure(settings.step_back)
+        self._step_back.settings = settings.step_back
         if self._model_check is not None and settings.drift != before.drift:
             self._model_check.alarm = DriftAlarm(settings.drift)
 

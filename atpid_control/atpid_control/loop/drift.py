@@ -133,7 +133,6 @@ class Twin(Protocol):
 
     def expected(self, amplitude: float, frequency: float, height: float) -> float:
         """Return the beam's steady amplitude [m] under an excitation [m], [Hz] and ceiling [m]; NaN: unknown."""
-        ...
 
 
 class ModelCheck:

@@ -44,15 +44,12 @@ class Controller(Protocol):
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
-        ...
 
     def on_event(self, kind: str) -> None:
         """Take an event: `rumble` when the beam's response turns irregular, `calm` when that has ended."""
-        ...
 
     def configure(self, settings: ControlSettings) -> None:
         """Control by other settings from the next estimate on."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,10 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification.window import half_peak_to_peak
 from atpid_control.loop.drift import WatchError
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Periods looked at: the fewest that leave the parabola and the alternation as many degrees of freedom as they take.
 PERIODS = 8
@@ -62,17 +60,13 @@ class RumbleWatch:
     """Follows the measured beam period by period; periods are those of the excitation."""
 
     def __init__(self, settings: RumbleSettings) -> None:
-        self._settings = settings
+        self.settings = settings  # may be replaced: the next period is judged by the new ones
         self._amplitudes: deque[float] = deque(maxlen=PERIODS)
         self._held = np.empty(0)
         self._first = 0  # index of the first sample held
         self._boundary = 0.0  # where the present period began, as an index
         self._calm = 0
         self.state = RumbleState()
-
-    def configure(self, settings: RumbleSettings) -> None:
-        """Judge by other settings from the next period on."""
-        self._settings = settings
 
     def push(self, first_index: int, rate: float, beam: Array, frequency: float) -> RumbleState:
         """Take a block of the beam's displacement (n,) [m], NaN where invalid, at `rate` [Hz].
@@ -108,7 +102,7 @@ class RumbleWatch:
         valid = np.count_nonzero(~np.isnan(period))
         amplitude = half_peak_to_peak(period, step, frequency) if valid >= VALID * period.size else math.nan
         seen = self.state.periods + 1
-        if not amplitude > self._settings.least_amplitude:
+        if not amplitude > self.settings.least_amplitude:
             self._amplitudes.clear()
             self.state = RumbleState(self.state.rumbling, amplitude=amplitude, periods=seen)
             return
@@ -119,11 +113,11 @@ class RumbleWatch:
     def _decide(self, scatter: float) -> bool:
         if math.isnan(scatter):
             return self.state.rumbling
-        if scatter >= self._settings.onset:
+        if scatter >= self.settings.onset:
             self._calm = 0
             return True
-        self._calm = self._calm + 1 if scatter < self._settings.calm else 0
-        return self.state.rumbling and self._calm < self._settings.calm_periods
+        self._calm = self._calm + 1 if scatter < self.settings.calm else 0
+        return self.state.rumbling and self._calm < self.settings.calm_periods
 
 
 def scatter_of(amplitudes: Array) -> tuple[float, float]:

@@ -5,13 +5,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification import Estimate
 from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
 from atpid_control.selection.search import Plan, SearchError, StepSearch
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Share of the dwell before the beam is watched, and length of one window, the second of which ends with the dwell.
 _BEFORE, _WINDOW = 0.2, 0.4
@@ -43,11 +41,6 @@ class SearchRun:
         self.message = ""  # how it ended, empty while it runs
         self._window: list[tuple[float, float]] = []  # (lowest, highest) of each block in the present window [m]
         self._amplitudes: list[float] = []  # of the windows at this height [m]
-
-    @property
-    def target(self) -> float:
-        """Where the ceiling should go or stay [m]; after an end without result, where it is."""
-        return self.search.target
 
     @property
     def done(self) -> bool:
@@ -165,7 +158,7 @@ class SearchingController:
 
     def _searching(self, command: Command, height: float) -> Command:
         assert self.run is not None
-        target = self.run.target if not self.run.done or self.run.success else self._halt(height)
+        target = self.run.search.target if not self.run.done or self.run.success else self._halt(height)
         if target != self._target:
             self._target, self._issued = target, self._issued + 1
         reason = self.run.message or f"search: height {self.run.search.iterations + 1}"

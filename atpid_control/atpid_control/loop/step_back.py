@@ -40,7 +40,8 @@ class StepBackMonitor:
 
     def __init__(self, settings: StepBack, lowest: float) -> None:
         """Take the settings and the lowest height of the ceiling [m]."""
-        self._settings, self._lowest = settings, lowest
+        self.settings = settings  # may be replaced: they hold from the next estimate on
+        self._lowest = lowest
         self._rumbling = False
         self._rumbled = 0  # estimates in rumble that the height causes
         self._stood = 0  # consecutive estimates with the ceiling where it was sent
@@ -53,18 +54,14 @@ class StepBackMonitor:
     @property
     def settled(self) -> bool:
         """Whether the ceiling has stood for the settling time and the beam is regular."""
-        return self._stood > self._settings.settle and not self._rumbling
-
-    def configure(self, settings: StepBack) -> None:
-        """Step back by other settings from the next estimate on."""
-        self._settings = settings
+        return self._stood > self.settings.settle and not self._rumbling
 
     def on_event(self, kind: str) -> None:
         """Take an event: `rumble`, or `calm` when that has ended."""
         if kind not in ("rumble", "calm"):
             return
         self._rumbling = kind == "rumble"
-        if self._rumbling and self._stood > self._settings.settle and self._amplitudes:
+        if self._rumbling and self._stood > self.settings.settle and self._amplitudes:
             # a burst is detected near its end: its size shows in the amplitudes before
             self._bursts += not max(self._amplitudes) <= self._limit
 
@@ -77,12 +74,12 @@ class StepBackMonitor:
         """
         self._amplitudes.append(amplitude)
         decaying = len(self._amplitudes) == DECAY_SPAN and amplitude < DECAY * self._amplitudes[0]
-        self._limit = (1.0 + self._settings.excess) * expected
+        self._limit = (1.0 + self.settings.excess) * expected
         self._stood = self._stood + 1 if standing else 0
-        caused = self._rumbling and self._stood > self._settings.settle and not amplitude <= self._limit
+        caused = self._rumbling and self._stood > self.settings.settle and not amplitude <= self._limit
         # a rumble swells and fades: while it fades the count is held
         self._rumbled = (self._rumbled + (not decaying)) if caused else 0
-        return self._rumbled >= self._settings.count or self._bursts >= _BURSTS
+        return self._rumbled >= self.settings.count or self._bursts >= _BURSTS
 
     def interrupt(self) -> None:
         """Restart the counts: another height was selected."""
@@ -93,9 +90,9 @@ class StepBackMonitor:
         if not self._applies(amplitude):
             self._kept = 1.0
         self._stepped_at = amplitude
-        self._kept *= 1.0 - self._settings.share
+        self._kept *= 1.0 - self.settings.share
         self.interrupt()
-        return height - self._settings.share * max(0.0, height - self._lowest)
+        return height - self.settings.share * max(0.0, height - self._lowest)
 
     def allowed(self, height: float, amplitude: float) -> float:
         """Return the height [m] allowed where `height` is selected for `amplitude` [m]: lower after a step back."""
@@ -104,4 +101,4 @@ class StepBackMonitor:
         return height if self._kept == 1.0 else self._lowest + self._kept * max(0.0, height - self._lowest)
 
     def _applies(self, amplitude: float) -> bool:
-        return abs(amplitude - self._stepped_at) <= self._settings.memory * self._stepped_at
+        return abs(amplitude - self._stepped_at) <= self.settings.memory * self._stepped_at

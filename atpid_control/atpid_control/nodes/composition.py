@@ -21,10 +21,12 @@ from rclpy.signals import SignalHandlerOptions
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
+from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
 from atpid_control.graph import BenchError, NodeDiedError, PlantFailedError
 
 Progress = Callable[[float], None]
+QUIET = ["--ros-args", "--disable-stdout-logs"]
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
 HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
@@ -42,22 +44,6 @@ def node_class(package: str, name: str) -> type[Node]:
     return found
 
 
-def _without_events(node: Node) -> Callable[[], None]:
-    """Remove the node's QoS event handlers, half of the executor's work; return what restores them.
-
-    They would only log incompatible queues, which the handshake shows as well. Destroying a node needs them in place.
-    """
-    held = list(node.waitables)
-    for waitable in held:
-        node.remove_waitable(waitable)
-
-    def restore() -> None:
-        for waitable in held:
-            node.add_waitable(waitable)
-
-    return restore
-
-
 class Composition:
     """Nodes on one single-threaded executor in this process: fast, and the same every time; no signal handlers."""
 
@@ -67,7 +53,7 @@ class Composition:
         self.nodes: dict[str, Node] = {}
         with ExitStack() as undo:
             # one context for all: nodes use the default one unless another is given
-            rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(args=QUIET, signal_handler_options=SignalHandlerOptions.NO)
             undo.callback(rclpy.try_shutdown)
             self.executor = SingleThreadedExecutor()
             undo.callback(self.executor.shutdown)
@@ -75,7 +61,11 @@ class Composition:
                 overrides = [Parameter(key, value=value) for key, value in parameters[name].items()]
                 node = node_class(package, name)(parameter_overrides=overrides, **NODE_OPTIONS)
                 undo.callback(node.destroy_node)
-                undo.callback(_without_events(node))
+                # QoS event handlers are half of the executor's work, and would only log incompatible queues, which the
+                # handshake shows as well; destroying the node needs them in place
+                for waitable in list(node.waitables):
+                    node.remove_waitable(waitable)
+                    undo.callback(node.add_waitable, waitable)
                 close = getattr(node, "close", None)
                 if close is not None:
                     undo.callback(close)
@@ -179,13 +169,5 @@ class BenchWatch(Node):
 @contextmanager
 def watching(report: Callable[[str], None], namespace: str = "") -> Iterator[tuple[BenchWatch, Callable[[], None]]]:
     """Yield the watch and a function that spins it for up to a tenth of a second."""
-    rclpy.init(args=["--ros-args", "--disable-stdout-logs"], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        watch = BenchWatch(report, namespace=namespace)
-        executor = SingleThreadedExecutor()
-        executor.add_node(watch)
+    with command_node(lambda: BenchWatch(report, namespace=namespace), *QUIET) as (watch, executor):
         yield watch, lambda: executor.spin_once(timeout_sec=0.1)
-        executor.shutdown()
-        watch.destroy_node()
-    finally:
-        rclpy.try_shutdown()

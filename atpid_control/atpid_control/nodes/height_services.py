@@ -3,7 +3,7 @@
 
 import math
 import traceback
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from concurrent.futures import Executor
 from functools import partial
 from typing import TypeVar
@@ -42,8 +42,6 @@ async def computed(node: Node, executor: Executor, compute: Callable[[], T]) -> 
 
 METHODS = ("lookup", "pca", "direct")
 
-Answer = Callable[[SelectHeight.Request, SelectHeight.Response], Awaitable[SelectHeight.Response]]
-
 
 class HeightServices:
     """Services of a node. A selector is made at the first request, and used by these services only."""
@@ -62,23 +60,22 @@ class HeightServices:
         self._selectors: dict[str, HeightSelector] = {}
         group = ReentrantCallbackGroup()
         for name, used in [("select", method), *((name, name) for name in METHODS)]:
-            node.create_service(SelectHeight, f"~/{name}", self._answering(used), callback_group=group)
+            node.create_service(SelectHeight, f"~/{name}", partial(self._answer, used), callback_group=group)
 
-    def _answering(self, method: str) -> Answer:
-        async def answer(request: SelectHeight.Request, response: SelectHeight.Response) -> SelectHeight.Response:
-            try:
-                latest, height, resonance = self._situation()
-                given = Request(request.amplitude, request.amplitude_std, request.frequency, request.margin)
-                excitation = resolved(given, latest, resonance)
-                chosen = await computed(self._node, self._executor, partial(self._select, method, excitation, height))
-            except AtpidError as error:
-                return refused(method, str(error), response)
-            except Exception as error:  # a defect: reported, but the loop goes on
-                self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
-                return refused(method, f"internal error: {type(error).__name__}: {error}", response)
-            return filled(chosen, excitation.amplitude, response)
-
-        return answer
+    async def _answer(
+        self, method: str, request: SelectHeight.Request, response: SelectHeight.Response
+    ) -> SelectHeight.Response:
+        try:
+            latest, height, resonance = self._situation()
+            given = Request(request.amplitude, request.amplitude_std, request.frequency, request.margin)
+            excitation = resolved(given, latest, resonance)
+            chosen = await computed(self._node, self._executor, partial(self._select, method, excitation, height))
+        except AtpidError as error:
+            return refused(method, str(error), response)
+        except Exception as error:  # a defect: reported, but the loop goes on
+            self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
+            return refused(method, f"internal error: {type(error).__name__}: {error}", response)
+        return filled(chosen, excitation.amplitude, response)
 
     def _select(self, method: str, excitation: Request, height: float) -> Selection:
         if method not in self._selectors:

@@ -23,7 +23,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
-from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
@@ -62,8 +62,9 @@ class IdentifierNode(Node):
     def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
         self._supervision = Supervision(
-            self, self._events.publish, self._statuses, timeout, enabled=not self.parameters["lockstep"]
-        )
+            self, self._events.publish, lambda: [self._progress.status(self, self.last_error)], timeout,
+            enabled=not self.parameters["lockstep"],
+        )  # fmt: skip
         self._supervision.stale.watch(LASER, "the excitation is not identified")
         self._supervision.follow_events()
         qos = self._supervision.qos
@@ -77,7 +78,7 @@ class IdentifierNode(Node):
 
     def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:
         self.identifier.configure(settings[0])
-        self._rumble.configure(settings[1])
+        self._rumble.settings = settings[1]
         self._supervision.stale.timeout = settings[2]
 
     def _on_state(self, state: CeilingState) -> None:
@@ -143,16 +144,9 @@ class IdentifierNode(Node):
             stamp = message.header.stamp
             self._events.publish(Event.INFO, Event.EXCITATION_CHANGED, text, estimate.amplitude, stamp)
 
-    def _statuses(self) -> list[DiagnosticStatus]:
-        return [self._progress.status(self, self.last_error)]
-
     def _check_alone(self) -> None:
-        try:
-            check_alone(self)
-        except StartedTwiceError as error:
-            self.get_logger().error(str(error))
-            if self._progress.blocks == 0 and not self.done.done():
-                self.done.set_result(BAD_INPUT)
+        if started_twice(self) and self._progress.blocks == 0 and not self.done.done():
+            self.done.set_result(BAD_INPUT)
 
     def close(self) -> None:
         """Stop the timers."""

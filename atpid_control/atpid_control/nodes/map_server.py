@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from atpid_interfaces.action import ComputeMap
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -73,14 +73,8 @@ class MapServer:
         self._ended: Future | None = None
         # published by the node's timer: the thread that makes maps must not use the middleware
         self._timer = node.create_timer(_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._server = ActionServer(
-            node,
-            ComputeMap,
-            "~/compute_map",
-            execute_callback=self._execute,
-            goal_callback=lambda _: GoalResponse.ACCEPT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        accept = CancelResponse.ACCEPT
+        self._server = ActionServer(node, ComputeMap, "~/compute_map", self._execute, cancel_callback=lambda _: accept)
 
     def close(self) -> None:
         """Stop a map that is being made, and destroy the action; idempotent."""

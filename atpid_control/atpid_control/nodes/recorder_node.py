@@ -25,7 +25,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATUS, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.nodes.single_instance import started_twice
 from atpid_control.bags import BagError, Qos, check_new, new_run
 from atpid_control.bags.errors import MessageError
 from atpid_control.bags.session import Session
@@ -193,10 +193,7 @@ class RecorderNode(Node):
         self._events.publish(severity, kind, text, value, None if newest is None else time_of(newest))
 
     def _each_second(self) -> None:
-        try:
-            check_alone(self)
-        except StartedTwiceError as error:
-            self.get_logger().error(str(error))
+        started_twice(self)
         self._parameter_reader.poll()
         self._publish_status()
 

@@ -24,7 +24,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
-from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.nodes.single_instance import started_twice
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.playback import Item, load_playback
 from atpid_control.bags.topics import BLOCK
@@ -126,10 +126,7 @@ class ReplayNode(Node):
 
     def _not_alone(self) -> bool:
         """Whether another node feeds the loop too; logs it."""
-        try:
-            check_alone(self)
-        except StartedTwiceError as error:
-            self.get_logger().error(str(error))
+        if started_twice(self):
             return True
         for topic, kind in self.playback.topics.items():
             if kind == BLOCK and self.count_publishers(topic) > 1:

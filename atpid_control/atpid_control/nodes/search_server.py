@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from atpid_interfaces.action import SearchHeight
 from atpid_interfaces.msg import SampleBlock
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
@@ -36,14 +36,7 @@ class SearchServer:
         self._goal: ServerGoalHandle | None = None
         self._ended: Future | None = None
         self._reported = -1
-        self._server = ActionServer(
-            node,
-            SearchHeight,
-            "~/search",
-            execute_callback=self._execute,
-            goal_callback=lambda _: GoalResponse.ACCEPT,
-            cancel_callback=self._on_cancel,
-        )
+        self._server = ActionServer(node, SearchHeight, "~/search", self._execute, cancel_callback=self._on_cancel)
 
     def report(self) -> None:
         """Publish feedback after each height; end the goal when the search has ended."""
@@ -52,14 +45,9 @@ class SearchServer:
             return
         if run is not None and run.search.iterations != self._reported:
             self._reported = run.search.iterations
-            goal.publish_feedback(
-                SearchHeight.Feedback(
-                    iteration=run.search.iterations,
-                    height=run.height,
-                    beam_amplitude=run.amplitude,
-                    best_height=run.search.best_height,
-                )
-            )
+            feedback = SearchHeight.Feedback(iteration=run.search.iterations, best_height=run.search.best_height)
+            feedback.height, feedback.beam_amplitude = run.height, run.amplitude
+            goal.publish_feedback(feedback)
         if run is None or run.done:
             self._ended.set_result(None)
 

@@ -26,7 +26,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATES, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
-from atpid_common.nodes.single_instance import StartedTwiceError, check_alone
+from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.stale_monitor import MISSING
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
@@ -217,10 +217,7 @@ class SelectorNode(Node):
     # the end
 
     def _check_alone(self) -> None:
-        try:
-            check_alone(self)
-        except StartedTwiceError as error:
-            self.get_logger().error(str(error))
+        if started_twice(self):
             self._alone_timer.cancel()
             if self._latest is None and not self.done.done():
                 # nothing commanded yet: this node ends, the other one goes on

@@ -3,6 +3,7 @@
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, ListParameters
@@ -71,26 +72,20 @@ class ParameterReader:
         for name, client in self._open.items():
             if name not in self._requested and client.service_is_ready():
                 self._requested.add(name)
-                client.call_async(ListParameters.Request()).add_done_callback(self._on_names(name))
+                client.call_async(ListParameters.Request()).add_done_callback(partial(self._request_values, name))
 
-    def _on_names(self, name: str) -> Callable[[Future], None]:
-        def request_values(answer: Future) -> None:
-            listed = [key for key in answer.result().result.names if not key.startswith(_OF_RCLPY)]
-            client = self._client(GetParameters, name, "get_parameters")
-            request = GetParameters.Request(names=listed)
-            client.call_async(request).add_done_callback(self._on_values(name, listed, client))
+    def _request_values(self, name: str, answer: Future) -> None:
+        listed = [key for key in answer.result().result.names if not key.startswith(_OF_RCLPY)]
+        client = self._client(GetParameters, name, "get_parameters")
+        request = GetParameters.Request(names=listed)
+        client.call_async(request).add_done_callback(partial(self._take_values, name, listed, client))
 
-        return request_values
-
-    def _on_values(self, name: str, listed: Sequence[str], client: Client) -> Callable[[Future], None]:
-        def keep(answer: Future) -> None:
-            values = map(parameter_value_to_python, answer.result().values)
-            plain = (v if v is None or isinstance(v, bool | int | float | str) else list(v) for v in values)
-            self._keep(name, dict(zip(listed, plain, strict=False)))
-            self._node.destroy_client(client)
-            self._node.destroy_client(self._open.pop(name))
-
-        return keep
+    def _take_values(self, name: str, listed: Sequence[str], client: Client, answer: Future) -> None:
+        values = map(parameter_value_to_python, answer.result().values)
+        plain = (v if v is None or isinstance(v, bool | int | float | str) else list(v) for v in values)
+        self._keep(name, dict(zip(listed, plain, strict=False)))
+        self._node.destroy_client(client)
+        self._node.destroy_client(self._open.pop(name))
 
     def _client(self, kind: Any, name: str, service: str) -> Client:
         return self._node.create_client(kind, f"{name}/{service}")

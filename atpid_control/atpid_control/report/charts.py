@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from atpid_control.report.picture import apart, beam_title, estimate_errors, grain_lines, moved, rounded_up
-from atpid_control.report.run import Array
 from atpid_control.report.view import View
+from atpid_sim.system import Array
 
 Figure = dict[str, Any]
 

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.report.run import Array, Run
+from atpid_control.report.run import Run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, Scene
 from atpid_sim.simulation.integration import is_closed
 from atpid_sim.simulation.simulate import Result, simulate, trajectory
+from atpid_sim.system import Array
 
 #: Displacement of the closed damper's beam (n,) [m] at given times (n,) [s].
 Closed = Callable[[Scene, Array], Array]

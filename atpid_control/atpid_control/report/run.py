@@ -13,8 +13,8 @@ from atpid_control.bags.read import Bag, open_bag, stamp_of
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.excitation import amplitude_at
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 STEADY = 1  # Excitation.STEADY
 #: Fields of PlantTruth in the order of `Ledger`.
 _LEDGER = ("input_energy", "ceiling_work", "beam_loss", "contact_loss", "stored_energy", "impacts")

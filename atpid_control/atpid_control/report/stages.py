@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_motion, repeated
-from atpid_control.report.run import Array, Run, read_run
+from atpid_control.report.run import Run, read_run
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation.excitation import amplitude_points
+from atpid_sim.system import Array
 
 #: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
 _ARRIVED = 5e-3

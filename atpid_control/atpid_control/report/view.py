@@ -9,10 +9,11 @@ import numpy as np
 
 from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_height, closed_motion
-from atpid_control.report.run import Array, Run, read_run
+from atpid_control.report.run import Run, read_run
 from atpid_control.report.stages import Printed, Stage, beside, measure, window_of
 from atpid_sim.scene import ControlledCeiling
 from atpid_sim.simulation.decay import largest_decrement
+from atpid_sim.system import Array
 
 #: How many periods of the grain's motion are shown.
 _PERIODS = 4.0

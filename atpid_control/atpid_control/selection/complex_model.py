@@ -8,15 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.selection.predictive import Impact, response_lag
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.maps import DamperResponse
 from atpid_sim.simulation.integration import Observation, impact_log, sample_series
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: gamma of equation 4.5: a contact shorter than gamma/2 periods is no sticking.
 GAMMA = 0.1
@@ -37,18 +35,9 @@ class Verdict:
     no_sticking: bool  # 4.5: contacts are short
 
     @property
-    def hold(self) -> bool:
-        """Whether all criteria hold."""
-        return not self.broken
-
-    @property
     def broken(self) -> tuple[str, ...]:
         """Equation numbers of the criteria that do not hold."""
-        names = ("4.1", "4.2", "4.3", "4.4", "4.5")
-        values = (
-            self.floor_opposed, self.ceiling_opposed, self.every_period, self.near_top_speed, self.no_sticking,
-        )  # fmt: skip
-        return tuple(name for name, value in zip(names, values, strict=True) if not value)
+        return tuple(f"4.{number}" for number, holds in enumerate(vars(self).values(), start=1) if not holds)
 
 
 def judge(impacts: Array, times: Array, velocities: Array, longest: float, period: float) -> Verdict:
@@ -92,14 +81,6 @@ _JUST_ABOVE = 1e-9
 _LONGEST_IMPACT, _SAMPLES_OF_IMPACT = 0.6, 600
 
 
-@dataclass(frozen=True)
-class Observed:
-    """The observation of one height."""
-
-    amplitude: float  # half peak-to-peak of the beam in the window [m]
-    verdict: Verdict
-
-
 class ComplexModel:
     """One simulation, continued while the ceiling is moved; times count from the first impact on the floor."""
 
@@ -138,8 +119,11 @@ class ComplexModel:
         equilibrium = s.beam_mass * s.gravity / s.stiffness
         return Impact(now.beam + equilibrium, now.beam_velocity, now.grain_velocity)
 
-    def observe(self, height: float, settle: float, window: float) -> Observed:
-        """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods."""
+    def observe(self, height: float, settle: float, window: float) -> tuple[float, Verdict]:
+        """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods.
+
+        Return half the peak-to-peak of the beam in the window [m], and the verdict.
+        """
         damper, begun = self._damper, self.time
         begin = begun + (1.0 + settle) * damper.period
         end = begin + window * damper.period
@@ -152,8 +136,7 @@ class ComplexModel:
         times = begin + np.arange(samples.shape[1]) * damper.period / _SAMPLES
         impacts = log[: self._state.n[columns.IMPACTS]]
         longest = float(self._state.y[columns.LONGEST])
-        verdict = judge(impacts, times, samples[columns.S_VELOCITY], longest, damper.period)
-        return Observed(self._state.amplitude, verdict)
+        return self._state.amplitude, judge(impacts, times, samples[columns.S_VELOCITY], longest, damper.period)
 
     def _advance(self, state: State, observation: Observation) -> None:
         self._damper.advance(self._amplitude, state, ((state.time, self.height),), observation, self._phase)

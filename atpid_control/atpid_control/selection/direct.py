@@ -38,7 +38,6 @@ class Robust:
     height: float  # [m]
     amplitude: float  # of the beam where everything is as expected [m]
     worst: float  # of the beam in the worst case [m]
-    bare_worst: float  # of the beam in the worst case at the bare optimum [m]
     evaluations: int
 
 
@@ -81,7 +80,6 @@ def robust_height(
         height=height,
         amplitude=responses[0].amplitude,
         worst=max(response.amplitude for response in responses),
-        bare_worst=max(response.amplitude for response in rated[0][1]),
         evaluations=len(rated) * len(cases),
     )
 

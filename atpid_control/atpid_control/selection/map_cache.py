@@ -26,11 +26,11 @@ _POINTS = 41
 _CLOSE = 1.1
 
 
-def map_for(scene: Scene, cache: Path | None = None) -> Path | None:
+def map_for(scene: Scene) -> Path | None:
     """Return the map file for a scene that looks heights up; for another method the one the scene names, if any.
 
-    The scene's own map is taken or refused (MapError); else the shipped ones and those in `cache` (default: the user's
-    cache folder) are tried, and where none fits one is made there, with progress shown on standard error.
+    The scene's own map is taken or refused (MapError); else the shipped ones and those in the user's cache folder are
+    tried, and where none fits one is made there, with progress shown on standard error.
     """
     ceiling = scene.ceiling
     if not isinstance(ceiling, ControlledCeiling):
@@ -40,7 +40,7 @@ def map_for(scene: Scene, cache: Path | None = None) -> Path | None:
     if ceiling.map is not None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map
-    folder = cache or user_cache()
+    folder = user_cache()
     known = sorted(folder.glob("*.npz"))
     with suppress(InputError):  # used without a workspace
         known = sorted((share_folder("atpid_control") / "config" / "maps").glob("*.npz")) + known

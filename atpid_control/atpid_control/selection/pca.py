@@ -147,13 +147,13 @@ class _Run:
                 if (guess - model.height) * (model.height - before) < 0.0:
                     guess = 0.5 * (guess + model.height)
             before = model.height
-            observed = model.observe(self._within(guess), self._settle, self._window)
+            amplitude, verdict = model.observe(self._within(guess), self._settle, self._window)
             self.evaluations += 1
-            broken = ", ".join(observed.verdict.broken)
+            broken = ", ".join(verdict.broken)
             text = f"criteria {broken} do not hold" if broken else "all criteria hold"
-            self._record(f"PM{iteration + 1} + CM{iteration + 1}", model.height, observed.amplitude, text)
-            seen.append((observed.amplitude, model.height))
-            if observed.verdict.hold:
+            self._record(f"PM{iteration + 1} + CM{iteration + 1}", model.height, amplitude, text)
+            seen.append((amplitude, model.height))
+            if not broken:
                 return seen[-1]
         return min(seen)
 

@@ -43,12 +43,10 @@ class HeightSelector(Protocol):
     @property
     def method(self) -> str:
         """Name in the registry, or of the entry point."""
-        ...
 
     @property
     def simulates(self) -> bool:
         """Whether a selection is computed by simulation, which takes longer than the loop can wait."""
-        ...
 
     def select(
         self,
@@ -65,7 +63,6 @@ class HeightSelector(Protocol):
         margin: standard deviations of the amplitude the height must be safe for [-]; height: where the ceiling is [m],
         NaN: unknown. Raises SelectionError, in one line, where no height can be given.
         """
-        ...
 
 
 _IMPOSSIBLE = (math.nan, math.inf, 0.0, -0.01)

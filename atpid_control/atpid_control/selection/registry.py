@@ -10,7 +10,9 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from atpid_common.errors import AtpidError
+from atpid_control.selection.lookup import FixedSelector, LookupSelector
 from atpid_control.selection.protocol import HeightSelector, SelectionError
+from atpid_sim.maps import HeightMap
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import SELECTORS
 
@@ -19,20 +21,11 @@ Factory = Callable[[Scene, Path | None], HeightSelector]
 
 
 def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
-    from atpid_control.selection.lookup import LookupSelector
-    from atpid_sim.maps import HeightMap
-
     if height_map is None:
         raise SelectionError(
             "method lookup: no map given; make one with `python -m atpid_sim map SCENE.yaml ...` and name it"
         )
     return LookupSelector(scene, HeightMap.load(height_map))
-
-
-def _fixed(scene: Scene, _height_map: Path | None) -> HeightSelector:
-    from atpid_control.selection.lookup import FixedSelector
-
-    return FixedSelector(scene.ceiling.heights[-1][1])
 
 
 def _computing(module: str, name: str) -> Factory:
@@ -50,7 +43,7 @@ METHODS: dict[str, Factory] = {
     "pca": _computing("pca", "PcaSelector"),
     "direct": _computing("direct", "DirectSelector"),
     "search": _computing("search", "SearchSelector"),
-    "fixed": _fixed,
+    "fixed": lambda scene, _map: FixedSelector(scene.ceiling.heights[-1][1]),
 }
 
 

@@ -5,9 +5,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)

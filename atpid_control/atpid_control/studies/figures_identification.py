@@ -10,18 +10,16 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from atpid_common import output
 from atpid_control.identification import Estimate, Quality
 from atpid_control.studies import identification as data
 from atpid_sim.display import working
 from atpid_sim.figure_numbers import metadata_of
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 INK, GREY = "#1f2a36", "#8a94a0"
-BLUE, ORANGE, GREEN, RED = "#2166ac", "#e08214", "#1b7837", "#b2182b"
+BLUE, ORANGE, RED = "#2166ac", "#e08214", "#b2182b"
 STYLE: Any = {
     "font.size": 9.5, "axes.edgecolor": GREY, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK,
     "ytick.color": INK, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,

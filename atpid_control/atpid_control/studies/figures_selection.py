@@ -2,6 +2,7 @@
 """Height selection: the cliff, the margin, the error of the PCA, the map (docs/selection.md)."""
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +11,22 @@ from matplotlib.figure import Figure
 
 from atpid_common import output
 from atpid_common.folders import share_folder
-from atpid_control.studies.selection import landscape, margin_curve, pca_errors
+from atpid_control.selection.direct import DirectSelector, with_stiffness
+from atpid_control.selection.pca import PcaSelector
 from atpid_sim.display import working
 from atpid_sim.figure_numbers import metadata_of
-from atpid_sim.maps import HeightMap
+from atpid_sim.maps import DamperResponse, HeightMap, Timing, best_height
+from atpid_sim.scene import standard_bench
+from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.system import Array
 
 #: Support amplitudes of the thesis's adaptive bench [m].
 _STAGES = (0.015, 0.03, 0.04)
 #: Beyond this the grain is pressed deeper into a wall than its radius, and the contact law ends [m].
 _DEEPEST = 0.1
 _SHIPPED = "config/maps/standard.npz"
+#: Tolerance of the simulations, and mass fraction of the grain [-].
+_RTOL, _MASS_FRACTION = 1e-5, 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,13 +50,12 @@ def draw_landscape(out: Path) -> Path:
     """Draw the beam's amplitude over the height, with the cliff."""
     figure, panels = _panels(len(_STAGES), "height of the ceiling [m]")
     for axes, amplitude in zip(panels, _STAGES, strict=True):
-        shown = landscape(amplitude)
-        axes.fill_between(shown.heights, shown.remaining.min(1), shown.remaining.max(1), color="C3", alpha=0.3)
-        axes.plot(shown.heights, shown.remaining[:, 0], "C0", linewidth=1.2, label="opened in 1 s")
-        axes.plot(shown.heights, shown.remaining[:, 1], "C3", linewidth=0.8, label="opened at once")
-        axes.axvline(shown.best, color="k", linewidth=1.0, label=f"best: {shown.best:.3f} m")
-        guess = f"PCA's first guess: {shown.first_guess:.3f} m"
-        axes.axvline(shown.first_guess, color="C1", linestyle="--", label=guess)
+        heights, remaining, best, guess = landscape(amplitude)
+        axes.fill_between(heights, remaining.min(1), remaining.max(1), color="C3", alpha=0.3)
+        axes.plot(heights, remaining[:, 0], "C0", linewidth=1.2, label="opened in 1 s")
+        axes.plot(heights, remaining[:, 1], "C3", linewidth=0.8, label="opened at once")
+        axes.axvline(best, color="k", linewidth=1.0, label=f"best: {best:.3f} m")
+        axes.axvline(guess, color="C1", linestyle="--", label=f"PCA's first guess: {guess:.3f} m")
         axes.set(title=f"support {1e3 * amplitude:g} mm", ylim=(0.0, 0.8))
         axes.legend(fontsize=7)
     panels[0].set_ylabel("beam amplitude / closed damper's [-]")
@@ -127,3 +133,97 @@ def _save(figure: Any, path: Path) -> Path:
     with output.writing(path):
         figure.savefig(path, dpi=130, metadata=metadata_of(figure))
     return path
+
+
+def landscape(amplitude: float) -> tuple[Array, Array, float, float]:
+    """Return the beam's amplitude over the height of the standard bench's ceiling at a support `amplitude` [m].
+
+    Heights (n,) [m]; amplitudes over that of the closed damper (n, 2) [-], opened slowly and at once; the best height
+    and the PCA's first guess [m].
+    """
+    scene = standard_bench().with_(mass_fraction=_MASS_FRACTION)
+    damper = DamperResponse(scene, _RTOL)
+    best = best_height(damper, amplitude).height
+    heights = np.linspace(0.3 * best, 1.6 * best, 120)
+    timing, closed = Timing(1.5 * damper.settling(), 16.0), damper.closed_amplitude(amplitude)
+
+    def remaining(height: float) -> tuple[float, float]:
+        slow, sudden = (damper.opened(amplitude, height, timing, travel).amplitude / closed for travel in (1.0, 0.0))
+        return slow, sudden
+
+    found = dict(on_all_cores(remaining, [float(h) for h in heights]))
+    guess = PcaSelector(scene).select(amplitude).stages[1].height
+    return heights, np.array([found[float(h)] for h in heights]), best, guess
+
+
+@dataclass(frozen=True)
+class MarginCurve:
+    """The amplitude at a height where the beam is stiffer or softer than assumed."""
+
+    errors: Array  # (n,) relative error of the stiffness [-]
+    bare: Array  # (n,) remaining amplitude at the bare optimum [-]
+    safe: Array  # (n,) and with the margin [-]
+    bare_height: float  # [m]
+    safe_height: float  # [m]
+    price: float  # efficiency given up where the stiffness is as assumed [-]
+
+
+def margin_curve(amplitude: float, count: int = 21) -> MarginCurve:
+    """Compute both heights on beams whose stiffness is up to 5 % off, driven at the frequency of the one thought."""
+    scene = standard_bench().with_(mass_fraction=_MASS_FRACTION)
+    selector = DirectSelector(scene)
+    bare, safe = selector.select(amplitude), selector.select(amplitude, margin=1.0)
+    damper = DamperResponse(scene, _RTOL)
+    errors = np.linspace(-0.05, 0.05, count)
+
+    def worst(job: tuple[float, float]) -> float:
+        error, height = job
+        other = with_stiffness(scene, damper, 1.0 + error)
+        timing = Timing(1.5 * damper.settling(), 16.0)
+        amplitudes = [other.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0)]
+        return max(amplitudes) / damper.closed_amplitude(amplitude)
+
+    jobs = [(float(error), height) for height in (bare.height, safe.height) for error in errors]
+    found = dict(on_all_cores(worst, jobs))
+    left, right = (np.array([found[(float(e), height)] for e in errors]) for height in (bare.height, safe.height))
+    return MarginCurve(errors, left, right, bare.height, safe.height, safe.price)
+
+
+@dataclass(frozen=True)
+class PcaErrors:
+    """How far the PCA is off at each amplitude of the support."""
+
+    before: Array  # (n,) height before tuning against the best [-]
+    after: Array  # (n,) height after tuning against the best [-]
+    direct: Array  # (n,) height of the direct selection against the best [-]
+    lost_before: Array  # (n,) beam amplitude at the height before tuning against that at the best [-]
+    lost_after: Array  # (n,)
+    lost_direct: Array  # (n,)
+
+
+def pca_errors(amplitudes: Array, gravity: bool = True) -> PcaErrors:
+    """Compute Figs 4.37 to 4.43: the best height is that of a fine scan, finer than any of the methods."""
+    scene = standard_bench(gravity=9.81 if gravity else 0.0).with_(mass_fraction=_MASS_FRACTION)
+    damper = DamperResponse(scene, _RTOL)
+    pca, direct = PcaSelector(scene), DirectSelector(scene, workers=1)
+    rows = dict(on_all_cores(lambda a: _row(damper, pca, direct, a), [float(a) for a in amplitudes]))
+    columns = np.array([rows[float(a)] for a in amplitudes]).T
+    return PcaErrors(*columns)
+
+
+def _row(damper: DamperResponse, pca: PcaSelector, direct: DirectSelector, amplitude: float) -> list[float]:
+    timing = Timing(1.5 * damper.settling(), 16.0)
+
+    def remaining(height: float) -> float:
+        return max(damper.opened(amplitude, height, timing, travel).amplitude for travel in (1.0, 0.0))
+
+    unit = damper.ballistic_clearance(amplitude)
+    scan = [
+        (remaining(damper.diameter + share * unit), damper.diameter + share * unit)
+        for share in np.arange(0.36, 0.95, 0.005)
+    ]
+    least, best = min(scan)
+    chosen = pca.select(amplitude)
+    before = next(stage.height for stage in chosen.stages if stage.name == "PCA")
+    heights = [before, chosen.height, direct.select(amplitude).height]
+    return [h / best - 1.0 for h in heights] + [remaining(h) / least - 1.0 for h in heights]

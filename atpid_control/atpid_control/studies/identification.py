@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from atpid_control.beam_calibration import fit_beam
+from atpid_control.beam_calibration.fit import fit_beam
 from atpid_control.identification import Estimate, Identifier, Settings
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
@@ -18,8 +17,7 @@ from atpid_control.studies.baselines import cramer_rao, fft_bin, hann_parabola, 
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: The values of config/identifier.yaml.
 SETTINGS = Settings(

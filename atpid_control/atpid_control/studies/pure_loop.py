@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.graph import BenchError
 from atpid_control.identification import Estimate, Identifier
@@ -18,8 +17,7 @@ from atpid_control.loop.settings import controller_of, identification_settings, 
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.stream import Stream
 from atpid_sim.scene import ControlledCeiling, Scene
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Parameters of identifier_node and selector_node by name.
 Parameters = Mapping[str, Mapping[str, Any]]

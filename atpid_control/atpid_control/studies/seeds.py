@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_control.graph.parts import PARTS
+from atpid_control.graph.parts import NODES, Parameters
 from atpid_control.loop.step_back import DECAY, DECAY_SPAN
 from atpid_control.report.stages import WINDOW, constant_intervals
 from atpid_control.selection.map_cache import amplitudes_of, map_for
@@ -22,8 +22,7 @@ from atpid_sim.maps import DamperResponse, HeightMap, MapEntry
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import cores
 from atpid_sim.simulation.excitation import amplitude_at
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Share above the map's amplitude from which a period rumbles, and share of the best height from which it can.
 EXCESS, NEAR = 0.15, 0.95
@@ -69,9 +68,6 @@ def _longest(places: NDArray[np.intp]) -> int:
     return int(max(group[-1] - group[0] + 1 for group in groups))
 
 
-Parameters = dict[str, dict[str, Any]]
-
-
 @dataclass(frozen=True)
 class Stage:
     """One interval of constant excitation in one run."""
@@ -99,7 +95,7 @@ class SeedRun:
 
 def configured() -> Parameters:
     """Return the parameters of identifier and selector as their parameter files have them."""
-    return {part.name: part.configured() for part in PARTS if part.name in ("identifier_node", "selector_node")}
+    return {name: NODES[name].configured() for name in ("identifier_node", "selector_node")}
 
 
 def run_all(

@@ -107,9 +107,12 @@ def _spin(node: Node, interrupt: Interrupt) -> int:
 
 
 @contextmanager
-def command_node(make: Callable[[], N]) -> Iterator[tuple[N, SingleThreadedExecutor]]:
-    """Initialise rclpy without signal handlers of its own; yield the node that `make` returns, and its executor."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+def command_node(make: Callable[[], N], *words: str) -> Iterator[tuple[N, SingleThreadedExecutor]]:
+    """Initialise rclpy, by the `words` of its command line, without signal handlers of its own.
+
+    Yields the node that `make` returns, and its executor.
+    """
+    rclpy.init(args=list(words), signal_handler_options=SignalHandlerOptions.NO)
     try:
         node, executor = make(), SingleThreadedExecutor()
         executor.add_node(node)

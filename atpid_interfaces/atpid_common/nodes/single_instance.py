@@ -37,15 +37,18 @@ def is_alone(node: Node) -> bool:
     return seen.count((node.get_name(), node.get_namespace())) <= 1
 
 
-def check_alone(node: Node) -> None:
-    """Raise StartedTwiceError where another node of this name stays in the graph; to be called repeatedly.
+def started_twice(node: Node) -> bool:
+    """Return whether another node of this name stays in the graph, which is logged; to be called repeatedly.
 
     One that is started on this machine is refused its claim and leaves at once, so a short appearance does not count.
     """
     if is_alone(node):
         _first_seen.pop(node, None)
-    elif time.monotonic() - _first_seen.setdefault(node, time.monotonic()) > _TRANSIENT:
-        raise StartedTwiceError(_text(node.get_fully_qualified_name()))
+        return False
+    twice = time.monotonic() - _first_seen.setdefault(node, time.monotonic()) > _TRANSIENT
+    if twice:
+        node.get_logger().error(_text(node.get_fully_qualified_name()))
+    return twice
 
 
 def _text(name: str) -> str:

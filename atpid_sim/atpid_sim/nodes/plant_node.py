@@ -25,7 +25,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
-from atpid_common.nodes.single_instance import StartedTwiceError, check_alone, is_alone
+from atpid_common.nodes.single_instance import is_alone, started_twice
 from atpid_common.waiting import COMPILING, announced
 from atpid_sim.nodes.messages import handshake_truth, sample_block, truth_message
 from atpid_sim.nodes.scene_parameter import scene_given
@@ -103,10 +103,7 @@ class PlantNode(Node):
     # the handshake
 
     def _publish_handshake(self) -> None:
-        try:
-            check_alone(self)
-        except StartedTwiceError as error:
-            self.get_logger().error(str(error))
+        if started_twice(self):
             self._handshake.cancel()
             self._leaving.at_once(BAD_INPUT)
             return
