@@ -181,7 +181,7 @@ def test_the_files_of_a_replay_are_written(
 def test_the_launch_files_name_what_is_installed(name: str, removed: Path) -> None:
     install = removed / "install"
     text = (install / f"atpid_control/share/atpid_control/launch/{name}.launch.py").read_text()
-    named = re.findall(r'node\(\s*"(\w+)",\s*"(\w+)"', text)
+    named = re.findall(r'GraphNode\(\s*"(\w+)",\s*"(\w+)"', text)
     assert named
     assert [place for place in named if place not in EXECUTABLES] == []
 

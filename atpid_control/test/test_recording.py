@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from recorded import SHORT, block, make, record
 from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
@@ -281,6 +282,64 @@ def test_a_changed_byte_is_noticed(tmp_path: Path) -> None:
     file.write_bytes(data)
     with pytest.raises(BagError):
         verify(tmp_path / "run")
+
+
+@pytest.mark.slow
+def test_a_changed_byte_is_noticed_wherever_it_is(tmp_path: Path) -> None:
+    small_bag(tmp_path / "run").close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = file.read_bytes()
+    for place in range(0, len(data), 7):
+        changed = bytearray(data)
+        changed[place] ^= 1 << place % 8
+        file.write_bytes(changed)
+        with pytest.raises(BagError) as caught:
+            verify(tmp_path / "run")
+        assert "\n" not in str(caught.value), place
+
+
+def test_a_changed_attachment_is_noticed_in_a_bag_without_a_checksum_of_all(tmp_path: Path) -> None:
+    file = tmp_path / "other.mcap"
+    with file.open("wb") as stream:
+        other = Writer(stream)
+        other.start(profile="ros2", library="another program")
+        other.add_attachment(0, 0, "scene.yaml", "text/yaml", b"stiffness: 427.6")
+        other.finish()
+    file.write_bytes(file.read_bytes().replace(b"427.6", b"927.6"))
+    with pytest.raises(BagError, match=r"the attachment scene\.yaml is damaged"):
+        verify(file)
+
+
+def test_a_second_repair_keeps_what_the_first_has_kept(tmp_path: Path) -> None:
+    small_bag(tmp_path / "run").close()
+    file = tmp_path / "run" / "run_0.mcap"
+    for _ in range(2):
+        data = file.read_bytes()
+        file.write_bytes(data[: 2 * len(data) // 3])
+        repair(tmp_path / "run")
+    kept = sorted(path.name for path in file.parent.glob("*.damaged*"))
+    assert kept == ["run_0.mcap.damaged", "run_0.mcap.damaged.2"]
+
+
+@pytest.mark.parametrize("field", [1, 9 + 8 + 8])  # of the chunk: the length of its record, its size when unpacked
+def test_a_length_beyond_all_bounds_is_one_line(field: int, tmp_path: Path) -> None:
+    small_bag(tmp_path / "run").close()
+    file = tmp_path / "run" / "run_0.mcap"
+    with file.open("rb") as stream:
+        begin = make_reader(stream).get_summary().chunk_indexes[0].chunk_start_offset  # type: ignore[union-attr]
+    data = bytearray(file.read_bytes())
+    for length in (2**40, 2**63, 2**64 - 1):
+        data[begin + field : begin + field + 8] = length.to_bytes(8, "little")
+        file.write_bytes(data)
+        with pytest.raises(BagError, match="breaks off or is damaged"):
+            verify(tmp_path / "run")
+        assert repair(tmp_path / "run").messages == 0
+        file.write_bytes(data)
+
+
+def test_a_path_that_is_too_long_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match=r"cannot be opened|no such bag"):
+        verify(tmp_path / ("a" * 5000))
 
 
 def test_metadata_that_contradicts_the_file_is_detected_and_repaired(tmp_path: Path) -> None:

@@ -4,18 +4,20 @@
 `mcap recover` may succeed on a file that cannot be read; here success means that every message was decoded.
 """
 
-import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
+from typing import BinaryIO
 
 import yaml
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
-from zstandard import ZstdError
 
 from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
@@ -24,7 +26,8 @@ from atpid_control.bags.metadata import RESULT, RUN, BagSummary, TopicSummary
 from atpid_control.bags.writer import CHUNK, LIBRARY
 
 _MAGIC = b"\x89MCAP0\r\n"
-_TORN = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError, EOFError)
+_LARGEST_CHUNK = 2**30  # unpacked; a damaged length must not take the memory [bytes]
+_CRC_SIZE, _FOOTER_SIZE = 4, 29  # [bytes]
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,11 @@ class Verified:
 
 def find_file(path: Path) -> Path:
     """Return the MCAP file of the bag `path` (its folder or the file itself); raise BagError where there is none."""
-    if not path.exists():
+    try:
+        found = path.exists()
+    except OSError as error:
+        raise BagError(f"{path}: cannot be opened ({error.strerror}); give a bag's folder") from None
+    if not found:
         raise BagError(f"{path}: no such bag; give the folder that `ros2 bag` or recorder_node made")
     files = [path] if path.is_file() else sorted(path.glob("*.mcap"))
     if not files:
@@ -67,12 +74,12 @@ def find_file(path: Path) -> Path:
 def records(file: Path, torn_ok: bool = False) -> Iterator[McapRecord]:
     """Yield the records of an MCAP file with all checksums checked.
 
-    A file that breaks off raises BagError, or just ends with `torn_ok`.
+    A file that breaks off raises BagError, or just ends with `torn_ok`; a damaged attachment is then left out.
     """
     with file.open("rb") as stream:
         try:
-            yield from StreamReader(stream, validate_crcs=True).records
-        except _TORN as error:
+            yield from _records(stream, file.stat().st_size, torn_ok)
+        except Exception as error:  # the library raises many types of errors for damaged bytes
             if torn_ok:
                 return
             reason = str(error) or type(error).__name__
@@ -80,8 +87,46 @@ def records(file: Path, torn_ok: bool = False) -> Iterator[McapRecord]:
             raise BagError(f"{file}: the bag breaks off or is damaged ({reason}); {advice}") from None
 
 
+def _records(stream: BinaryIO, size: int, torn_ok: bool) -> Iterator[McapRecord]:
+    reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            if record.uncompressed_size > _LARGEST_CHUNK:
+                raise ValueError(f"a chunk of {record.uncompressed_size} bytes; at most {_LARGEST_CHUNK}")
+            yield from breakup_chunk(record, validate_crc=True)
+            continue
+        if isinstance(record, Attachment) and not _attachment_whole(stream, record):
+            if torn_ok:
+                continue
+            raise ValueError(f"the attachment {record.name} is damaged")
+        if isinstance(record, Footer) and not torn_ok:
+            _check_summary(stream, record)
+        yield record
+
+
+def _attachment_whole(stream: BinaryIO, record: Attachment) -> bool:
+    """Whether the checksum that ends an attachment, which has just been read, is that of its contents; 0: has none."""
+    stream.seek(-_CRC_SIZE, 1)
+    stored, written = stream.read(_CRC_SIZE), RecordBuilder()
+    record.write(written)
+    return stored in (bytes(_CRC_SIZE), bytes(written.end()[-_CRC_SIZE:]))
+
+
+def _check_summary(stream: BinaryIO, footer: Footer) -> None:
+    """Raise ValueError where the checksum of index and footer, which has just been read, is not theirs; 0: has none."""
+    end = stream.tell()
+    begin = footer.summary_start or end - _FOOTER_SIZE
+    if footer.summary_crc and begin < end:
+        stream.seek(begin)
+        if zlib.crc32(stream.read(end - begin - _CRC_SIZE)) != footer.summary_crc:
+            raise ValueError("its index is damaged")
+
+
 def verify(path: Path) -> Verified:
-    """Read and decode every message of the bag, compare with metadata.yaml; raise BagError where it is not whole."""
+    """Read and decode every message of the bag, in order and by its index, and compare with metadata.yaml.
+
+    Raises BagError where it is not whole.
+    """
     file = find_file(path)
     channels: dict[int, Channel] = {}
     decoder, counts, times = Decoder(), Counter[str](), []
@@ -94,10 +139,23 @@ def verify(path: Path) -> Verified:
             decoder.decode(channels[record.channel_id].schema_id, record.data)
             counts[channels[record.channel_id].topic] += 1
             times.append(record.log_time)
+    _read_by_index(file, len(times))
     _compare(file, counts)
     return Verified(
         file.parent, len(times), dict(counts), file.stat().st_size, min(times, default=0), max(times, default=0)
     )
+
+
+def _read_by_index(file: Path, messages: int) -> None:
+    """Read the bag as other programs do; raise BagError where they do not find all its messages."""
+    with file.open("rb") as stream:
+        try:
+            reader = make_reader(stream, validate_crcs=True)
+            found = sum(1 for _ in reader.iter_messages(log_time_order=False))
+        except Exception as error:  # as above
+            raise BagError(f"{file}: its index cannot be used ({error}); `repair` writes it anew") from None
+    if found != messages:
+        raise BagError(f"{file}: its index leads to {found} of {messages} messages; `repair` writes it anew")
 
 
 def _compare(file: Path, counts: Counter[str]) -> None:
@@ -123,7 +181,8 @@ def _compare(file: Path, counts: Counter[str]) -> None:
 def repair(path: Path) -> Verified:
     """Make a bag whole that was not closed: every complete chunk is kept, index and metadata.yaml are written anew.
 
-    The damaged file stays beside it, renamed to end in .damaged. A whole bag is left as it is. Raises BagError.
+    The damaged file stays beside it, renamed to end in .damaged; one that is there from before is kept as well. A whole
+    bag is left as it is. Raises BagError.
     """
     file = find_file(path)
     try:
@@ -133,12 +192,18 @@ def repair(path: Path) -> Verified:
     partial = file.with_suffix(".mcap.partial")
     try:
         summary, run = _copy(file, partial)
-        file.rename(file.with_suffix(".mcap.damaged"))
+        file.rename(_unused(file.with_suffix(".mcap.damaged")))
         partial.rename(file)
         metadata.write(file.parent, summary, {**run, "repaired": "index and metadata.yaml written anew after a crash"})
     except OSError as error:
         raise BagError(f"{file.parent}: cannot repair the bag: {in_words(error)}") from None
     return verify(path)
+
+
+def _unused(path: Path) -> Path:
+    """Return `path`, or the first of `path.2`, `path.3`, ... that is no file yet."""
+    names = (path if number == 1 else path.with_name(f"{path.name}.{number}") for number in count(1))
+    return next(name for name in names if not name.exists())
 
 
 def _copy(file: Path, target: Path) -> tuple[BagSummary, dict[str, str]]:
@@ -149,7 +214,7 @@ def _copy(file: Path, target: Path) -> tuple[BagSummary, dict[str, str]]:
     names: dict[int, str] = {}
     channels: dict[int, int] = {}
     with target.open("wb") as stream:
-        writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD, enable_crcs=True)
+        writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD, enable_data_crcs=True)
         for record in records(file, torn_ok=True):
             if isinstance(record, Footer):
                 break

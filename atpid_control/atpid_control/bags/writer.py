@@ -83,7 +83,11 @@ class BagWriter:
             folder.mkdir(parents=True)
             self._sink = Sink(folder / file_name)
             self._writer = Writer(
-                cast(IO[Any], self._sink), chunk_size=chunk, compression=COMPRESSIONS[compression], enable_crcs=True
+                cast(IO[Any], self._sink),
+                chunk_size=chunk,
+                compression=COMPRESSIONS[compression],
+                enable_crcs=True,
+                enable_data_crcs=True,
             )
             self._writer.start(profile="ros2", library=LIBRARY)
             self._writer.add_metadata(RUN, run.record())
