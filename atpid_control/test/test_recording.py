@@ -304,7 +304,7 @@ def test_a_changed_attachment_is_noticed_in_a_bag_without_a_checksum_of_all(tmp_
         other = Writer(stream)
         other.start(profile="ros2", library="another program")
         other.add_attachment(0, 0, "scene.yaml", "text/yaml", b"stiffness: 427.6")
-        other.finish()
+        other.finish()  # type: ignore[no-untyped-call]
     file.write_bytes(file.read_bytes().replace(b"427.6", b"927.6"))
     with pytest.raises(BagError, match=r"the attachment scene\.yaml is damaged"):
         verify(file)

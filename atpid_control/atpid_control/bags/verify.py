@@ -109,7 +109,8 @@ def _attachment_whole(stream: BinaryIO, record: Attachment) -> bool:
     stream.seek(-_CRC_SIZE, 1)
     stored, written = stream.read(_CRC_SIZE), RecordBuilder()
     record.write(written)
-    return stored in (bytes(_CRC_SIZE), bytes(written.end()[-_CRC_SIZE:]))
+    computed = bytes(written.end())[-_CRC_SIZE:]  # type: ignore[no-untyped-call]
+    return stored in (bytes(_CRC_SIZE), computed)
 
 
 def _check_summary(stream: BinaryIO, footer: Footer) -> None:
@@ -118,7 +119,7 @@ def _check_summary(stream: BinaryIO, footer: Footer) -> None:
     begin = footer.summary_start or end - _FOOTER_SIZE
     if footer.summary_crc and begin < end:
         stream.seek(begin)
-        if zlib.crc32(stream.read(end - begin - _CRC_SIZE)) != footer.summary_crc:
+        if zlib.crc32(stream.read(end - begin)[:-_CRC_SIZE]) != footer.summary_crc:
             raise ValueError("its index is damaged")
 
 

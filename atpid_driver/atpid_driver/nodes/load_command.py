@@ -115,7 +115,9 @@ class Listener(Node):
         self._state.publish(empty(CeilingState))
         elsewhere = self.recorder("received") if self._behind_recorder else dict.fromkeys(self._received, 1)
         received = [min(count, elsewhere[topic]) for topic, count in self._received.items()]
-        self._status.publish(RecorderStatus(recording=True, topics=list(self._received), received=received, written=received))
+        self._status.publish(
+            RecorderStatus(recording=True, topics=list(self._received), received=received, written=received)
+        )
 
 
 @dataclass(frozen=True)
