@@ -4,6 +4,7 @@
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from typing import Any
 import pytest
 
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode
+from atpid_driver.motor.errors import MotorError
 from atpid_driver.motor.serial_port import SerialPort
 from atpid_driver.motor.settings import MotorSettings
 
@@ -49,6 +52,20 @@ def wait_for(
     while not condition():
         assert time.monotonic() < end, f"waited {limit:g} s for: {what}; there is: {state()}"
         time.sleep(0.005)
+
+
+def arm(actuator: CeilingActuator) -> None:
+    """Arm and home; again where the test's own process stood still for longer than the firmware's heartbeat allows."""
+
+    def ready() -> bool:
+        reading = actuator.read(time.monotonic_ns())
+        if reading.mode in (Mode.FAULT, Mode.DISARMED):
+            with suppress(MotorError):  # the link is being opened again
+                actuator.activate(time.monotonic_ns())
+        return reading.ready
+
+    actuator.activate(time.monotonic_ns())
+    wait_for(ready, "armed and homed", state=lambda: str(actuator.read(time.monotonic_ns())))
 
 
 @dataclass

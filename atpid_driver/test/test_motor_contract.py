@@ -7,7 +7,7 @@ from math import isnan, nan
 from pathlib import Path
 
 import pytest
-from motor_rigs import SERIAL, board, need_emulator, settings, wait_for
+from motor_rigs import SERIAL, arm, board, need_emulator, settings, wait_for
 
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode, Reading
@@ -37,8 +37,8 @@ class Rig:
         assert self.actuator.connect(time.monotonic_ns()).name
 
     def activate(self) -> Reading:
-        self.actuator.activate(time.monotonic_ns())
-        return self.until(lambda reading: reading.ready, "armed and homed")
+        arm(self.actuator)
+        return self.read()
 
 
 @pytest.fixture(params=["simulated", "serial"])

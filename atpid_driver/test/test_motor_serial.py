@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from motor_rigs import board, settings, wait_for
+from motor_rigs import arm, board, settings, wait_for
 
 from atpid_driver.emulator import Emulator
 from atpid_driver.motor import session as session_module
@@ -40,17 +40,8 @@ class Rig:
         return f"{self.read()}; {self.reports}; {self.emulator.state()}"
 
     def make_ready(self) -> None:
-        """Home it; again after a heartbeat fault, which is what a busy machine that stood still gets."""
-
-        def holding() -> bool:
-            mode = self.read().mode
-            if mode is Mode.FAULT:
-                self.actuator.activate(time.monotonic_ns())
-            return mode is Mode.HOLDING
-
         self.actuator.connect(time.monotonic_ns())
-        self.actuator.activate(time.monotonic_ns())
-        wait_for(holding, "homed", state=self.describe)
+        arm(self.actuator)
 
     def start_down(self) -> None:
         self.move(0.1)
