@@ -5,11 +5,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification import Estimate, Identifier, Settings
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 RATE, FREQUENCY, AMPLITUDE = 1000.0, 5.49, 0.015
 PERIOD = 1.0 / FREQUENCY

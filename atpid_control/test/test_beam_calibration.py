@@ -17,7 +17,6 @@ from atpid_control.commands import calibrate_beam as command
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.simulate import trajectory
 
-Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
 RATE, LASER = 1000.0, 20e-6
 CLOSED = load_scene(ROOT / "scenes" / "closed_damper.yaml")

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from identification_signals import AMPLITUDE, FREQUENCY, PERIOD, RATE, SETTINGS, estimates, noise, times, tone, with_
-from numpy.typing import NDArray
 
 from atpid_control.identification import IdentificationError, Identifier, Quality
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 Spoil = Callable[[np.random.Generator, Array, Array], Array]
 
 

@@ -4,13 +4,11 @@
 import numpy as np
 import pytest
 from identification_signals import AMPLITUDE, FREQUENCY, RATE
-from numpy.typing import NDArray
 
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.window import seed_frequency
 from atpid_control.studies.baselines import cramer_rao, fft_bin, fisher_information, hann_parabola, jacobsen
 
-Array = NDArray[np.float64]
 TRIALS = 1500
 
 

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identification_signals import PERIOD, RATE, SETTINGS
-from numpy.typing import NDArray
 
 from atpid_control.identification import Estimate, Identifier, Origin, Quality
 from atpid_control.identification.from_beam import ClosedBeam, ModelInverse, crossings, regular_branch
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.simulate import trajectory
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 SCENE = load_scene(Path(__file__).parents[2] / "scenes" / "closed_damper.yaml").with_(
     duration=12.0, steady_window=(10.0, 12.0)
 )

@@ -14,8 +14,8 @@ from atpid_control.loop.drift import OVERSHOOT, DriftAlarm, DriftSettings, Stead
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch, scatter_of
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import load_scene
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
 SCENE = load_scene(ROOT / "scenes" / "thesis_4_3.yaml")
 FREQUENCY, RATE, BLOCK = SCENE.frequency_hz, 1000.0, 50

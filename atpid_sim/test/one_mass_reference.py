@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene
 from atpid_sim.studies.baselines.run import half_peak_to_peak
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 Points = tuple[tuple[float, float], ...]
 
 #: Points a period in searches for peaks; the interpolation in between is then within 3e-11 of the amplitude.

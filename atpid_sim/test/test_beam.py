@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from atpid_sim.engine import columns
@@ -17,9 +16,7 @@ from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.integration import Integration, Observation, drive_table
 from atpid_sim.simulation.simulate import simulate, trajectory
-from atpid_sim.system import System
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array, System
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 MASS, STIFFNESS, GRAVITY = 0.3258, 427.6, 9.81

@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at, support_at
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
-from atpid_sim.system import System
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array, System
 
 
 def number(low: float, high: float) -> st.SearchStrategy[float]:

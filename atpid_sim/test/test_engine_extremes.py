@@ -15,8 +15,8 @@ from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.integration import Integration, Observation
 from atpid_sim.studies.extremes import run_case
+from atpid_sim.system import Array
 
-Array = NDArray[np.float64]
 Counters = NDArray[np.int64]
 #: Changes the state vector and the counters of a run before it begins.
 Prepare = Callable[[Array, Counters], None]

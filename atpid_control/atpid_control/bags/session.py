@@ -9,6 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
+from atpid_common.scans import misplaced
 from atpid_control.bags import cdr
 from atpid_control.bags.errors import BagError, MessageError
 from atpid_control.bags.metadata import Qos, RunInfo
@@ -74,8 +75,6 @@ Offered = Callable[[str], tuple[Qos, ...]]
 _STARTED, _FINISHED = "started", "finished"
 #: Stamps of one instant may differ by rounding [ns].
 _SAME_INSTANT = 10_000
-_LARGEST_INDEX = 2**62
-_RATES = 1e-3, 1e7  # lowest, highest [Hz]
 #: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
 TIMEOUT = 2.0
 
@@ -244,10 +243,8 @@ class Session:
 
 def _checked(shape: cdr.BlockShape) -> cdr.BlockShape:
     """Return `shape`; raise MessageError where its scans have no place in time."""
-    if not _RATES[0] <= shape.rate <= _RATES[1]:
-        raise MessageError(f"its rate is {shape.rate} Hz; {_RATES[0]:g} to {_RATES[1]:g}")
-    if shape.first_index > _LARGEST_INDEX:
-        raise MessageError(f"its first index is {shape.first_index}; at most 2^62")
+    if reason := misplaced(shape.first_index + shape.scans, shape.rate):
+        raise MessageError(reason)
     return shape
 
 

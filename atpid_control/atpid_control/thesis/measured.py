@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.thesis.points import Job
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)

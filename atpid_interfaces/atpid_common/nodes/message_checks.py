@@ -22,12 +22,12 @@ from atpid_interfaces.msg import (
 )
 from builtin_interfaces.msg import Time
 
+from atpid_common.scans import misplaced
+
 #: Returns why a message cannot be used, in a few words; empty: it can.
 Check = Callable[[Any], str]
 
-_LARGEST_INDEX = 2**62
 _END_OF_TIME = 2**31 - 1  # last second a stamp can hold [s]
-_RATES = 1e-3, 1e7  # lowest, highest [Hz]
 
 
 def check(message: Any) -> str:
@@ -46,14 +46,11 @@ def _stamp(stamp: Time) -> str:
 
 def _series(message: SampleBlock | PlantTruth, scans: int) -> str:
     """Return why the scans of a message cannot be placed in time; empty: they can."""
-    first_index, rate = message.first_index, message.rate
-    if not _RATES[0] <= rate <= _RATES[1]:
-        return f"its rate is {rate} Hz; {_RATES[0]:g} to {_RATES[1]:g}"
-    if first_index + scans > _LARGEST_INDEX:
-        return f"its first index is {first_index}; at most 2^62"
+    if reason := misplaced(message.first_index + scans, message.rate):
+        return reason
     if not scans:
         return "it has no samples"
-    return "" if message.header.stamp.sec + scans / rate < _END_OF_TIME else "it ends after 2038"
+    return "" if message.header.stamp.sec + scans / message.rate < _END_OF_TIME else "it ends after 2038"
 
 
 def _block(block: SampleBlock) -> str:

@@ -7,11 +7,9 @@ of less than a period changes little.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.analysis.damping import amplitudes_per_period
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 def lag_of(measured: Array, simulated: Array, most: int) -> int:

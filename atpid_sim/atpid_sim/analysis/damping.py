@@ -4,11 +4,9 @@
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.simulation.decay import peaks
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Peaks below this share of the first are noise and rest, not decay, as in `simulation.decay`.
 _SMALLEST = 0.02

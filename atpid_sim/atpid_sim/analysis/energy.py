@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 FLOOR, CEILING = 1.0, -1.0
 

@@ -2,9 +2,8 @@
 """Mass modification and pseudo-inertial force of a moving grain (Eqs 3.47 to 3.54)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 def mass_modification(grain_mass: float, beam: Array, grain: Array, gravity: float) -> Array:

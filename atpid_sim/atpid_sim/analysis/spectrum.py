@@ -2,9 +2,8 @@
 """The spectrum of a displacement, and the frequency of its highest peak (Figs 3.7 and 3.8)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Zeros appended, in lengths of the signal: the spectrum is then read between its bins.
 _PADDING = 8

@@ -10,10 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.thesis.measured import Measured, curve
 from atpid_control.thesis.measures.motion import FINE, beam_of, soft, structure_of
@@ -26,8 +25,7 @@ from atpid_sim.analysis.impacts import CEILING, FLOOR, visits
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.simulation.simulate import Trajectory
-
-Array = NDArray[np.float64]
+from atpid_sim.system import Array
 
 #: Before this time the damper is closed and the beam has settled [s].
 _CLOSED = (4.0, 6.0)
