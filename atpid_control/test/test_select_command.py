@@ -45,7 +45,7 @@ def test_for_people_every_stage_is_shown(capsys: pytest.CaptureFixture[str]) -> 
         (["select", str(ROOT / "scenes" / "free_decay.yaml"), "--method", "direct"], "a height is selected for a tone"),
         (["select", SCENE, "--method", "direct", "--without-gravity"], "allowed with pca"),
         (["select", SCENE, "--method", "direct", "--margin", "-1"], "margin"),
-        (["select", SCENE, "--method", "lookup", "--map", SCENE], "is not a height map"),
+        (["select", SCENE, "--method", "lookup", "--map", SCENE], "is no NPZ archive of arrays"),
     ],
 )
 def test_bad_input_is_one_line_and_status_two(
