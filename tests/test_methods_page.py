@@ -27,7 +27,10 @@ AGAIN = "run the command at the head of docs/methods.md"
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("methods")
-    assert main(["compare", str(SCENE), "--out", str(folder), "--page", str(folder / "methods.md")]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "SCENES", (SCENE.stem,))  # the others take twice as long
+        made = main(["compare", str(SCENE), "--out", str(folder), "--page", str(folder / "methods.md")])
+    assert made == 0
     (one,) = json.loads((folder / "methods.json").read_text(encoding="utf-8"))
     return folder, one
 
@@ -134,6 +137,23 @@ def test_what_cannot_be_compared_is_one_line(
     if isinstance(change, dict):
         path.write_text(load_scene(SCENE).with_(ceiling={"height": 0.2}, **change).to_yaml(), encoding="utf-8")
     assert main(["compare", str(path), "--out", str(tmp_path / "out")]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert words in captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([str(SCENE), str(SCENE)], "given twice"),
+        ([str(SCENE), "--page", "page.md"], "its text is about thesis_4_3, stepped_4_8_phi_0_3, stiff_beam"),
+        (["nowhere.yaml"], "nowhere.yaml"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_one_line(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", *arguments, "--out", str(tmp_path)]) == 2
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
     assert words in captured.err

@@ -13,6 +13,7 @@ from atpid_common import output
 from atpid_control.comparison import page
 from atpid_control.comparison.picture import draw
 from atpid_control.comparison.run import Compared, compare, load_scenes, steps, to_json
+from atpid_control.comparison.structures import ComparisonError
 from atpid_sim.display import counting
 
 
@@ -26,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare, print the table, write numbers, picture and page; return 0. Raises what a scene or a run raises."""
-    scenes = dict(load_scenes(args.scenes))
+    scenes = load_scenes(args.scenes)
+    if args.page is not None and tuple(scenes) != page.SCENES:
+        raise ComparisonError(f"--page: given with {', '.join(scenes)}; its text is about {', '.join(page.SCENES)}")
     folder = output.folder(args.out)
     if args.page is not None:
         output.folder(output.file(args.page, "--page").parent / "figures", "--page")

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
-from atpid_control.selection.height_model import HeightModel, ModelError
+from atpid_control.selection.height_model import MOST_SYSTEMS, HeightModel, ModelError
 from atpid_control.studies import learning
 from atpid_sim.display import counting
 
@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train, write the model and print its errors; return 0. Raises ModelError, OutputError, NumericalFailure."""
-    if args.systems < _FEWEST:
-        raise ModelError(f"--systems: given {args.systems}; allowed: at least {_FEWEST}")
+    if not _FEWEST <= args.systems <= MOST_SYSTEMS:
+        raise ModelError(f"--systems: given {args.systems}; allowed: {_FEWEST} to {MOST_SYSTEMS}")
     file = output.folder(args.out) / _FILE
     inputs = learning.draw(args.systems)
     with counting("systems", len(inputs)) as count:

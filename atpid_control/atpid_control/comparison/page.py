@@ -14,6 +14,8 @@ from atpid_control.selection.learned import SHIPPED
 from atpid_sim.system import Array
 
 _WIDTH = 100
+#: The scenes the page is about: its text says what is seen in them.
+SCENES = ("thesis_4_3", "stepped_4_8_phi_0_3", "stiff_beam")
 
 
 def headings(results: Sequence[Compared]) -> list[str]:

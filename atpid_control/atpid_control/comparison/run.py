@@ -3,7 +3,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_control.comparison.passive import RTOL, Fixed, Tuned, fixed_heights, remaining, tuned_masses
-from atpid_control.comparison.structures import Structure, description, levels, structures, with_beam
+from atpid_control.comparison.structures import ComparisonError, Structure, description, levels, structures, with_beam
 from atpid_control.selection.map_cache import map_for
 from atpid_control.selection.protocol import HeightSelector, SelectionError
 from atpid_control.selection.registry import make_selector
 from atpid_control.selection.search import SearchSelector
 from atpid_sim.maps import DamperResponse
-from atpid_sim.scene import Scene
+from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import on_all_cores
 from atpid_sim.system import Array
 
@@ -83,11 +83,9 @@ def compare(scene: Scene, name: str, progress: Progress) -> Compared:
         for row in range(len(others))
         for column in range(len(amplitudes))
     }
+    answered = [(key[0], one) for key, one in answers.items() if not one.refusal]
     seconds = {
-        what: np.array(
-            [a.wall_s + a.structure_s for (name, *_), a in answers.items() if name == what and not a.refusal]
-        )
-        for what in SELECTED
+        what: np.array([one.wall_s + one.structure_s for name, one in answered if name == what]) for what in SELECTED
     }
     return Compared(
         name, 2.0 * scene.grain.radius, description(scene), amplitudes, tuple(one.name for one in others),
@@ -205,9 +203,10 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def load_scenes(paths: list[Path]) -> Iterator[tuple[str, Scene]]:
-    """Yield (name, scene) for each file. Raises SceneError."""
-    from atpid_sim.scene import load_scene
-
-    for path in paths:
-        yield path.stem, load_scene(path)
+def load_scenes(paths: Sequence[Path]) -> dict[str, Scene]:
+    """Return {name: scene} of the files. Raises SceneError, and ComparisonError where two have the same name."""
+    names = [path.stem for path in paths]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ComparisonError(f"{twice}: given twice; allowed: files of different names")
+    return {name: load_scene(path) for name, path in zip(names, paths, strict=True)}

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from atpid_common.errors import InputError
+from atpid_common.files import FileError, read_arrays
 from atpid_common.output import writing
 from atpid_sim.kernel_inputs import contact_of, restitution_of
 from atpid_sim.maps import DamperResponse
@@ -37,6 +37,9 @@ LEAST_RATIO = 2.0
 SHARE = 0.96
 #: Smoothing of the spline, chosen by cross-validation from 0.01 to 10 (docs/decisions/0027-learned-selector.md).
 _SMOOTHING = 1.0
+
+#: Most systems of a model: solving it takes their number squared in memory, cubed in time. Largest file [bytes].
+MOST_SYSTEMS, _LARGEST = 4096, 2_000_000
 
 _GRIDS = ("inputs", "clearances", "remaining", "drawn_from")
 _MAKE = "train one with `python -m atpid_control learn --out DIR`"
@@ -86,21 +89,28 @@ class HeightModel:
     def load(path: str | os.PathLike[str]) -> HeightModel:
         """Read a model; raise ModelError for a file that is none."""
         try:
-            with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                about = json.loads(str(file["about"]))
-                columns = [np.asarray(file[name], dtype=float) for name in _GRIDS]
-        except OSError as error:
-            raise ModelError(f"{path}: cannot be read: {error.strerror or error}; {_MAKE}") from None
-        except (ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            stored = read_arrays(Path(path), _LARGEST)
+            about = json.loads(str(stored["about"]))
+            inputs, clearances, remaining, drawn_from = (np.asarray(stored[name], dtype=float) for name in _GRIDS)
+            version, errors = (about["format"], about["share"]), tuple(about["errors"])
+        except FileError as error:
+            raise ModelError(f"{error}; {_MAKE}") from None
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise ModelError(f"{path}: is not a learned model; {_MAKE}") from None
-        if not isinstance(about, dict) or (about.get("format"), about.get("share")) != (FORMAT, SHARE):
+        if version != (FORMAT, SHARE):
             raise ModelError(f"{path}: a model of another version; {_MAKE}")
-        count, width = len(columns[0]), len(INPUTS)
-        fits = [column.shape for column in columns] == [(count, width), (count,), (count,), (2, width)]
-        if not fits or count <= width or not all(np.isfinite(c).all() and (c > 0.0).all() for c in columns):
+        model = HeightModel(inputs, clearances, remaining, drawn_from, errors, str(path))
+        if not model._sound():
             raise ModelError(f"{path}: a damaged model; {_MAKE}")
-        inputs, clearances, remaining, drawn_from = columns
-        return HeightModel(inputs, clearances, remaining, drawn_from, tuple(about["errors"]), str(path))
+        return model
+
+    def _sound(self) -> bool:
+        """Whether shapes and numbers can be right."""
+        count, width = len(self.inputs), len(INPUTS)
+        wanted = [(count, width), (count,), (count,), (2, width)]
+        grids = [getattr(self, name) for name in _GRIDS]
+        fits = [grid.shape for grid in grids] == wanted and width < count <= MOST_SYSTEMS
+        return fits and all(np.isfinite(grid).all() and (grid > 0.0).all() for grid in grids)
 
     @cached_property
     def _middle(self) -> Array:
