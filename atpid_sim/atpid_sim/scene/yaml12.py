@@ -42,7 +42,8 @@ class _Loader(_Safe):  # type: ignore[misc]
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} appears twice", key.start_mark)
             seen.add(key.value)
-        return super().construct_mapping(node, deep)
+        mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
+        return mapping
 
 
 # the order matters: what is an integer is a float as well
@@ -58,7 +59,7 @@ _Loader.add_constructor(
 def read_yaml(text: str, source: str) -> Any:
     """Return the document in `text`; raise SceneError naming `source` and the line where it is not YAML."""
     try:
-        _check_depth(text)
+        _check_depth(text, source)
         loader = _Loader(text)
         try:
             node = loader.get_single_node()
@@ -68,6 +69,8 @@ def read_yaml(text: str, source: str) -> Any:
             return loader.construct_document(node)
         finally:
             loader.dispose()
+    except SceneError:
+        raise
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"{source}:{mark.line + 1}" if mark else source
@@ -76,13 +79,13 @@ def read_yaml(text: str, source: str) -> Any:
         raise SceneError(f"{source}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
 
 
-def _check_depth(text: str) -> None:
-    """Raise ConstructorError where blocks are nested deeper than any scene's: libyaml's recursion ends the process."""
+def _check_depth(text: str, source: str) -> None:
+    """Raise SceneError where blocks are nested deeper than any scene's: libyaml's recursion ends the process."""
     depth = 0
     for event in yaml.parse(text, Loader=_Safe):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
-            raise yaml.constructor.ConstructorError(None, None, f"more than {_DEEPEST} levels", event.start_mark)
+            raise SceneError(f"{source}: not readable as YAML: more than {_DEEPEST} levels of blocks")
 
 
 def _values(node: yaml.Node, known: dict[int, int]) -> int:
