@@ -14,6 +14,7 @@ from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import FreeExcitation, Scene
+from atpid_sim.scene.initial import Initial
 from atpid_sim.simulation.energy import Ledger, ledger_of
 from atpid_sim.simulation.excitation import frequency_at, support_rows
 from atpid_sim.system import Array, System
@@ -115,15 +116,18 @@ class Integration:
         return _STEPS + int(_STEPS_PER_CYCLE * duration * self._fastest)
 
     def initial_state(self, disturbance: float = 0.0) -> State:
-        """Return the state at time zero: at rest under the weight, or released from a deflection (Eqs 3.41, 3.42).
+        """Return the state at time zero: at rest under the weight, deflected, or the scene's own (Eqs 3.41, 3.42).
 
         disturbance: relative change of the beam's first displacement, for judging reproducibility.
         """
-        excitation = self.scene.excitation
-        deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else 0.0
+        excitation, initial = self.scene.excitation, self.scene.initial or Initial()
+        deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else initial.displacement
         beam = deflection - self.scene.static_deflection
         size = abs(beam) if beam != 0.0 else self.scene.grain.radius
-        return State.resting(beam + disturbance * size, 0.0)
+        state = State.resting(beam + disturbance * size, initial.velocity)
+        if initial.grain_height > 0.0 or initial.grain_speed > initial.velocity:
+            state.release_grain(initial.grain_height, initial.grain_speed)
+        return state
 
     def warm_up(self) -> None:
         """Compile the engine, or load it from the cache, so that a timed run does neither."""
