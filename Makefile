@@ -72,6 +72,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
 	python -m atpid_control study all --out out/study --page docs/thesis.md; \
+	python -m atpid_sim atlas --out out/atlas; cp out/atlas/atlas.png out/atlas/atlas_stability.png docs/figures; \
 	for scene in standard sticking irregular; do \
 	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
 	done; \

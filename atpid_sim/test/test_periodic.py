@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from atpid_sim.analysis.shaking_table import ShakingTable, doubling, onset
 from atpid_sim.analysis.two_impacts import Symmetric, TwoImpacts, return_map_slope, symmetric_motions
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
@@ -100,8 +101,7 @@ FREQUENCY = 5.0
 #: Heaviest, stiffest, most damped beam a scene takes: a table that nothing moves but the support.
 TABLE = {"mass": 1e6, "stiffness": 1e12, "damping": 1e9}
 GRAVITY = 9.81
-ONSET = math.pi * (1.0 - RESTITUTION) / (1.0 + RESTITUTION)
-DOUBLING = math.hypot(ONSET, 2.0 * (1.0 + RESTITUTION**2) / (1.0 + RESTITUTION) ** 2)
+ONSET, DOUBLING = onset(RESTITUTION), doubling(RESTITUTION)
 
 
 def ball(gamma: float) -> PeriodicMotion | None:
@@ -115,7 +115,7 @@ def ball(gamma: float) -> PeriodicMotion | None:
     spring = complex(TABLE["stiffness"], TABLE["damping"] * omega)
     table = gamma * GRAVITY / omega**2
     amplitude = table * abs((spring - TABLE["mass"] * omega**2) / spring)
-    struck = math.acos(ONSET / gamma)  # phase of the impact, on the table's way up and braking
+    struck = ShakingTable(RESTITUTION, gamma).phase
     period = 1.0 / FREQUENCY
     launch = 0.5 * GRAVITY * period
     highest = table * math.sin(struck) + launch * 0.5 * period - 0.5 * GRAVITY * (0.5 * period) ** 2
@@ -130,9 +130,7 @@ def ball(gamma: float) -> PeriodicMotion | None:
 def test_multipliers_of_a_ball_on_a_vibrating_table(gamma: float) -> None:
     found = ball(gamma)
     assert found is not None
-    e = RESTITUTION
-    trace = (1.0 + e * e) - (1.0 + e) ** 2 * math.sqrt(gamma**2 - ONSET**2)
-    closed = np.roots([1.0, -trace, e * e])
+    closed = ShakingTable(RESTITUTION, gamma).multipliers
     assert np.sort(np.abs(found.multipliers))[-2:] == pytest.approx(np.sort(np.abs(closed)), rel=1e-4)
     assert (found.stability_margin > 0.0) == (gamma < DOUBLING)
 

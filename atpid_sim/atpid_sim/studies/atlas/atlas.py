@@ -107,12 +107,13 @@ class Atlas:
         ]
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return one row a column: place, best height, its stability, cliff, and distance to it."""
+        """Return one row a column: place, best height, its efficiency and stability, cliff, and distance to it."""
         listed: dict[Place, dict[str, Any]] = {}
         for name in _TABLE:
             for place, value in self._each(name):
                 listed.setdefault(place, dict(place._asdict()))[name] = value.item()
         for row in listed.values():
+            row["efficiency"] = 1.0 - row["best_amplitude"] / row["closed"]
             row["distance"] = row["cliff"] - row["best_height"]
         return list(listed.values())
 
