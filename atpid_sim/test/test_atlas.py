@@ -50,7 +50,7 @@ def test_the_command_writes_data_tables_and_pictures(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_each_type_lives_where_it_can(folder: Path) -> None:
+def test_types_and_amplitudes_are_possible_ones(folder: Path) -> None:
     atlas = Atlas.load(folder / "atlas.npz")
     for block in atlas.blocks.values():
         types = block["types"]
@@ -59,8 +59,7 @@ def test_each_type_lives_where_it_can(folder: Path) -> None:
         assert (np.diff(block["heights"][..., 0]) >= 0.0).all()  # higher for larger amplitudes
         # where the grain sticks to both walls its motion is regular, in both directions
         assert block["regular"][types == TYPES.index("sticking")].all()
-        # a damper's grain that moves regularly with the ceiling in reach does not make resonance worse
-    mass = atlas.blocks[MASS]
+    mass = atlas.blocks[MASS]  # a grain that moves regularly between floor and ceiling lowers a resonance
     useful = mass["regular"] & (mass["types"] <= TYPES.index("optimal"))
     assert (mass["amplitudes"] < 1.02 * mass["closed"][..., None, None])[useful].all()
 
@@ -80,7 +79,7 @@ def test_best_heights_are_stable_and_below_their_cliffs(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_simulated_disturbances_at_best_heights_decay_as_the_multipliers_say(folder: Path) -> None:
+def test_simulated_disturbances_at_best_heights_decay_by_the_multipliers(folder: Path) -> None:
     rows = [row for row in Atlas.load(folder / "atlas.npz").rows() if row["amplitude"] == 0.01 and row["periods"] == 1]
     assert len(rows) >= 3
     for row in rows:

@@ -277,6 +277,8 @@ def test_a_cliff_needs_a_stable_motion_to_start_from() -> None:
     unstable = motion_of(integration, 0.01, 0.18)
     with pytest.raises(ValueError, match=r"largest multiplier of 1\.19.*; allowed: below 1"):
         find_cliff(integration, unstable, 0.3, 0.001, 1e-5)
+    with pytest.raises(ValueError, match=r"resolution: given 0 m; allowed: above 0 and at most the step, 0\.001 m"):
+        find_cliff(integration, unstable, 0.3, 0.001, 0.0)
     with pytest.raises(ValueError, match="periods: given 0; allowed: at least 1"):
         periodic_motion(integration, unstable.conditions, State.resting(0.0, 0.0), periods=0)
 

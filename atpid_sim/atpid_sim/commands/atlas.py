@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_sim atlas`: where each type of motion lives, the best height, its stability and the cliff."""
+"""`python -m atpid_sim atlas`: types of motion, best heights, their stability and the cliff."""
 
 import argparse
 from pathlib import Path

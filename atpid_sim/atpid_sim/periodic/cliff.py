@@ -47,9 +47,11 @@ def find_cliff(
 ) -> Cliff:
     """Follow a stable motion while the ceiling is raised, up to the height `highest` [m] at most.
 
-    step: first and smallest of the steps that succeed [m]; where the motion is no longer stable, no longer found, or
-    another one, the step is halved down to `resolution` [m]. Raises ValueError for a motion that is not stable.
+    step: the first [m]; steps grow while the motion is found and stable, and are halved where it is not or has become
+    another, down to `resolution` [m]. Raises ValueError for a motion that is not stable, or steps that cannot be.
     """
+    if not 0.0 < resolution <= step:
+        raise ValueError(f"resolution: given {resolution:g} m; allowed: above 0 and at most the step, {step:g} m")
     if motion.stability_margin <= 0.0:
         raise ValueError(f"motion: given a largest multiplier of {motion.largest_multiplier:.4g}; allowed: below 1")
     branch = [motion]
@@ -57,12 +59,14 @@ def find_cliff(
     while branch[-1].conditions.height < highest and step >= resolution:
         height = min(branch[-1].conditions.height + step, highest)
         found = raised(integration, branch[-1], height)
-        if found is not None and found.stability_margin > 0.0:
-            branch.append(found)
-            step *= _GROWTH if beyond is None else 1.0
-        else:
-            beyond = found
+        if found is None or found.stability_margin <= 0.0:
+            beyond = found or beyond
             step *= 0.5
+            continue
+        branch.append(found)
+        step *= _GROWTH
+        if beyond is not None and beyond.conditions.height <= height:  # an island in the range of stability
+            beyond = None
     last = branch[-1]
     reached = last.conditions.height >= highest
     return Cliff(

@@ -14,13 +14,7 @@ import numpy as np
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.simulation.integration import (
-    NO_OBSERVATION,
-    Integration,
-    Observation,
-    impact_log,
-    sample_series,
-)
+from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, Observation, impact_log, sample_series
 from atpid_sim.system import Array
 
 #: Places of a section state in the engine's state.
@@ -53,7 +47,8 @@ class Slope(NamedTuple):
     """Derivative of a return map."""
 
     matrix: Array  # (4, 4), in the units of the section state
-    coarse: Array  # (4, 4), the same from differences twice as wide: how far it is off shows the error
+    coarse: Array  # (4, 4), the same from differences twice as wide
+    change: float  # largest difference of the two over the largest entry, in units of the motion: the error
 
 
 class ReturnMap:
@@ -89,18 +84,18 @@ class ReturnMap:
         Where differences twice as wide give another one, as near grazing, narrower ones are tried; of all the pair that
         agrees best is returned. Raises NumericalFailure.
         """
-        widths = _EXACT_STEPS if self.integration.fidelity == "impact" else _INTEGRATED_STEPS
-        best, least = None, math.inf
-        for width in widths:
-            fine, coarse = (self._differences(section, part * width * scale) for part in (0.5, 1.0))
-            relative = (fine - coarse) * scale / scale[:, None]
-            change = float(np.abs(relative).max() / np.abs(fine * scale / scale[:, None]).max())
-            if best is None or change < least:
-                best, least = Slope(fine, coarse), change
-            if least <= _SMOOTH:
+        first, *narrower = _EXACT_STEPS if self.integration.fidelity == "impact" else _INTEGRATED_STEPS
+        slope = self._slope(section, scale, first)
+        for width in narrower:
+            if slope.change <= _SMOOTH:
                 break
-        assert best is not None
-        return best
+            slope = min(slope, self._slope(section, scale, width), key=lambda each: each.change)
+        return slope
+
+    def _slope(self, section: Array, scale: Array, width: float) -> Slope:
+        fine, coarse = (self._differences(section, part * width * scale) for part in (0.5, 1.0))
+        sizes = scale / scale[:, None]  # to units of the motion
+        return Slope(fine, coarse, float(np.abs((fine - coarse) * sizes).max() / np.abs(fine * sizes).max()))
 
     def _differences(self, section: Array, steps: Array) -> Array:
         columns_of = [(self(section + step) - self(section - step)) / (2.0 * step.sum()) for step in np.diag(steps)]

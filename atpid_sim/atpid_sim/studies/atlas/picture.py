@@ -58,6 +58,8 @@ def draw_atlas(atlas: Atlas, diameter: float, file: Path, thesis: bool) -> None:
         for key, axes in panels.items():
             axes.set_visible(bool(axes.get_title()))
             axes.tick_params(labelsize=10 if key == "M" else 8)
+        for key in "AD":
+            panels[key].set_ylabel("(h − 2r) / A", fontsize=9)
         main_axes = panels["M"]
         main_axes.set_title(f"Resonance, {100 * atlas.plan.slice_fraction:g} % of grain", fontsize=15)
         main_axes.set_xlabel("amplitude of the support A [mm]", fontsize=12)
@@ -176,4 +178,4 @@ def _legend(figure: Any, axes: Any, thesis: bool) -> None:
             "markerfacecolor": "white",
         }
         handles.append(Line2D([], [], linestyle="none", label="the thesis's own label", **marker))
-    figure.legend(handles=handles, loc="outside lower center", ncols=9, fontsize=10, frameon=False, facecolor="0.8")
+    figure.legend(handles=handles, loc="outside lower center", ncols=9, fontsize=10, frameon=False)
