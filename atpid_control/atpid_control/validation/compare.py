@@ -59,7 +59,7 @@ class Agreement:
     def errors(self) -> Array:
         """(X_Exp - X_Sim) / X_Exp of the periods that count (j,) [-]."""
         one, other = self.measured_amplitude[self.compared], self.simulated_amplitude[self.compared]
-        return (one - other) / one
+        return np.asarray((one - other) / one)
 
     @property
     def rmse(self) -> float:

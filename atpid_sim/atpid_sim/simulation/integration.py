@@ -75,12 +75,14 @@ class Integration:
         rtol: float | None = None,
         mass: float | None = None,
         table: Array | None = None,
+        start: State | None = None,
     ) -> None:
         """Prepare the integration of a scene.
 
         rtol: relative tolerance of the integrator, by default that of the scene (`rtol_of`). mass: what moves at the
         fidelity simplified [kg], by default beam and grain where the ceiling stays closed, else the beam. table: that
-        of the whole scene, where the caller has it already. Raises ValueError for an unknown fidelity, a tolerance out
+        of the whole scene, where the caller has it already. start: state in which the run goes on, by default that of
+        the scene at time zero. Raises ValueError for an unknown fidelity, a tolerance out
         of range, or fidelity soft and a law without a force.
         """
         if fidelity not in FIDELITIES:
@@ -95,7 +97,7 @@ class Integration:
             raise ValueError(
                 "fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law"
             )
-        self._table = table
+        self._table, self._start = table, start
         self._fidelity = int(Fidelity[fidelity.upper()])
         self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
         tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
@@ -120,6 +122,12 @@ class Integration:
 
         disturbance: relative change of the beam's first displacement, for judging reproducibility.
         """
+        if self._start is not None:
+            state = self._start.copy()
+            state.restart_observation()
+            state.restart_steps()
+            state.y[[columns.BEAM, columns.GRAIN]] += disturbance * max(abs(state.beam), self.scene.grain.radius)
+            return state
         excitation, initial = self.scene.excitation, self.scene.initial or Initial()
         deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else initial.displacement
         beam = deflection - self.scene.static_deflection

@@ -106,7 +106,7 @@ def _closed_start(e: float, acceleration: float) -> _Start:
 def _map(restitution: float, table: _Table, start: _Start) -> Array:
     """Return instant less period [s] and closing speed [m/s] of the first two impacts (2, 2)."""
     found = _impacts(restitution, table, start, 2.5 / _FREQUENCY)[:2][:, [columns.E_TIME, columns.E_SPEED]]
-    return found - np.array([[0.0, 0.0], [1.0 / _FREQUENCY, 0.0]])
+    return np.asarray(found - np.array([[0.0, 0.0], [1.0 / _FREQUENCY, 0.0]]))
 
 
 def _periodic(restitution: float, e: float, acceleration: float) -> _Start:
@@ -115,7 +115,7 @@ def _periodic(restitution: float, e: float, acceleration: float) -> _Start:
 
     def change(scaled: Array) -> Array:
         first, second = _map(restitution, table, _Start(*(scaled * guess)))
-        return (second - first) / np.array([1.0 / _FREQUENCY, _GRAVITY / _FREQUENCY])
+        return np.asarray((second - first) / np.array([1.0 / _FREQUENCY, _GRAVITY / _FREQUENCY]))
 
     return _Start(*(root(change, np.ones(2), options={"xtol": 1e-13, "eps": 1e-9}).x * guess))
 
