@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from atpid_common.files import FileError
 from atpid_sim.cli import main
 from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.maps import DamperResponse, MapError
@@ -228,5 +229,9 @@ def test_the_command_refuses_amplitudes_it_cannot_use(
 
 def test_a_file_that_is_no_atlas_is_named(tmp_path: Path) -> None:
     (tmp_path / "x.npz").write_text("no")
-    with pytest.raises(MapError, match=r"x\.npz: is no atlas .*; make it with `python -m atpid_sim atlas`"):
+    with pytest.raises(FileError, match=r"x\.npz: "):
         Atlas.load(tmp_path / "x.npz")
+    for content in ({"a": np.zeros(2)}, {"plan": np.array("{}")}, {"plan": np.array("[]")}):
+        np.savez(tmp_path / "y.npz", **content)
+        with pytest.raises(MapError, match=r"y\.npz: is no atlas; make one with `python -m atpid_sim atlas`"):
+            Atlas.load(tmp_path / "y.npz")

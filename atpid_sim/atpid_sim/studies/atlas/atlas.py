@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from atpid_common import output
+from atpid_common.files import read_arrays
 from atpid_sim.maps import MapError
 from atpid_sim.simulation.simulate import finite
 from atpid_sim.studies.atlas.column import FAILED, TYPES, Column
@@ -26,6 +27,8 @@ Columns = dict[Place, Column]
 #: Arrays of a block by name.
 Block = dict[str, Any]
 
+#: Largest file read, unpacked: some twenty times that of the standard bench.
+_MOST_BYTES = 30_000_000
 #: Name: (value of a column, type of its array).
 _FIELDS: dict[str, tuple[Callable[[Column], Any], Any]] = {
     "heights": (lambda c: c.heights, float),
@@ -76,15 +79,17 @@ class Atlas:
 
     @staticmethod
     def load(path: Path) -> Atlas:
-        """Return the atlas in a file; raise MapError where there is none."""
+        """Return the atlas in a file. Raises FileError where it cannot be read, MapError where it is no atlas."""
+        stored = read_arrays(path, _MOST_BYTES)
         try:
-            with np.load(path, allow_pickle=False) as file:
-                plan: dict[str, Any] = json.loads(str(file["plan"]))
-                blocks = {block: {name: file[f"{block}_{name}"] for name in _FIELDS} for block in (MASS, FREQUENCY)}
-        except (OSError, KeyError, ValueError) as error:
-            raise MapError(f"{path}: is no atlas ({error}); make it with `python -m atpid_sim atlas`") from None
-        lists: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in plan.items()}
-        return Atlas(Plan(**lists), blocks)
+            plan = json.loads(str(stored["plan"]))
+            blocks = {block: {name: stored[f"{block}_{name}"] for name in _FIELDS} for block in (MASS, FREQUENCY)}
+            lists: dict[str, Any] = {
+                key: tuple(value) if isinstance(value, list) else value for key, value in plan.items()
+            }
+            return Atlas(Plan(**lists), blocks)
+        except (KeyError, ValueError, AttributeError, TypeError):
+            raise MapError(f"{path}: is no atlas; make one with `python -m atpid_sim atlas`") from None
 
     def save(self, path: Path) -> None:
         """Write the file; raises OutputError."""
