@@ -5,6 +5,7 @@ import argparse
 from pathlib import Path
 
 from atpid_common import output
+from atpid_sim.commands.simulate import number
 from atpid_sim.display import counting
 from atpid_sim.maps import MapError
 from atpid_sim.scene import load_scene, standard_bench
@@ -29,7 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--amplitudes", default=_AMPLITUDES, metavar="A0:A1", help=f"support amplitudes [m]; default {_AMPLITUDES}"
     )
     parser.add_argument("--quick", action="store_true", help="a coarse grid: seconds instead of minutes")
-    parser.add_argument("--workers", type=int, default=None, metavar="K", help="threads; default: all cores")
+    count = number(int, 1, 1000, "a whole number from 1 to 1000")
+    parser.add_argument("--workers", type=count, default=None, metavar="K", help="threads; default: all cores")
 
 
 def run(args: argparse.Namespace) -> int:
