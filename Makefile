@@ -74,6 +74,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_control study all --out out/study --page docs/thesis.md; \
 	python -m atpid_control compare scenes/thesis_4_3.yaml scenes/stepped_4_8_phi_0_3.yaml scenes/stiff_beam.yaml \
 	    --out out/methods --page docs/methods.md; \
+	python -m atpid_sim atlas --out out/atlas; cp out/atlas/atlas.png out/atlas/atlas_stability.png docs/figures; \
 	for scene in standard sticking irregular; do \
 	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
 	done; \

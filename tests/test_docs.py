@@ -81,6 +81,9 @@ RUN = {
     "atpid_interfaces/test/test_param_command.py": {
         r"python -m atpid_common\.nodes\.param (set|get|describe)": "test_a_parameter_is_read_set_and_described",
     },
+    "atpid_sim/test/test_atlas.py": {
+        r"python -m atpid_sim atlas ": "test_the_command_writes_data_tables_and_pictures",
+    },
     "atpid_sim/test/test_cli.py": {
         r"python -m atpid_sim simulate .*--series": "test_the_motion_is_written_and_can_drive_another_run",
         r"python -m atpid_sim simulate .*--height": "test_a_controlled_ceiling_is_refused_unless_a_height_is_given",
@@ -145,6 +148,7 @@ MADE_OR_GIVEN = {
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
+    "atlas.npz", "atlas.csv", "atlas.json",
     "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv", "support.csv", "agreement.json", "agreement.png",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
     "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml",

@@ -28,6 +28,7 @@ SENSOR = ["--channel", "support_displacement", "--sensor", "X", "--serial", "A"]
     [
         (sim, ["tradeoff", "scenes/standard.yaml", "--out", NOWHERE]),
         (sim, ["extremes", "--systems", "1", "--out", NOWHERE]),
+        (sim, ["atlas", "--quick", "--out", NOWHERE]),
         (sim, ["simulate", "scenes/standard.yaml", "--series", f"{NOWHERE}/run.csv"]),
         (sim, ["simulate", "scenes/standard.yaml", "--picture", f"{NOWHERE}/run.png"]),
         (

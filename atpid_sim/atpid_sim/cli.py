@@ -9,6 +9,7 @@ from atpid_common.cli import run_commands
 COMMANDS = {
     "simulate": ("atpid_sim.commands.simulate", "run one scene: amplitude, error estimate, energy"),
     "map": ("atpid_sim.commands.map", "compute the best height over support amplitudes and grain masses"),
+    "atlas": ("atpid_sim.commands.atlas", "compute types of motion, best heights, their stability and the cliff"),
     "tradeoff": ("atpid_sim.commands.tradeoff", "measure speed against accuracy on one scene: table and picture"),
     "extremes": ("atpid_sim.commands.extremes", "count the outcomes of random systems far outside the usual range"),
     "sweep": ("atpid_sim.commands.sweep", "simulate the standard task at many heights and time it"),

@@ -19,7 +19,8 @@ Numbers = dict[str, list[list[float]]]
 
 @contextmanager
 def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield a figure and the panels of matplotlib's `subplots`; at the block's end the picture is written to `path`.
+    """Yield a figure and the panels of matplotlib's `subplots`, with `mosaic` of `subplot_mosaic`; at the block's
+    end the picture is written to `path`.
 
     Raises OutputError, which names the `option`, where that is not possible.
     """
@@ -28,7 +29,8 @@ def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> I
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, panels = pyplot.subplots(layout="constrained", **layout)
+    make = pyplot.subplot_mosaic if "mosaic" in layout else pyplot.subplots
+    figure, panels = make(layout="constrained", **layout)
     yield figure, panels
     with writing(path, option):
         figure.savefig(path, dpi=dpi, metadata=metadata_of(figure))

@@ -41,7 +41,7 @@ def build_map(
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
     identity, tolerance = identity_of(scene), map_tolerance(scene)
     purpose = {"format": FORMAT, "system": identity, "tolerance": tolerance}
-    wanted = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
+    wanted: list[Point] = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
     report = progress or (lambda *_: None)
     with closing(Journal(Path(out), purpose)) as journal:
         known = journal.points

@@ -11,7 +11,8 @@ from typing import Any
 
 from atpid_sim.maps.height_map import MapError
 
-Point = tuple[float, float]  # mass fraction [-], amplitude [m]
+#: Where a point lies; of a map: mass fraction [-], amplitude [m].
+Point = tuple[float, ...]
 
 
 class Journal:
@@ -63,8 +64,7 @@ class Journal:
         if first != json.loads(json.dumps(purpose)):
             raise MapError(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
         for line in rest:
-            fraction, amplitude = line.pop("point")
-            self.points[(fraction, amplitude)] = line
+            self.points[tuple(line.pop("point"))] = line
 
     def _append(self, line: Mapping[str, Any]) -> None:
         try:

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cliff: the height up to which a periodic motion stays stable while the ceiling is raised, and what ends it."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.periodic.return_map import ReturnMap, flying, passage
+from atpid_sim.periodic.solve import PeriodicMotion, size_of, solve
+from atpid_sim.simulation.integration import Integration
+from atpid_sim.system import Array
+
+#: A motion further from the one before than this, relative to its size, is another branch.
+_BRANCH = 0.2
+#: Factor by which a step grows after a success.
+_GROWTH = 1.5
+#: Largest multiplier above which a motion that is lost there was about to become unstable.
+_NEAR = 0.97
+
+
+class Loss(Enum):
+    """What ends a stable motion."""
+
+    FOLD = "a real multiplier reaches +1: the motion meets an unstable one and both vanish"
+    DOUBLING = "a real multiplier reaches -1: every second period becomes different"
+    BEATING = "a pair of complex multipliers reaches modulus 1: the motion begins to beat (Neimark-Sacker)"
+    GRAZING = "an impact appears or vanishes at zero speed, and the multipliers jump"
+    NONE = "the motion is stable up to the end of the range"
+
+
+@dataclass(frozen=True)
+class Cliff:
+    """A branch of stable motions over the height, and its end."""
+
+    height: float  # of the last stable motion [m]: the cliff, to the resolution asked for
+    loss: Loss
+    heights: Array  # (n,) rising [m]
+    amplitudes: Array  # (n,) half peak-to-peak of the beam [m]
+    largest: Array  # (n,) largest moduli of the multipliers [-]
+    last: PeriodicMotion
+
+
+def find_cliff(
+    integration: Integration, motion: PeriodicMotion, highest: float, step: float, resolution: float
+) -> Cliff:
+    """Follow a stable motion while the ceiling is raised, up to the height `highest` [m] at most.
+
+    step: the first [m]; steps grow while the motion is found and stable, and are halved where it is not or has become
+    another, down to `resolution` [m]. Raises ValueError for a motion that is not stable, or steps that cannot be.
+    """
+    if not 0.0 < resolution <= step:
+        raise ValueError(f"resolution: given {resolution:g} m; allowed: above 0 and at most the step, {step:g} m")
+    if motion.stability_margin <= 0.0:
+        raise ValueError(f"motion: given a largest multiplier of {motion.largest_multiplier:.4g}; allowed: below 1")
+    branch = [motion]
+    beyond: PeriodicMotion | None = None
+    while branch[-1].conditions.height < highest and step >= resolution:
+        height = min(branch[-1].conditions.height + step, highest)
+        found = raised(integration, branch[-1], height)
+        if found is None or found.stability_margin <= 0.0:
+            beyond = found or beyond
+            step *= 0.5
+            continue
+        branch.append(found)
+        step *= _GROWTH
+        if beyond is not None and beyond.conditions.height <= height:  # an island in the range of stability
+            beyond = None
+    last = branch[-1]
+    reached = last.conditions.height >= highest
+    return Cliff(
+        height=last.conditions.height,
+        loss=Loss.NONE if reached else _loss(last, beyond),
+        heights=np.array([each.conditions.height for each in branch]),
+        amplitudes=np.array([each.amplitude for each in branch]),
+        largest=np.array([each.largest_multiplier for each in branch]),
+        last=last,
+    )
+
+
+def raised(integration: Integration, motion: PeriodicMotion, height: float) -> PeriodicMotion | None:
+    """Return the motion that a periodic one becomes at another height [m]; None where none is found nearby."""
+    conditions = motion.conditions._replace(height=height)
+    try:
+        # the section moves with the flight
+        phase, section = passage(integration, motion.conditions, flying(motion.section), motion.phase, motion.periods)
+    except NumericalFailure:
+        return None
+    found = solve(ReturnMap(integration, conditions, phase, motion.periods), section).motion
+    if found is None:
+        return None
+    moved = np.abs((found.section - section) / size_of(motion.amplitude, conditions))
+    return found if float(moved.max()) <= _BRANCH else None
+
+
+def _loss(last: PeriodicMotion, beyond: PeriodicMotion | None) -> Loss:
+    """Return what ends a branch, from its last stable motion and the unstable one found just above, if any."""
+    if beyond is not None and sorted(beyond.walls) == sorted(last.walls):
+        leading = beyond.multipliers[0]
+    elif last.largest_multiplier >= _NEAR:
+        leading = last.multipliers[0]
+    else:
+        return Loss.GRAZING
+    if abs(leading.imag) > 1e-6 * abs(leading):
+        return Loss.BEATING
+    return Loss.FOLD if leading.real > 0.0 else Loss.DOUBLING

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The return map: the state of beam and grain one or more periods of the support later, and its derivative.
+
+A section state (4,) is displacement and velocity of the beam, then of the grain [m, m/s, m, m/s], at a phase of the
+support at which the grain flies freely. There the map is smooth at every fidelity, with static contact and integrated
+contacts on the way as well, and central differences of runs of the engine give its derivative.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from atpid_sim.engine import columns, drive
+from atpid_sim.engine.state import State
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, Observation, impact_log, sample_series
+from atpid_sim.system import Array
+
+#: Places of a section state in the engine's state.
+_PLACES = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
+#: Widths of differences, relative to the motion's size, the first that serves is taken: instantaneous impacts are exact
+#: to rounding, integrated contacts repeat to about 1e-8. Near grazing only narrow ones lie on one side of it.
+_EXACT_STEPS, _INTEGRATED_STEPS = (1e-5, 1e-7), (1e-3, 1e-4, 1e-5)
+#: Change of the derivative with the width, relative to its largest entry in units of the motion, that serves.
+_SMOOTH = 1e-3
+#: Samples a period in which free flight is looked for, and impacts a period that are logged.
+_SAMPLES, _LOG = 256, 200
+
+
+class Conditions(NamedTuple):
+    """What does not change while a motion repeats itself."""
+
+    amplitude: float  # of the support [m]
+    frequency: float  # of the support [Hz]
+    height: float  # of the ceiling above the floor [m]
+
+
+class Orbit(NamedTuple):
+    """What a motion does between two passages of the section."""
+
+    amplitude: float  # half peak-to-peak of the beam [m]
+    impacts: Array  # (k, 3): time after the section [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+
+
+class Slope(NamedTuple):
+    """Derivative of a return map."""
+
+    matrix: Array  # (4, 4), in the units of the section state
+    coarse: Array  # (4, 4), the same from differences twice as wide
+    change: float  # largest difference of the two over the largest entry, in units of the motion: the error
+
+
+class ReturnMap:
+    """Section state (4,) to section state (4,), `periods` later; every call is a run of the engine."""
+
+    def __init__(self, integration: Integration, conditions: Conditions, phase: float, periods: int = 1) -> None:
+        """Prepare the runs.
+
+        integration: system, contact, fidelity and tolerance; the amplitude, frequency and ceiling of its scene are not
+        used. phase: of the section, as a share of a period, 0 where the support passes zero upward.
+        """
+        self.integration, self.conditions = integration, conditions
+        self.phase, self.periods = phase, periods
+        self.duration = periods / conditions.frequency
+        self._table = _table(conditions, phase, self.duration)
+
+    def __call__(self, section: Array) -> Array:
+        """Return the section state (4,) `periods` later.
+
+        Raises NumericalFailure where the run does not end as it should, or the grain is in contact at the end.
+        """
+        return section_of(self._advance(section, NO_OBSERVATION))
+
+    def orbit(self, section: Array) -> Orbit:
+        """Return what happens until the next passage, from a section state (4,). Raises NumericalFailure."""
+        log = impact_log(_LOG * self.periods)
+        state = self._advance(section, Observation((0.0, self.duration), impacts=log))
+        return Orbit(state.amplitude, log[: state.n[columns.IMPACTS]])
+
+    def slope(self, section: Array, scale: Array) -> Slope:
+        """Return the derivative at a section state (4,) by central differences; scale (4,): size of the motion.
+
+        Where differences twice as wide give another one, as near grazing, narrower ones are tried; of all the pair that
+        agrees best is returned. Raises NumericalFailure.
+        """
+        first, *narrower = _EXACT_STEPS if self.integration.fidelity == "impact" else _INTEGRATED_STEPS
+        slope = self._slope(section, scale, first)
+        for width in narrower:
+            if slope.change <= _SMOOTH:
+                break
+            slope = min(slope, self._slope(section, scale, width), key=lambda each: each.change)
+        return slope
+
+    def _slope(self, section: Array, scale: Array, width: float) -> Slope:
+        fine, coarse = (self._differences(section, part * width * scale) for part in (0.5, 1.0))
+        sizes = scale / scale[:, None]  # to units of the motion
+        return Slope(fine, coarse, float(np.abs((fine - coarse) * sizes).max() / np.abs(fine * sizes).max()))
+
+    def _differences(self, section: Array, steps: Array) -> Array:
+        columns_of = [(self(section + step) - self(section - step)) / (2.0 * step.sum()) for step in np.diag(steps)]
+        return np.array(columns_of).T
+
+    def _advance(self, section: Array, observation: Observation) -> State:
+        state = flying(section)
+        outcome = self.integration.advance(state, self._table, observation)
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(outcome.sentence)
+        return state
+
+
+def section_of(state: State) -> Array:
+    """Return the section state (4,) of a state of the engine; raise NumericalFailure where the grain is in contact."""
+    if state.mode != columns.FREE:
+        raise NumericalFailure("the grain is in contact at the phase of the section")
+    return state.y[_PLACES].copy()
+
+
+def flying(section: Array) -> State:
+    """Return the engine's state of a section state (4,), at time zero."""
+    state = State.resting(0.0, 0.0)
+    state.y[_PLACES] = section
+    state.n[columns.MODE] = columns.FREE
+    return state
+
+
+def passage(
+    integration: Integration, conditions: Conditions, state: State, phase: float = 0.0, periods: int = 1
+) -> tuple[float, Array]:
+    """Return the best section, and where a motion passes it: phase, and section state (4,).
+
+    state: of the motion at `phase`, any time, contact or flight. The section is the middle of the longest free flight
+    of the next `periods`, where impacts can move most before they reach it. Raises NumericalFailure where there is
+    no free flight, or the run does not end as it should.
+    """
+    period = 1.0 / conditions.frequency
+    count = _SAMPLES * periods
+    series = sample_series(count)
+    spacing = period / _SAMPLES
+    _run(integration, conditions, state, phase, periods * period, Observation(period=spacing, samples=series))
+    gap = series[columns.S_GRAIN] - series[columns.S_BEAM]
+    clearance = conditions.height - 2.0 * integration.system.radius - gap
+    middle = _middle_of_longest((gap > 0.0) & (clearance > 0.0))
+    if middle is None:
+        raise NumericalFailure("the grain is always in contact: there is no free flight to take a section in")
+    later = _run(integration, conditions, state, phase, middle * spacing) if middle else state
+    return (phase + middle / _SAMPLES) % 1.0, section_of(later)
+
+
+def _middle_of_longest(free: Array) -> int | None:
+    """Return the place in the middle of the longest run of true values (n,), taken as a ring; None without any."""
+    if free.all():
+        return 0
+    first = int(np.argmin(free))  # begin behind a contact, so that no run is cut
+    best, length, run = None, 0, 0
+    for step in range(1, len(free) + 1):
+        place = (first + step) % len(free)
+        run = run + 1 if free[place] else 0
+        if run > length:
+            best, length = first + step, run
+    return None if best is None else (best - length // 2) % len(free)
+
+
+def _run(
+    integration: Integration,
+    conditions: Conditions,
+    state: State,
+    phase: float,
+    duration: float,
+    observation: Observation = NO_OBSERVATION,
+) -> State:
+    """Return the state a duration [s] after `state`, which is left as it is. Raises NumericalFailure."""
+    later = state.copy()
+    later.y[columns.TIME] = 0.0
+    later.restart_observation()
+    outcome = integration.advance(later, _table(conditions, phase, duration), observation)
+    if outcome != Outcome.DONE:
+        raise NumericalFailure(outcome.sentence)
+    return later
+
+
+def _table(conditions: Conditions, phase: float, duration: float) -> Array:
+    rows = drive.harmonic_rows([(0.0, conditions.amplitude)], conditions.frequency, duration)
+    rows[:, columns.PHASE] += 2.0 * math.pi * phase
+    return drive.with_ceiling(rows, [(0.0, conditions.height)])

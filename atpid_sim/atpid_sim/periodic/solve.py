@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Periodic motions by Newton's method on the return map, and whether they are stable.
+
+A motion of period one or two is a fixed point of the return map over one or two periods. The multipliers, the
+eigenvalues of the map's derivative there, are the factors by which small disturbances grow from one passage of the
+section to the next: below 1 in modulus they die out.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.engine.state import State
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, Slope, passage
+from atpid_sim.simulation.integration import Integration
+from atpid_sim.system import Array
+
+#: Newton's steps at most, and how often one is halved where it does not come closer.
+_STEPS, _HALVINGS = 20, 6
+#: Distance between two passages, relative to the motion's size, below which they are the same: rounding of
+#: instantaneous impacts, or this many tolerances of integrated contacts.
+_ROUNDING, _TOLERANCES = 1e-11, 30.0
+
+
+class Ending(Enum):
+    """How a search for a periodic motion ended."""
+
+    FOUND = "a periodic motion was found and repeats itself"
+    NOT_CONVERGED = "Newton's method did not converge: no periodic motion of this period is near the start"
+    NO_SECTION = "no section can be taken: the grain does not fly freely, or a run did not reach its end"
+
+
+@dataclass(frozen=True)
+class PeriodicMotion:
+    """A motion that repeats itself after `periods` periods of the support."""
+
+    conditions: Conditions
+    periods: int
+    phase: float  # of the section, as a share of a period
+    section: Array  # section state (4,): beam [m], its velocity [m/s], grain [m], its velocity [m/s]
+    amplitude: float  # half peak-to-peak of the beam [m]
+    impacts: Array  # (k, 3): time after the section [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+    slope: Array  # derivative of the return map (4, 4)
+    multipliers: NDArray[np.complex128]  # (4,), the largest modulus first
+    multiplier_error: float  # of the largest modulus: its change when the differences are twice as wide
+    residual: float  # distance between two passages, relative to the motion's size
+    iterations: int
+
+    @property
+    def largest_multiplier(self) -> float:
+        """Largest modulus of the multipliers [-]."""
+        return float(abs(self.multipliers[0]))
+
+    @property
+    def stability_margin(self) -> float:
+        """Distance to instability, 1 - largest modulus of the multipliers [-]: negative where unstable."""
+        return 1.0 - self.largest_multiplier
+
+    @property
+    def settling_periods(self) -> float:
+        """Periods in which a small disturbance falls to 1/e in the end; infinite where it does not."""
+        largest = self.largest_multiplier
+        if largest >= 1.0:
+            return math.inf
+        return -self.periods / math.log(largest) if largest > 0.0 else 0.0
+
+    @property
+    def walls(self) -> tuple[int, ...]:
+        """Walls in the order in which they are struck from the section on: +1 floor, -1 ceiling."""
+        return tuple(int(wall) for wall in self.impacts[:, 1])
+
+
+@dataclass(frozen=True)
+class Search:
+    """How a search ended, and the motion where one was found."""
+
+    ending: Ending
+    motion: PeriodicMotion | None
+
+
+def periodic_motion(
+    integration: Integration, conditions: Conditions, state: State, phase: float = 0.0, periods: int = 1
+) -> Search:
+    """Return the periodic motion near a simulated one.
+
+    integration: system, contact, fidelity and tolerance: fidelity `impact` is exact to rounding; with `soft` take
+    1e-10. state: a state of the simulated motion at `phase` of the support (a share of a period), settled as far as
+    it may be. periods: after how many the motion is to repeat itself; each motion of period one is one of period two.
+    """
+    if periods < 1:
+        raise ValueError(f"periods: given {periods}; allowed: at least 1")
+    try:
+        section_phase, section = passage(integration, conditions, state, phase, periods)
+        return solve(ReturnMap(integration, conditions, section_phase, periods), section)
+    except NumericalFailure:
+        return Search(Ending.NO_SECTION, None)
+
+
+def solve(returns: ReturnMap, start: Array) -> Search:
+    """Return the fixed point of a return map near a section state (4,)."""
+    try:
+        orbit = returns.orbit(start)
+        scale = size_of(orbit.amplitude, returns.conditions)
+        section, residual, iterations = _newton(returns, start, scale)
+        if residual > tolerance_of(returns.integration):
+            return Search(Ending.NOT_CONVERGED, None)
+        return Search(Ending.FOUND, _described(returns, section, scale, residual, iterations))
+    except NumericalFailure:
+        return Search(Ending.NO_SECTION, None)
+    except np.linalg.LinAlgError:  # a multiplier of exactly 1
+        return Search(Ending.NOT_CONVERGED, None)
+
+
+def tolerance_of(integration: Integration) -> float:
+    """Return the distance of two passages, relative to the motion's size, up to which they count as the same."""
+    return _ROUNDING if integration.fidelity == "impact" else max(_ROUNDING, _TOLERANCES * integration.rtol)
+
+
+def size_of(amplitude: float, conditions: Conditions) -> Array:
+    """Return the size (4,) of a motion with an amplitude of the beam [m]: displacements and velocities."""
+    size = max(amplitude, 1e-3 * conditions.amplitude, 1e-12)
+    velocity = 2.0 * math.pi * conditions.frequency * size
+    return np.array([size, velocity, size, velocity])
+
+
+def _newton(returns: ReturnMap, start: Array, scale: Array) -> tuple[Array, float, int]:
+    """Return section state, distance to its image relative to `scale`, and steps taken. Raises NumericalFailure."""
+    section = start
+    change = returns(section) - section
+    for iteration in range(_STEPS):
+        distance = _distance(change, scale)
+        if distance <= tolerance_of(returns.integration):
+            return section, distance, iteration
+        step = np.linalg.solve(np.eye(4) - returns.slope(section, scale).matrix, change)
+        for halving in range(_HALVINGS):
+            tried = section + step / 2.0**halving
+            try:
+                tried_change = returns(tried) - tried
+            except NumericalFailure:
+                continue
+            if _distance(tried_change, scale) < distance:
+                section, change = tried, tried_change
+                break
+        else:
+            return section, distance, iteration
+    return section, _distance(change, scale), _STEPS
+
+
+def _distance(change: Array, scale: Array) -> float:
+    return float(np.max(np.abs(change / scale)))
+
+
+def _described(returns: ReturnMap, section: Array, scale: Array, residual: float, iterations: int) -> PeriodicMotion:
+    orbit: Orbit = returns.orbit(section)
+    slope: Slope = returns.slope(section, scale)
+    multipliers = np.linalg.eigvals(slope.matrix).astype(complex)
+    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+    coarse = float(np.abs(np.linalg.eigvals(slope.coarse)).max())
+    return PeriodicMotion(
+        conditions=returns.conditions,
+        periods=returns.periods,
+        phase=returns.phase,
+        section=section,
+        amplitude=orbit.amplitude,
+        impacts=orbit.impacts,
+        slope=slope.matrix,
+        multipliers=multipliers,
+        multiplier_error=abs(coarse - float(abs(multipliers[0]))),
+        residual=residual,
+        iterations=iterations,
+    )

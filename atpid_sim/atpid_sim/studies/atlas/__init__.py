@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The atlas: types of motion over amplitude, mass, frequency and height, and how far the cliff is."""
