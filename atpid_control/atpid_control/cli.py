@@ -13,6 +13,7 @@ COMMANDS = {
     "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),
     "report": ("atpid_control.commands.report", "make the report of a bag: an HTML page and pictures"),
     "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
+    "design": ("atpid_control.commands.design", "design a damper for a structure: grain, heights, motor, reduction"),
     "calibrate-beam": (
         "atpid_control.commands.calibrate_beam",
         "find a beam's stiffness, damping and mass from a recording",
