@@ -71,6 +71,8 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_sim.studies.figures.contact --out docs/figures; \
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
+	python -m atpid_control design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 \
+	    --max-mass-fraction 0.2 --target-reduction 0.75 --out out/design; cp out/design/design.png docs/figures/design.png; \
 	python -m atpid_control study all --out out/study --page docs/thesis.md; \
 	for scene in standard sticking irregular; do \
 	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \

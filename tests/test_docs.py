@@ -29,6 +29,9 @@ RUN = {
     },
     "tests/test_howto_selector.py": {r"python -m pytest test_proportional": "test_the_steps_of_the_page_run"},
     "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
+    "tests/test_design_page.py": {
+        r"python -m atpid_control design ": "test_the_worked_example_is_what_is_computed_now",
+    },
     "tests/test_emulated_stand.py": {
         r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
         r"python -m atpid_driver standin": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
@@ -137,6 +140,7 @@ MADE_OR_GIVEN = {
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv",
+    "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
     "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml",
 }  # fmt: skip

@@ -4,6 +4,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -104,16 +105,7 @@ def design(problem: Problem, progress: Callable[[int], None] = lambda _: None) -
     """
     begun, count = time.perf_counter(), _counted(progress)
     candidates = _candidates(problem, count)
-    order = trade.preferred(problem, candidates)
-    order = [*order[: _TRIES - 1], *order[_TRIES - 1 :][-1:]]
-    made = [promised(problem, order[0].mass_fraction, count)]
-    for chosen in order[1:]:
-        if min(one.efficiency.low for one in made[-1][1]) >= (problem.target_reduction or 0.0):
-            break
-        made.append(promised(problem, chosen.mass_fraction, count))
-    structures, points, beyond, found = made[-1]
-    if problem.target_reduction is not None:
-        structures, points, beyond, found = _kept(made, problem.target_reduction)
+    structures, points, found = _chosen(problem, trade.preferred(problem, candidates), count)
     fraction = structures.fraction
     drive = motor(problem, fraction, points)
     chosen = next(one for one in candidates if one.mass_fraction == fraction)
@@ -125,7 +117,7 @@ def design(problem: Problem, progress: Callable[[int], None] = lambda _: None) -
         radius=chosen.radius,
         resonance=resonance(problem, fraction),
         points=points,
-        beyond=beyond,
+        beyond=_beyond(structures, count),
         motor=drive,
         check=found,
         landscape=_landscape(structures, points[len(points) // 2], count),
@@ -134,14 +126,25 @@ def design(problem: Problem, progress: Callable[[int], None] = lambda _: None) -
     )
 
 
-#: Structures, points at the amplitudes promised, points beyond them, check.
-Promised = tuple[Structures, list[Point], list[Point], Check]
+#: Structures, points at the amplitudes, check.
+Promised = tuple[Structures, list[Point], Check]
 
 
-def _kept(made: Sequence[Promised], target: float) -> Promised:
-    """Return the first that keeps the target at every amplitude, else the one that keeps most."""
-    lows = [min(one.efficiency.low for one in points) for _, points, _, _ in made]
-    return next((one for one, low in zip(made, lows, strict=True) if low >= target), made[int(np.argmax(lows))])
+def _chosen(problem: Problem, order: Sequence[Candidate], count: Callable[[], None]) -> Promised:
+    """Return the promise of the first grain that keeps the target at every amplitude, else of the one that keeps most.
+
+    At most `_TRIES` are tried: the first ones and the last.
+    """
+    target, made = problem.target_reduction or 0.0, list[Promised]()
+    for one in [*order[: _TRIES - 1], *order[_TRIES - 1 :][-1:]]:
+        made.append(promised(problem, one.mass_fraction, count))
+        if _least(made[-1]) >= target:
+            return made[-1]
+    return max(made, key=_least)
+
+
+def _least(made: Promised) -> float:
+    return min(one.efficiency.low for one in made[1])
 
 
 def _counted(progress: Callable[[int], None]) -> Callable[[], None]:
@@ -176,25 +179,23 @@ def promised(
     """
     structures = Structures.of(problem, fraction)
     low, high = problem.amplitudes
-    inner = [low, *map(float, np.geomspace(low, high, amplitudes)[1:-1]), high]
-    outer = [_BELOW * low, _ABOVE * high]
-    found = _in_order(lambda amplitude: _point(structures, amplitude, amplitude in outer), [*inner, *outer], count)
-    points = [one for one in found if one is not None]
-    answers = _in_order(
-        lambda place: drawn(problem, fraction, points[:amplitudes], place), range(amplitudes - 1), count
-    )
-    wide, check = widened(points[:amplitudes], answers)
-    return structures, wide, points[amplitudes:], check
+    at = [low, *map(float, np.geomspace(low, high, amplitudes)[1:-1]), high]
+    points = _in_order(lambda amplitude: point(structures, amplitude), at, count)
+    places = range(amplitudes - 1)
+    answers = _in_order(lambda place: drawn(problem, fraction, points, place), places, count)
+    return structures, *widened(points, answers)
 
 
-def _point(structures: Structures, amplitude: float, optional: bool) -> Point | None:
-    """Return the design at a support amplitude [m]; None where an optional one cannot be computed."""
-    try:
-        return point(structures, amplitude)
-    except NumericalFailure:
-        if optional:
-            return None
-        raise
+def _beyond(structures: Structures, count: Callable[[], None]) -> list[Point]:
+    """Return the points below and above the amplitudes, for the height map; without one that cannot be computed."""
+
+    def found(amplitude: float) -> Point | None:
+        with suppress(NumericalFailure):
+            return point(structures, amplitude)
+        return None
+
+    low, high = structures.problem.amplitudes
+    return [one for one in _in_order(found, [_BELOW * low, _ABOVE * high], count) if one is not None]
 
 
 def _in_order(work: Callable[[Any], Any], jobs: Sequence[Any], count: Callable[[], None]) -> list[Any]:

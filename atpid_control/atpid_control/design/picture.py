@@ -6,6 +6,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from atpid_control.design.make import Design
 from atpid_control.report.picture import Palette, style
@@ -27,8 +28,9 @@ def _title(axes: Any, text: str, x: str, y: str) -> None:
     axes.set(xlabel=x, ylabel=y)
 
 
-def _legend(axes: Any, **more: Any) -> None:
-    axes.legend(fontsize=8, frameon=False, **more)
+def _legend(axes: Any, where: str) -> None:
+    paper = axes.get_facecolor()
+    axes.legend(fontsize=8, loc=where, facecolor=paper, edgecolor=paper, framealpha=0.9)
 
 
 def _band(axes: Any, x: Any, intervals: Any, palette: Palette, scale: float, name: str) -> None:
@@ -53,11 +55,11 @@ def _grains(axes: Any, made: Design, palette: Palette) -> None:
     axes.plot(scale * x, expected, "o", color=palette.own, ms=4.0, label="least expected")
     axes.axvline(1e3 * scale * made.grain_mass, color=palette.accent, lw=1.2, label=f"chosen: {_mass(made)}")
     if made.problem.target_reduction is not None:
-        axes.axhline(100.0 * made.problem.target_reduction, color=palette.accent, ls="--", lw=1.0, label="aim")
+        axes.axhline(100.0 * made.problem.target_reduction, color=palette.accent, ls="--", lw=1.0, label="target")
     _title(axes, "The grain: what each mass keeps", f"mass of the grain [{unit}]", "efficiency [%]")
     axes.set_ylim(min(low.min(), 100.0 * made.efficiency[0]) - 3.0, 100.0)
     axes.set_xlim(0.0, None)
-    _legend(axes, loc="lower right")
+    _legend(axes, "lower right")
 
 
 def _mass(made: Design) -> str:
@@ -70,7 +72,7 @@ def _efficiency(axes: Any, made: Design, palette: Palette) -> None:
     bare = [100.0 * p.best_efficiency for p in made.points]
     axes.plot(_millimetres(made), bare, color=palette.given, lw=1.2, ls="--", label="bare optimum")
     _title(axes, "Reduction at the design height", "support amplitude [mm]", "efficiency [%]")
-    _legend(axes, loc="lower right")
+    _legend(axes, "lower right")
 
 
 def _heights(axes: Any, made: Design, palette: Palette) -> None:
@@ -81,7 +83,7 @@ def _heights(axes: Any, made: Design, palette: Palette) -> None:
     axes.axhline(2e3 * made.radius, color=palette.given, lw=1.2, label="closed: the grain's diameter")
     _title(axes, "Height of the ceiling", "support amplitude [mm]", "mm")
     axes.set_ylim(0.0, None)
-    _legend(axes, loc="lower right")
+    _legend(axes, "lower right")
 
 
 def _cliff(axes: Any, made: Design, palette: Palette) -> None:
@@ -95,7 +97,7 @@ def _cliff(axes: Any, made: Design, palette: Palette) -> None:
     title = f"What is left over the height, at {1e3 * found.amplitude:.3g} mm"
     _title(axes, title, "height of the ceiling [mm]", "beam's amplitude over closed damper's [%]")
     axes.set_ylim(0.0, min(100.0, 125.0 * float(np.nanmax(found.cases))))
-    _legend(axes, loc="upper right")
+    _legend(axes, "upper right")
 
 
 def _beam(axes: Any, made: Design, palette: Palette) -> None:
@@ -105,7 +107,14 @@ def _beam(axes: Any, made: Design, palette: Palette) -> None:
     _band(axes, x, [p.beam_amplitude for p in made.points], palette, 1e3, "with the damper")
     _title(axes, "Amplitude of the structure", "support amplitude [mm]", "mm")
     axes.set_yscale("log")
-    _legend(axes, loc="center right")
+    for formatted in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        formatted(FuncFormatter(_one_two_five))
+    _legend(axes, "upper left")
+
+
+def _one_two_five(value: float, _: int) -> str:
+    """Return the label of a logarithmic axis at 1, 2 and 5 in each decade; others stay without."""
+    return f"{value:g}" if f"{value:e}"[0] in "125" else ""
 
 
 def _force(axes: Any, made: Design, palette: Palette) -> None:
@@ -113,4 +122,4 @@ def _force(axes: Any, made: Design, palette: Palette) -> None:
     axes.axhline(made.motor.force, color=palette.accent, lw=1.2, label=f"the ceiling bears {made.motor.force:.4g} N")
     _title(axes, "Largest contact force on the ceiling", "support amplitude [mm]", "N")
     axes.set_ylim(0.0, None)
-    _legend(axes, loc="lower right")
+    _legend(axes, "lower right")

@@ -34,6 +34,8 @@ _IRREGULAR = 0.15
 _UNSEEN = 0.005
 #: Random structures inside the box, and the seed that draws them.
 _RANDOM, _SEED = 24, 1
+#: Heights are read between the amplitudes, as in a map: a well far above another has to be better by this share [-].
+_HYSTERESIS = 0.15
 #: Periods in which an amplitude is taken.
 _WINDOW = 16.0
 #: Relative tolerance of the run that shows the numerical error.
@@ -107,7 +109,7 @@ class Structures:
     def bare(self, amplitude: float) -> Best:
         """Return the best height of the given structure. Raises NumericalFailure."""
         limits = 2.0 * self.given.damper.system.radius, self.problem.max_height
-        return best_height(self.given.damper, amplitude, limits=limits, approaches=FROM_CLOSED)
+        return best_height(self.given.damper, amplitude, _HYSTERESIS, limits, FROM_CLOSED)
 
 
 def answer(one: Case, amplitude: float, height: float, approach: Approach = at_once) -> Answer:
@@ -119,16 +121,18 @@ def answer(one: Case, amplitude: float, height: float, approach: Approach = at_o
     return Answer(response.amplitude, 1.0 - response.amplitude / damper.closed_amplitude(true), response.regular)
 
 
-def rated_heights(structures: Structures, amplitude: float, best: Best) -> dict[float, list[Answer]]:
+def rated_heights(
+    structures: Structures, amplitude: float, best: Best, every: int = 1
+) -> dict[float, list[Answer]]:  # fmt: skip
     """Return {height [m]: answers of the given structure and of the corners}, from the bare optimum down.
 
-    Heights are added until the best lies inside. Raises NumericalFailure.
+    Heights are added until the best lies inside; every: 2 leaves out each second one. Raises NumericalFailure.
     """
     diameter = structures.given.damper.diameter
     clearance, share = best.height - diameter, 1.0
     rated: dict[float, list[Answer]] = {}
     while share > _LEAST and (not rated or worst(list(rated.values())[-1]) <= least(rated) * (1.0 + FLAT)):
-        for k in range(_BATCH):
+        for k in range(0, _BATCH, every):
             height = diameter + clearance * (share - _STEP * k)
             rated[height] = [answer(one, amplitude, height) for one in (structures.given, *structures.corners)]
         share -= _STEP * _BATCH
