@@ -126,7 +126,7 @@ def test_the_bench_keeps_the_promise_at_every_stage(folder: Path, made: Any, tmp
     assert [float(one) for one in shown[0]] == [
         pytest.approx(100 * stage["efficiency"], abs=0.1) for stage in summary["stages"]
     ]
-    assert not any(event in summary["events"] for event in ("drift", "refused", "rumble"))
+    assert not any(event in summary["events"] for event in ("drift", "refused", "step_back"))
 
 
 def test_the_uncertainties_of_the_page_are_the_defaults() -> None:

@@ -120,7 +120,9 @@ def test_speed_force_and_torque_of_the_motor() -> None:
     made = motor(problem, 0.2, points)
     tau = 1.0 / (2.0 * math.pi * 15.0 * 0.02 * 0.8)  # 2 M / c
     assert made.time_constant == pytest.approx(tau)
-    assert made.speed == pytest.approx(10.0 * 0.003 / tau)
+    assert made.speed == pytest.approx((0.09 - 2.0 * grain_radius(problem, 0.2)) / tau)  # from closed
+    steep = [a_point(0.001, 0.05), a_point(0.002, 0.07), a_point(0.004, 0.08)]
+    assert motor(problem, 0.2, steep).speed == pytest.approx(20.0 * 0.003 / tau)  # from 1 to 2 mm
     assert (made.force, made.torque) == pytest.approx((2000.0, 40.0))
     assert made.travel == pytest.approx(0.03)
 
@@ -246,7 +248,7 @@ def test_a_target_that_no_grain_keeps_is_named() -> None:
     ("given", "line"),
     [
         (["--mass", "-2"], "--mass: given -2.0; allowed: from 1e-06 to 1e+06"),
-        (["--damping", "2"], "--damping: given 2.0; allowed: from 0.0001 to 0.2"),
+        (["--damping", "2"], "--damping: given 2.0; allowed: from 0.0005 to 0.2"),
         (["--amplitudes", "0.004:0.001"], "--amplitudes: given 0.004:0.001; allowed: LO:HI, two rising"),
         (["--amplitudes", "0.004"], "--amplitudes: given 0.004; allowed: LO:HI, two rising"),
         (["--frequency", "nan"], "--frequency: given nan; allowed: a finite number"),

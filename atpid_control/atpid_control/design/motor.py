@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor that moves the ceiling: speed, force, torque, and how often it is struck.
 
-The rules. **Speed**: the excitation steps from one end of the amplitudes to the other; the beam follows with the time
-constant of the closed damper, tau = 2 M / c, so the amplitude changes no faster than (A_hi - A_lo) / tau, and the
-ceiling has to follow with the steepest slope of height over amplitude: |h'| = max(dh/dA) (A_hi - A_lo) / tau.
+The rules. **Speed**: the excitation steps from one end of the amplitudes to the other, or is switched on; the beam
+follows with the time constant of the closed damper, tau = 2 M / c, and the ceiling has to keep up with it: |h'| =
+max(dh/dA) (A_hi - A_lo) / tau with the steepest slope of height over amplitude, and (h_hi - 2 r) / tau at least.
 **Force**: what holds the ceiling bears the largest contact force of all cases at all amplitudes; the drive's torque is
 that force times its lever. A drive that does not move back under load (a screw) bears it in the screw, and its motor
 only overcomes the mean force of the impacts while it closes.
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.design.problem import Problem, time_constant
+from atpid_control.design.problem import Problem, grain_radius, time_constant
 from atpid_control.design.promise import Point
 
 #: Ceiling velocity over the closing speed of impacts, above which a travel changes the impacts themselves [-].
@@ -42,7 +42,8 @@ def motor(problem: Problem, fraction: float, points: Sequence[Point]) -> Motor:
     amplitudes, heights = (np.array([getattr(one, name) for one in points]) for name in ("amplitude", "height"))
     tau = time_constant(problem, fraction)
     slope = float(np.max(np.abs(np.diff(heights) / np.diff(amplitudes))))
-    speed = slope * float(amplitudes[-1] - amplitudes[0]) / tau
+    opening = float(heights.max()) - 2.0 * grain_radius(problem, fraction)
+    speed = max(slope * float(amplitudes[-1] - amplitudes[0]), opening) / tau
     force = max(one.ceiling_force.high for one in points)
     closing = max(one.speed for one in points)
     return Motor(

@@ -36,6 +36,11 @@ def headline(made: Design) -> str:
     """Return the result in one sentence."""
     low, high = (100.0 * value for value in made.efficiency)
     first, last = (1e3 * value for value in made.problem.amplitudes)
+    if low <= 0.0:
+        return (
+            f"No reduction can be promised for this structure, support ±{first:.3g} to ±{last:.3g} mm: "
+            f"{low:.0f} to {high:.0f} % with a grain of {mass(made.grain_mass)}"
+        )
     return (
         f"A grain of {mass(made.grain_mass)} takes {low:.0f} to {high:.0f} % off the resonance of this structure, "
         f"support ±{first:.3g} to ±{last:.3g} mm"
@@ -163,8 +168,8 @@ def _grains(made: Design) -> str:
 def _motor(made: Design) -> str:
     drive = made.motor
     facts = {
-        "speed": f"{drive.speed:.4g} m/s: steepest slope of height over amplitude, times the change of the amplitude, "
-        f"over the time constant of the closed damper, {drive.time_constant:.3g} s",
+        "speed": f"{drive.speed:.4g} m/s: over the whole range of amplitudes, or from closed, within the time "
+        f"constant of the closed damper, {drive.time_constant:.3g} s",
         "travel": f"{drive.travel:.4g} m over the amplitudes",
         "force": f"{drive.force:.4g} N: largest contact force on the ceiling of all cases, from the contact law",
         "torque": f"{drive.torque:.4g} N m at a lever of {drive.lever:g} m, in proportion to it",

@@ -66,7 +66,7 @@ class Problem(Block):
 
     mass: Mass = Field(description="reduced mass of beam and container, without the grain [kg]")
     frequency: Hertz = Field(description="natural frequency of the beam without the grain [Hz]")
-    damping: Annotated[Number, within(1e-4, 0.2)] = Field(description="damping ratio of the beam alone [-]")
+    damping: Annotated[Number, within(5e-4, 0.2)] = Field(description="damping ratio of the beam alone [-]")
     amplitudes: tuple[Length, Length] = Field(description="least and largest support amplitude [m]")
     restitution: Annotated[Number, within(_LEAST_RESTITUTION, 0.95)] = Field(
         default=0.15, description="rebound speed over approach speed, grain and walls [-]"
