@@ -14,6 +14,7 @@ import pytest
 
 from atpid_control.design.cases import cases, corners, deviation
 from atpid_control.design.check import height_at, interval_at
+from atpid_control.design.forces import forces
 from atpid_control.design.limits import warnings_of
 from atpid_control.design.make import promised
 from atpid_control.design.motor import motor
@@ -118,6 +119,17 @@ def test_no_corner_of_the_box_is_irregular_as_some_are_at_the_bare_optimum(name:
         structures = list(cases(made.problem, made.fraction, corners()))
         assert all(answer(one, point.amplitude, point.height).regular for one in structures)
         assert not all(answer(one, point.amplitude, point.best_height).regular for one in structures)
+
+
+@pytest.mark.slow
+def test_structures_drawn_anew_load_the_ceiling_no_more_than_stated() -> None:
+    made = promise_of("a mast that sways")
+    drawn = np.random.default_rng(_SEED).choice([-1.0, 1.0], (_RUNS, 8))
+    for point in made.points:
+        loads = [
+            forces(one, point.amplitude, point.height).ceiling for one in cases(made.problem, made.fraction, drawn)
+        ]
+        assert 0.8 * point.ceiling_force.high < max(loads) <= 1.01 * point.ceiling_force.high
 
 
 @pytest.mark.slow

@@ -4,9 +4,9 @@
 The rules. **Speed**: the excitation steps from one end of the amplitudes to the other, or is switched on; the beam
 follows with the time constant of the closed damper, tau = 2 M / c, and the ceiling has to keep up with it: |h'| =
 max(dh/dA) (A_hi - A_lo) / tau with the steepest slope of height over amplitude, and (h_hi - 2 r) / tau at least.
-**Force**: what holds the ceiling bears the largest contact force of all cases at all amplitudes; the drive's torque is
-that force times its lever. A drive that does not move back under load (a screw) bears it in the screw, and its motor
-only overcomes the mean force of the impacts while it closes.
+**Force**: what holds the ceiling bears the largest contact force of all corners at all amplitudes; the torque of the
+drive is that force times its lever. A drive that does not move back under load (a screw) bears it in the screw, and its
+motor only overcomes the mean force of the impacts while it closes.
 """
 
 from collections.abc import Sequence

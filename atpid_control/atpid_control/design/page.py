@@ -171,7 +171,7 @@ def _motor(made: Design) -> str:
         "speed": f"{drive.speed:.4g} m/s: over the whole range of amplitudes, or from closed, within the time "
         f"constant of the closed damper, {drive.time_constant:.3g} s",
         "travel": f"{drive.travel:.4g} m over the amplitudes",
-        "force": f"{drive.force:.4g} N: largest contact force on the ceiling of all cases, from the contact law",
+        "force": f"{drive.force:.4g} N: largest contact force on the ceiling over the corners, from the contact law",
         "torque": f"{drive.torque:.4g} N m at a lever of {drive.lever:g} m, in proportion to it",
         "impacts": f"{drive.impact_rate:.4g} a second, {drive.impulse:.3g} N s each, "
         f"{drive.mean_force:.3g} N on average",

@@ -33,9 +33,11 @@ def _legend(axes: Any, where: str) -> None:
     axes.legend(fontsize=8, loc=where, facecolor=paper, edgecolor=paper, framealpha=0.9)
 
 
-def _band(axes: Any, x: Any, intervals: Any, palette: Palette, scale: float, name: str) -> None:
+def _band(
+    axes: Any, x: Any, intervals: Any, palette: Palette, scale: float, name: str, band: str = "all cases"
+) -> None:
     expected, low, high = scale * np.array(intervals).T
-    axes.fill_between(x, low, high, color=palette.soft, lw=0.0, label="all cases")
+    axes.fill_between(x, low, high, color=palette.soft, lw=0.0, label=band)
     axes.plot(x, low, color=palette.own, lw=0.8)
     axes.plot(x, high, color=palette.own, lw=0.8)
     axes.plot(x, expected, "o-", color=palette.own, ms=4.0, lw=1.8, label=name)
@@ -118,7 +120,7 @@ def _one_two_five(value: float, _: int) -> str:
 
 
 def _force(axes: Any, made: Design, palette: Palette) -> None:
-    _band(axes, _millimetres(made), [p.ceiling_force for p in made.points], palette, 1.0, "expected")
+    _band(axes, _millimetres(made), [p.ceiling_force for p in made.points], palette, 1.0, "expected", "corners")
     axes.axhline(made.motor.force, color=palette.accent, lw=1.2, label=f"the ceiling bears {made.motor.force:.4g} N")
     _title(axes, "Largest contact force on the ceiling", "support amplitude [mm]", "N")
     axes.set_ylim(0.0, None)

@@ -77,10 +77,10 @@ class Point:
     best_efficiency: float  # there [-]
     regular: bool  # in every case
     numerical_error: float  # of the amplitude, relative [-]
-    ceiling_force: Interval  # largest force on the ceiling [N]
-    floor_force: float  # largest, over all cases [N]
-    overlap: float  # deepest, over all cases, over the grain's radius [-]
-    speed: float  # largest closing speed at the ceiling, over all cases [m/s]
+    ceiling_force: Interval  # largest force on the ceiling, over the corners [N]
+    floor_force: float  # largest, over the corners [N]
+    overlap: float  # deepest, over the corners, over the grain's radius [-]
+    speed: float  # largest closing speed at the ceiling, over the corners [m/s]
     impulse: float  # of an impact on the ceiling, given structure [N s]
     rate: float  # impacts on the ceiling, given structure [1/s]
     mean_force: float  # on the ceiling, given structure [N]
@@ -194,6 +194,8 @@ def _described(structures: Structures, amplitude: float, height: float, answers:
     wider = error + (0.0 if regular else _IRREGULAR)
     lowest, highest = min(one.efficiency for one in answers), max(one.efficiency for one in answers)
     felt = [forces(one, amplitude, height) for one in (given, *structures.corners)]
+    hardest = adverse(corners(), np.array([one.ceiling for one in felt[1:]]))
+    felt += [forces(one, amplitude, height) for one in cases(problem, fraction, np.array([hardest, -hardest]))]
     gravity, omega = problem.gravity, 2.0 * np.pi * damper.frequency
     closed = damper.closed_amplitude(amplitude)
     return Point(
