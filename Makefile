@@ -71,6 +71,8 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_sim.studies.figures.contact --out docs/figures; \
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
+	python -m atpid_control design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 \
+	    --max-mass-fraction 0.2 --target-reduction 0.75 --out out/design; cp out/design/design.png docs/figures/design.png; \
 	python -m atpid_control study all --out out/study --page docs/thesis.md; \
 	python -m atpid_control compare scenes/thesis_4_3.yaml scenes/stepped_4_8_phi_0_3.yaml scenes/stiff_beam.yaml \
 	    --out out/methods --page docs/methods.md; \

@@ -32,6 +32,9 @@ RUN = {
     },
     "tests/test_howto_selector.py": {r"python -m pytest test_proportional": "test_the_steps_of_the_page_run"},
     "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
+    "tests/test_design_page.py": {
+        r"python -m atpid_control design ": "test_the_worked_example_is_what_is_computed_now",
+    },
     "tests/test_emulated_stand.py": {
         r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
         r"python -m atpid_driver standin": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
@@ -150,6 +153,7 @@ MADE_OR_GIVEN = {
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "atlas.npz", "atlas.csv", "atlas.json",
     "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv", "support.csv", "agreement.json", "agreement.png",
+    "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
     "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml",
 }  # fmt: skip

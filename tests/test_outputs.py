@@ -20,6 +20,7 @@ from atpid_sim.studies.figures import contact, free_decay
 NOWHERE = "/proc/nowhere"
 READINGS = "position,volts\n-0.1,1\n0,3\n0.1,5\n0.12,5.4\n0.05,4\n-0.05,2\n0.02,3.4\n"
 MAP = ["map", "scenes/standard.yaml", "--amplitudes", "0.01:0.02:2", "--mass-fractions", "0.1"]
+STRUCTURE = ["--mass", "2", "--frequency", "15", "--damping", "0.02", "--amplitudes", "0.001:0.004"]
 SENSOR = ["--channel", "support_displacement", "--sensor", "X", "--serial", "A"]
 
 
@@ -39,6 +40,7 @@ SENSOR = ["--channel", "support_displacement", "--sensor", "X", "--serial", "A"]
         (control, ["figures", "selection", "--out", NOWHERE]),
         (control, ["bench", "scenes/standard.yaml", "--out", NOWHERE]),
         (control, ["report", "bags/thesis_4_3_short", "--out", NOWHERE]),
+        (control, ["design", *STRUCTURE, "--out", NOWHERE]),
         (
             control,
             ["calibrate-beam", "bags/thesis_4_3_short", "--moving-mass", "0.36", "--out", f"{NOWHERE}/beam.yaml"],

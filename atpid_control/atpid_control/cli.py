@@ -15,6 +15,7 @@ COMMANDS = {
     "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
     "compare": ("atpid_control.commands.compare", "compare the methods with passive dampers on the same scenes"),
     "learn": ("atpid_control.commands.learn", "train the method `learned` from simulated systems"),
+    "design": ("atpid_control.commands.design", "design a damper for a structure: grain, heights, motor, reduction"),
     "calibrate-beam": (
         "atpid_control.commands.calibrate_beam",
         "find a beam's stiffness, damping and mass from a recording",

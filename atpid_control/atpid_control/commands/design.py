@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control design`: a damper for a structure of one's own, and what it promises."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from atpid_common import output
+from atpid_control.design.make import Design, design, steps_of
+from atpid_control.design.problem import DesignError, Problem, Uncertainty, problem_of
+from atpid_sim.display import counting
+
+_DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    for name, metavar, needed in (
+        ("mass", "KG", True), ("frequency", "HZ", True), ("damping", "RATIO", True),
+        ("restitution", "E", False), ("young-modulus", "PA", False), ("density", "KG/M3", False),
+        ("gravity", "G", False), ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
+        ("target-reduction", "SHARE", False), ("lever", "M", False),
+    ):  # fmt: skip
+        parser.add_argument(f"--{name}", type=float, metavar=metavar, required=needed, help=_help(name, needed))
+    parser.add_argument("--amplitudes", required=True, metavar="LO:HI", help=_help("amplitudes", True))
+    uncertain = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
+    parser.add_argument(
+        "--uncertainty", metavar="NAME=VALUE,...",
+        help=f"how far a quantity may lie from its value to either side, relative, height in m; default: {uncertain}",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, required=True, help="folder for page, numbers, scene and height map")
+
+
+def _help(option: str, needed: bool) -> str:
+    name = option.replace("-", "_")
+    text, default = (Problem.model_fields[name].description or "").replace("%", "%%"), _DEFAULTS[name]
+    return text if needed or default is None else f"{text}; default {default:g}"
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the design and its files, print the result; return 0. Raises DesignError, NumericalFailure, OutputError."""
+    problem = problem_from(args)
+    output.folder(args.out)
+    with counting("design", steps_of(problem)) as count:
+        made = design(problem, count)
+    # here, so that bad input is refused before the drawing libraries are loaded
+    from atpid_control.design.files import write
+
+    written = write(made, args.out)
+    console = Console(width=max(Console().width, 100), highlight=False)
+    for shown in (_summary(made), _over_amplitudes(made)):
+        console.print(shown)
+    for line in made.warnings:
+        console.print(f"warning: {line}", markup=False, soft_wrap=True)
+    for path in written:
+        print(path)
+    return 0
+
+
+def problem_from(args: argparse.Namespace) -> Problem:
+    """Return the problem of the options. Raises DesignError."""
+    given: dict[str, Any] = {
+        name: value for name in _DEFAULTS if (value := getattr(args, name, None)) is not None and name != "uncertainty"
+    }
+    given["amplitudes"] = _amplitudes(args.amplitudes)
+    if args.uncertainty is not None:
+        given["uncertainty"] = _uncertainty(args.uncertainty)
+    return problem_of(**given)
+
+
+def _amplitudes(text: str) -> tuple[float, float]:
+    try:
+        low, high = map(float, text.split(":"))
+    except ValueError:
+        raise DesignError(
+            f"--amplitudes: given {text}; allowed: LO:HI, two rising amplitudes in metres, such as 0.001:0.004"
+        ) from None
+    return low, high
+
+
+def _uncertainty(text: str) -> dict[str, float]:
+    names = list(Uncertainty.model_fields)
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = (word.strip() for word in part.partition("="))
+        try:
+            number = float(value)
+        except ValueError:
+            number = None
+        if number is None or name not in names or name in found:
+            raise DesignError(
+                f"--uncertainty: given {part.strip()}; allowed: NAME=VALUE, each once and separated by commas, of "
+                f"{', '.join(names)}"
+            )
+        found[name] = number
+    return found
+
+
+def _summary(made: Design) -> Table:
+    from atpid_control.design.page import headline, mass
+
+    drive, (low, high) = made.motor, made.heights
+    table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)
+    table.add_row("grain", f"{mass(made.grain_mass)}, {100 * made.mass_fraction:.3g} % of beam and grain, "
+                  f"diameter {2e3 * made.radius:.1f} mm")  # fmt: skip
+    table.add_row("resonance, damper closed", f"{made.resonance:.4g} Hz")
+    table.add_row("heights of the ceiling", f"{low:.4f} to {high:.4f} m, closed {2 * made.radius:.4f} m")
+    table.add_row("speed of the ceiling", f"{drive.speed:.3g} m/s, to follow in {drive.time_constant:.3g} s")
+    table.add_row("largest force on the ceiling", f"{drive.force:.4g} N, {drive.torque:.3g} N m at a lever of "
+                  f"{drive.lever:g} m")  # fmt: skip
+    table.add_row("impacts on the ceiling", f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average")
+    table.add_row("time", f"{made.wall_s:.1f} s")
+    return table
+
+
+def _over_amplitudes(made: Design) -> Table:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for name in ("support\n[m]", "height\n[m]", "efficiency\nexpected [%]", "\nleast", "\nlargest",
+                 "beam\nat most [m]", "damper\nclosed [m]", "force on the\nceiling [N]"):  # fmt: skip
+        table.add_column(name, justify="right", no_wrap=True)
+    for one in made.points:
+        table.add_row(
+            f"{one.amplitude:.4g}", f"{one.height:.4f}", *(f"{100 * value:.1f}" for value in one.efficiency),
+            f"{one.beam_amplitude.high:.4g}", f"{one.closed_amplitude:.4g}", f"{one.ceiling_force.high:.4g}",
+        )  # fmt: skip
+    return table

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Design of a damper for a given structure: grain, heights, motor, and the reduction to expect (docs/design.md)."""

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole design: the grain, heights over the amplitudes, the promise with its check, the motor."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from atpid_control.design import trade
+from atpid_control.design.cases import corners
+from atpid_control.design.check import Check, drawn, widened
+from atpid_control.design.limits import warnings_of
+from atpid_control.design.motor import Motor, motor
+from atpid_control.design.problem import Problem, resonance
+from atpid_control.design.promise import Point, Structures, answer, point
+from atpid_control.design.trade import Candidate
+from atpid_sim.outcome import NumericalFailure
+from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.simulate import finite
+from atpid_sim.system import Array
+
+#: Support amplitudes of the promise, evenly spaced in the logarithm, and of the trade between grains.
+_AMPLITUDES, _FOR_TRADE = 7, 3
+#: The height map reaches from this share of the least amplitude to this one of the largest, so that the loop has a
+#: height on the way there and where an estimate lies beyond the end [-].
+_BELOW, _ABOVE = 0.25, 1.1
+#: Heights of the picture of the cliff, from and to these shares of the bare optimum's clearance.
+_LANDSCAPE, _FROM, _TO = 30, 0.45, 1.35
+#: Grains tried in turn until the promise meets the target; the last is the one that keeps most.
+_TRIES = 3
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """The beam's amplitude over the height, at one support amplitude."""
+
+    amplitude: float  # of the support [m]
+    heights: Array  # (n,) [m]
+    given: Array  # (n,) over that of the closed damper [-]
+    cases: Array  # (n, 16) the same of the corners of the box [-]
+
+
+@dataclass(frozen=True)
+class Design:
+    """A damper for a structure, and what it promises."""
+
+    problem: Problem
+    candidates: list[Candidate]
+    mass_fraction: float
+    grain_mass: float  # [kg]
+    radius: float  # [m]
+    resonance: float  # of beam and grain as one mass [Hz]
+    points: list[Point]  # at the amplitudes promised, rising
+    beyond: list[Point]  # outside of them, for the height map only
+    motor: Motor
+    check: Check
+    landscape: Landscape
+    warnings: list[str]
+    wall_s: float  # [s]
+
+    @property
+    def efficiency(self) -> tuple[float, float]:
+        """Least and largest promised efficiency over all amplitudes [-]."""
+        return min(p.efficiency.low for p in self.points), max(p.efficiency.high for p in self.points)
+
+    @property
+    def heights(self) -> tuple[float, float]:
+        """Least and largest height over all amplitudes [m]."""
+        heights = [one.height for one in self.points]
+        return min(heights), max(heights)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain numbers and text by the names of the fields, SI; not finite: None."""
+        plain = asdict(self)
+        plain["problem"] = self.problem.model_dump()
+        plain["points"] = [_named(one) for one in self.points]
+        plain["beyond"] = [_named(one) for one in self.beyond]
+        for one, own in zip(plain["candidates"], self.candidates, strict=True):
+            one["efficiency"] = own.efficiency._asdict()
+        landscape = plain["landscape"]
+        plain["landscape"] = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in landscape.items()}
+        plain["efficiency"] = dict(zip(("low", "high"), self.efficiency, strict=True))
+        plain["heights"] = self.heights
+        shown: dict[str, Any] = finite(plain)
+        return shown
+
+
+def _named(one: Point) -> dict[str, Any]:
+    return {k: v._asdict() if hasattr(v, "_asdict") else v for k, v in vars(one).items()}
+
+
+def steps_of(problem: Problem) -> int:
+    """Return how many steps of progress a design takes, where the first grain meets the target."""
+    return _FOR_TRADE * len(trade.fractions(problem)) + (_AMPLITUDES + 2) + (_AMPLITUDES - 1) + _LANDSCAPE
+
+
+def design(problem: Problem, progress: Callable[[int], None] = lambda _: None) -> Design:
+    """Return the design for a problem; `progress` is called with the number of steps done.
+
+    Raises NumericalFailure where no grain can be computed, and SceneError where a value cannot be.
+    """
+    begun, count = time.perf_counter(), _counted(progress)
+    candidates = _candidates(problem, count)
+    structures, points, found = _chosen(problem, trade.preferred(problem, candidates), count)
+    fraction = structures.fraction
+    drive = motor(problem, fraction, points)
+    chosen = next(one for one in candidates if one.mass_fraction == fraction)
+    return Design(
+        problem=problem,
+        candidates=candidates,
+        mass_fraction=fraction,
+        grain_mass=chosen.grain_mass,
+        radius=chosen.radius,
+        resonance=resonance(problem, fraction),
+        points=points,
+        beyond=_beyond(structures, count),
+        motor=drive,
+        check=found,
+        landscape=_landscape(structures, points[len(points) // 2], count),
+        warnings=warnings_of(problem, fraction, points, drive, found),
+        wall_s=time.perf_counter() - begun,
+    )
+
+
+#: Structures, points at the amplitudes, check.
+Promised = tuple[Structures, list[Point], Check]
+
+
+def _chosen(problem: Problem, order: Sequence[Candidate], count: Callable[[], None]) -> Promised:
+    """Return the promise of the first grain that keeps the target at every amplitude, else of the one that keeps most.
+
+    At most `_TRIES` are tried: the first ones and the last.
+    """
+    target, made = problem.target_reduction or 0.0, list[Promised]()
+    for one in [*order[: _TRIES - 1], *order[_TRIES - 1 :][-1:]]:
+        made.append(promised(problem, one.mass_fraction, count))
+        if _least(made[-1]) >= target:
+            return made[-1]
+    return max(made, key=_least)
+
+
+def _least(made: Promised) -> float:
+    return min(one.efficiency.low for one in made[1])
+
+
+def _counted(progress: Callable[[int], None]) -> Callable[[], None]:
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(done)
+
+    return step
+
+
+def _candidates(problem: Problem, count: Callable[[], None]) -> list[Candidate]:
+    structures = {fraction: Structures.of(problem, fraction) for fraction in trade.fractions(problem)}
+    amplitudes = [float(a) for a in np.geomspace(*problem.amplitudes, _FOR_TRADE)]
+    jobs = [(fraction, amplitude) for fraction in structures for amplitude in amplitudes]
+    trials: dict[tuple[float, float], trade.Trial] = {}
+    for job, found in on_all_cores(lambda job: trade.trial(structures[job[0]], job[1]), jobs):
+        trials[job] = found
+        count()
+    return [trade.candidate(problem, [trials[fraction, amplitude] for amplitude in amplitudes])
+            for fraction in structures]  # fmt: skip
+
+
+def promised(
+    problem: Problem, fraction: float, count: Callable[[], None] = lambda: None, amplitudes: int = _AMPLITUDES
+) -> Promised:
+    """Return what a grain of a mass fraction [-] promises at so many amplitudes, at least two, checked between them.
+
+    `count` is called after each step. Raises NumericalFailure.
+    """
+    structures = Structures.of(problem, fraction)
+    low, high = problem.amplitudes
+    at = [low, *map(float, np.geomspace(low, high, amplitudes)[1:-1]), high]
+    points = _in_order(lambda amplitude: point(structures, amplitude), at, count)
+    places = range(amplitudes - 1)
+    answers = _in_order(lambda place: drawn(problem, fraction, points, place), places, count)
+    return structures, *widened(points, answers)
+
+
+def _beyond(structures: Structures, count: Callable[[], None]) -> list[Point]:
+    """Return the points below and above the amplitudes, for the height map; without one that cannot be computed."""
+
+    def found(amplitude: float) -> Point | None:
+        with suppress(NumericalFailure):
+            return point(structures, amplitude)
+        return None
+
+    low, high = structures.problem.amplitudes
+    return [one for one in _in_order(found, [_BELOW * low, _ABOVE * high], count) if one is not None]
+
+
+def _in_order(work: Callable[[Any], Any], jobs: Sequence[Any], count: Callable[[], None]) -> list[Any]:
+    """Return the results in the order of the jobs, computed on all cores."""
+    results = {}
+    for job, result in on_all_cores(work, jobs):
+        results[job] = result
+        count()
+    return [results[job] for job in jobs]
+
+
+def _landscape(structures: Structures, middle: Point, count: Callable[[], None]) -> Landscape:
+    damper = structures.given.damper
+    clearance = middle.best_height - damper.diameter
+    heights = [damper.diameter + clearance * float(share) for share in np.linspace(_FROM, _TO, _LANDSCAPE)]
+
+    def left(height: float) -> list[float]:
+        every = (structures.given, *structures.corners)
+        try:
+            return [1.0 - answer(one, middle.amplitude, height).efficiency for one in every]
+        except NumericalFailure:
+            return [math.nan] * (1 + len(corners()))
+
+    rows = np.array(_in_order(left, heights, count))
+    return Landscape(middle.amplitude, np.array(heights), rows[:, 0], rows[:, 1:])
