@@ -43,11 +43,12 @@ def test_the_plants_metres_come_back_through_the_device(
     plant = bench.peer.create_publisher(SampleBlock, "emulated/sensors/laser", BLOCKS)
     answers: list[CeilingState] = []
     bench.peer.create_subscription(CeilingState, "emulated/ceiling/state", answers.append, STATES)
-    bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS)
+    bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS, noise=0.0)
     bench.until(lambda: plant.get_subscription_count())
     plant.publish(empty_block(tuple(CHANNELS), ("m", "m")))
     library = str(build() / "libLabJackM.so")
     values = {"rate": 1000.0, "channels": CHANNELS, "terminals": ["AIN0", "AIN1"], "calibrations": CALIBRATIONS}
+    values["frozen_time"] = 600.0  # without noise a body at rest is a frozen sensor
     bench.start(LabJackNode, **values, library=library, handshake=False)
     bench.until(lambda: bench.blocks)  # a body at rest
     assert not answers  # no handshake is passed on before the device streams

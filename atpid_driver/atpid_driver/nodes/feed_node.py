@@ -40,6 +40,14 @@ PARAMETERS = (
     Row("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
     Row("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
     Row("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
+    Row(
+        "noise",
+        3e-4,
+        "standard deviation of the sensors' noise: a real laser has some, a frozen one none",
+        "V",
+        0.0,
+        1.0,
+    ),
     Row("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Row("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
 )
@@ -57,7 +65,8 @@ class FeedNode(Node):
         self._path = Path(values["feed"])
         _check_replaceable(self._path)
         self._calibrations = calibrations_of(values)
-        self._rate = float(values["rate"])
+        self._rate, self._noise = float(values["rate"]), float(values["noise"])
+        self._random = np.random.default_rng(0)
         self.feed = Feed(self._path, len(self._calibrations), self._rate)
         self._next: int | None = None
         self._live = False  # whether the device that reads the feed streams
@@ -119,7 +128,8 @@ class FeedNode(Node):
             volts = volts_of(calibration, values[:, column])
             low, high = calibration.limits_volts
             columns.append(np.nan_to_num(volts, nan=high + 0.01 * (high - low)))  # saturated: beyond the limit
-        self.feed.write(np.column_stack(columns))
+        frames = np.column_stack(columns)
+        self.feed.write(frames + self._random.normal(0.0, self._noise, frames.shape))
 
     def _waiting_for(self) -> str:
         """Return what is missing before the plant may start, in words; empty: nothing."""
