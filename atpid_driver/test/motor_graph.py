@@ -104,7 +104,7 @@ class Stand:
             if state.mode == CeilingState.FAULT:
                 self.states.clear()
                 self.call(Trigger, "motor_node/rearm", Trigger.Request())
-            return state.mode == CeilingState.HOLDING and abs(state.height - height) < 3e-3
+            return bool(state.mode == CeilingState.HOLDING and abs(state.height - height) < 3e-3)
 
         self.until(arrived)
 

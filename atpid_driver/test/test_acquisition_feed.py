@@ -108,6 +108,15 @@ def test_the_feed_is_removed_with_the_node(bench: Bench, tmp_path: Path) -> None
     assert not (tmp_path / "feed").exists()
 
 
+def test_another_file_in_the_feeds_place_stays(tmp_path: Path) -> None:
+    with closing(Feed(tmp_path / "feed", channels=2, rate=1000.0)):
+        (tmp_path / "feed").unlink()
+        (tmp_path / "feed").write_text("mine")
+    assert (tmp_path / "feed").read_text() == "mine"
+    with pytest.raises(StandinError, match="cannot be made: No such file"):
+        Feed(tmp_path / "nowhere" / "feed", channels=2, rate=1000.0)
+
+
 def test_a_feed_without_a_file_is_refused(bench: Bench) -> None:
     with pytest.raises(DriverError, match="feed_node needs"):
         bench.start(FeedNode, calibrations=CALIBRATIONS)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from atpid_driver.calibration.convert import Counts, block_si, si_of, volts_of
@@ -92,7 +92,13 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, change: dict[str, obj
     assert "bad.yaml" in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"[1, 2", b"just words", b"\xff\xfe\x00"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"[1, 2", b"just words", b"\xff\xfe\x00", b"[" * 50_000, b"date: 2026-13-45", b"? [a]\n: 1", b"1: 2",
+        b"x" * 200_000, b"a: &a [x]\nb: [*a, *a]", b"!!python/object/apply:os.getcwd []",
+    ],
+)  # fmt: skip
 def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bad.yaml"
     path.write_bytes(content)
@@ -100,6 +106,40 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes) -> None:
         load(path)
     with pytest.raises(CalibrationError, match="cannot be read"):
         load(tmp_path / "none.yaml")
+
+
+@given(st.binary(max_size=200))
+@example(b"\x00")
+def test_whatever_is_in_a_file_the_error_is_one_line(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(content)
+    with pytest.raises(CalibrationError, match=r"any\.yaml") as caught:
+        load(path)
+    assert "\n" not in str(caught.value)
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(sorted(LASER.model_dump())),
+        st.one_of(st.none(), st.floats(), st.text(max_size=5), st.lists(st.floats(), max_size=7), st.integers()),
+        min_size=1,
+    )
+)
+def test_whatever_a_key_is_given_a_calibration_converts_or_is_refused(
+    tmp_path_factory: pytest.TempPathFactory, changes: dict[str, object]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "changed.yaml"
+    path.write_text(yaml.safe_dump(LASER.model_dump(mode="json") | changes))
+    try:
+        calibration = load(path)
+    except CalibrationError:
+        return
+    assert np.isfinite(si_of(calibration, np.array(calibration.limits_volts))[0]).all()
+
+
+def test_an_endless_file_is_not_read() -> None:
+    with pytest.raises(CalibrationError, match="is no regular file"):
+        load(Path("/dev/zero"))
 
 
 def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 
+from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
@@ -47,8 +48,12 @@ class AcquisitionNode(DeviceNode):
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened."""
         super().__init__(self.NAME, **kwargs)
-        self._settings, self._calibrations = settings_of(self, *self.USUAL)
-        self._device = create(self._settings["backend"], self._settings)
+        try:
+            self._settings, self._calibrations = settings_of(self, *self.USUAL)
+            self._device = create(self._settings["backend"], self._settings)
+        except InputError:
+            self.leave_graph()
+            raise
         self._blocks = self.create_publisher(SampleBlock, self._settings["topic"], BLOCKS)
         self._events = EventPublisher(self)
         if self._settings["in_loop"]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
@@ -59,15 +60,13 @@ class FeedNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         """Make the feed. Raises ParameterError or DriverError for a parameter that cannot be."""
         super().__init__("feed_node", **kwargs)
-        values = declare(self, PARAMETERS)
-        if not values["feed"] or not values["calibrations"]:
-            raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
-        self._path = Path(values["feed"])
-        _check_replaceable(self._path)
-        self._calibrations = calibrations_of(values)
-        self._rate, self._noise = float(values["rate"]), float(values["noise"])
+        try:
+            values = declare(self, PARAMETERS)
+            self.feed = self._made(values)
+        except InputError:
+            super().destroy_node()
+            raise
         self._random = np.random.default_rng(0)
-        self.feed = Feed(self._path, len(self._calibrations), self._rate)
         self._next: int | None = None
         self._live = False  # whether the device that reads the feed streams
         self._states = self.create_publisher(CeilingState, f"{EMULATED}/ceiling/state", STATES)
@@ -81,6 +80,16 @@ class FeedNode(Node):
         self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._announce_at = self._began + ANNOUNCE_AFTER
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
+
+    def _made(self, values: dict[str, Any]) -> Feed:
+        """Return the feed that the parameters ask for. Raises DriverError."""
+        if not values["feed"] or not values["calibrations"]:
+            raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
+        self._path = Path(values["feed"])
+        _check_replaceable(self._path)
+        self._calibrations = calibrations_of(values)
+        self._rate, self._noise = float(values["rate"]), float(values["noise"])
+        return Feed(self._path, len(self._calibrations), self._rate)
 
     def _on_device(self, block: SampleBlock) -> None:
         self._live = self._live or not block.handshake
