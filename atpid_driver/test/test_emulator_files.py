@@ -13,7 +13,6 @@ from motor_rigs import board
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.emulator import EEPROM_SIZE, EmulatorError
 
-
 IN_THE_WAY: dict[str, Callable[[Path], object]] = {
     "a file": lambda path: path.write_text("mine"),
     "a folder": Path.mkdir,
