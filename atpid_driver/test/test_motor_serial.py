@@ -141,6 +141,24 @@ def test_unplugged_in_motion_and_plugged_in_again(rig: Rig) -> None:
     assert rig.read().height == pytest.approx(0.95, abs=2e-3)
 
 
+def test_a_board_that_opening_does_not_restart_keeps_its_height_and_its_fault(tmp_path: Path) -> None:
+    with board(tmp_path, height=0.99) as emulator:
+        emulator.pace(1.0)
+        rig = Rig(tmp_path, emulator)
+        with closing(rig.actuator):
+            rig.make_ready()
+            rig.start_down()
+            emulator.do("unplug")
+            rig.wait(Mode.UNCONFIGURED)
+            wait_for(lambda: emulator.state().motor == 0, "the firmware's own heartbeat stop")
+            emulator.do("plug")
+            rig.wait(Mode.FAULT)
+            assert Fault.RESTARTED not in rig.read().faults
+            rig.stays_off(Fault.LINK_LOST, Fault.HEARTBEAT)
+            assert rig.read().homed
+            rig.rearm()
+
+
 def test_a_reset_in_motion_is_noticed_and_needs_a_person(rig: Rig) -> None:
     rig.make_ready()
     rig.start_down()
