@@ -79,6 +79,9 @@ def test_a_node_starts_or_names_what_is_wrong_in_one_line(name: str, context: Co
     @example({"calibrations": ["/dev/zero", "/dev/zero"]})
     @example({"channels": [], "terminals": [], "calibrations": []})
     @example({"feed": "/proc/x"})
+    @example({"topic": "a b"})
+    @example({"topic": ""})
+    @example({"topic": "~x/{y}"})
     def check(changes: dict[str, Any]) -> None:
         given = usual | changes
         if str(given.get("feed")) not in ("", "/", ".", "..", "/proc/x"):

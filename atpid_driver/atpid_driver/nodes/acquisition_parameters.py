@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.folders import share_folder
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import ParameterError, Row, declare
 from atpid_driver.acquisition import Settings, SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
@@ -63,6 +63,7 @@ def settings_of(
     ParameterError or DriverError.
     """
     values = declare(node, (*own_rows(usual, topic, in_loop, spike), *COMMON, *THRESHOLDS))
+    check_topic(node, values["topic"])
     backends = dict.fromkeys(name for name in (values["backend"], usual, "simulated") if name is not None)
     rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
     values |= declare(node, tuple(rows.values()))
@@ -99,6 +100,16 @@ def _row(model: type[Settings], name: str, field: FieldInfo) -> Row:
     bounds = {key: getattr(limit, key) for limit in field.metadata for key in ("ge", "le") if hasattr(limit, key)}
     unit, allowed = str(extra.get("unit", "")), tuple(map(str, choices))
     return Row(name, default, text, unit, bounds.get("ge"), bounds.get("le"), allowed)
+
+
+def check_topic(node: Node, topic: str) -> None:
+    """Raise ParameterError where the parameter `topic` cannot be the name of one."""
+    try:
+        node.resolve_topic_name(topic)
+    except (ValueError, RuntimeError):  # of the validation of names, and of rcl
+        raise ParameterError(
+            f"parameter topic of {node.get_name()}: given {topic!r}; allowed: a name as sensors/laser"
+        ) from None
 
 
 def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:

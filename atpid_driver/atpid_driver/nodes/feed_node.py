@@ -30,7 +30,7 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_driver.calibration.convert import volts_of
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.acquisition_parameters import calibrations_of
+from atpid_driver.nodes.acquisition_parameters import calibrations_of, check_topic
 from atpid_driver.standins import Feed
 from atpid_driver.standins.feed import MAGIC
 
@@ -62,6 +62,7 @@ class FeedNode(Node):
         super().__init__("feed_node", **kwargs)
         try:
             values = declare(self, PARAMETERS)
+            check_topic(self, values["topic"])
             self.feed = self._made(values)
         except InputError:
             super().destroy_node()
