@@ -27,6 +27,9 @@ RUN = {
         r"python -m atpid_control bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
         r"python -m atpid_sim\.studies\.figures\.(contact|free_decay)": "test_a_picture_shows_what_is_computed_now",
     },
+    "atpid_control/test/test_validation.py": {
+        r"python -m atpid_control validate ": "test_the_bag_that_comes_along_is_its_own_simulation"
+    },
     "tests/test_howto_selector.py": {r"python -m pytest test_proportional": "test_the_steps_of_the_page_run"},
     "tests/test_benchmark.py": {r"make benchmark$": "test_each_part_has_a_ratio"},
     "tests/test_emulated_stand.py": {
@@ -137,7 +140,7 @@ MADE_OR_GIVEN = {
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
-    "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv",
+    "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv", "support.csv", "agreement.json", "agreement.png",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
     "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml",
 }  # fmt: skip

@@ -17,6 +17,7 @@ COMMANDS = {
         "atpid_control.commands.calibrate_beam",
         "find a beam's stiffness, damping and mass from a recording",
     ),
+    "validate": ("atpid_control.commands.validate", "simulate a recording with its measured support, and compare"),
     "study": ("atpid_control.commands.study", "compute the figures and tables of the thesis beside its own numbers"),
     "figures": ("atpid_control.commands.figures", "make the figures of the documentation"),
 }

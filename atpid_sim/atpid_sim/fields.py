@@ -64,6 +64,8 @@ Instant = Annotated[Number, within(1e-9, 1e9, or_zero=True)]  # [s]
 Speed = Annotated[Number, within(1e-9, 1e6)]  # [m/s]
 #: Straight ramps are no steeper than this [m/s]: a jump has no motion that a support or a motor could make.
 _STEEPEST = 1e6
+#: Points of an amplitude or a profile: each costs some 30 us to read.
+_MOST_POINTS = 100_000
 
 
 def _rising(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -88,12 +90,22 @@ def _pair(value: Any) -> Any:
     raise impossible("", value, "a pair of numbers")
 
 
+def _not_too_many(value: Any) -> Any:
+    if isinstance(value, list | tuple) and len(value) > _MOST_POINTS:
+        raise impossible("", Words(f"{len(value)} points"), f"at most {_MOST_POINTS}")
+    return value
+
+
 AmplitudePoint = Annotated[tuple[Instant, Amplitude], BeforeValidator(_pair)]
 HeightPoint = Annotated[tuple[Instant, Length], BeforeValidator(_pair)]
 #: ((t, value), ...): straight between the points, constant before the first and after the last.
-AmplitudePoints = Annotated[tuple[AmplitudePoint, ...], Field(min_length=1), AfterValidator(_rising)]
+AmplitudePoints = Annotated[
+    tuple[AmplitudePoint, ...], BeforeValidator(_not_too_many), Field(min_length=1), AfterValidator(_rising)
+]
 HeightRange = Annotated[tuple[Length, Length], BeforeValidator(_pair)]
-HeightPoints = Annotated[tuple[HeightPoint, ...], Field(min_length=1), AfterValidator(_rising)]
+HeightPoints = Annotated[
+    tuple[HeightPoint, ...], BeforeValidator(_not_too_many), Field(min_length=1), AfterValidator(_rising)
+]
 Range = Annotated[tuple[Number, Number], BeforeValidator(_pair)]
 
 

@@ -146,7 +146,7 @@ def test_an_amplitude_out_of_the_map_is_refused(shipped: HeightMap, amplitude: f
 def test_a_file_that_is_no_map_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "map.npz"
     path.write_bytes(content)
-    with pytest.raises(MapError, match="is not a height map") as caught:
+    with pytest.raises(MapError, match="is no NPZ archive of arrays") as caught:
         HeightMap.load(path)
     assert "\n" not in str(caught.value)
 

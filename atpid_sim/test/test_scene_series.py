@@ -73,11 +73,11 @@ GOOD = npz(time=TIMES, support_displacement=VALUES)
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
-        ("torn.npz", GOOD[:2000], ": not readable as NPZ (File is not a zip file); write it with numpy.savez("),
-        ("empty.npz", b"", ": not readable as NPZ (No data left in file); write it with"),
-        ("scalar.npz", single(3.0), ": a single array; allowed: an archive of named arrays; write it with"),
-        ("pickle.npz", pickle.dumps({"time": 1}), ": not readable as NPZ (Python objects, or no arrays at all)"),
-        ("objects.npz", npz(time=np.array([1, None]), support_displacement=VALUES), ": not readable as NPZ (Py"),
+        ("torn.npz", GOOD[:2000], ": is no NPZ archive of arrays (File is not a zip file); write it with numpy.savez("),
+        ("empty.npz", b"", ": is no NPZ archive of arrays (File is not a zip file); write it with"),
+        ("scalar.npz", single(3.0), ": is no NPZ archive of arrays (File is not a zip file); write it with"),
+        ("pickle.npz", pickle.dumps({"time": 1}), ": is no NPZ archive of arrays (File is not a zip file)"),
+        ("objects.npz", npz(time=np.array([1, None]), support_displacement=VALUES), ": is no NPZ archive of arrays"),
         ("two.npz", npz(time=TIMES, support_displacement=VALUES.reshape(-1, 3)), ": array 'support_displacement' has"),
         ("unequal.npz", npz(time=TIMES, support_displacement=VALUES[:-3]), ": given 2001 times and 1998 displ"),
         ("text.npz", npz(time=TIMES, support_displacement=VALUES.astype(str)), ": array 'support_displacement' is of"),
@@ -116,7 +116,7 @@ def test_a_file_that_has_gone_is_named(tmp_path: Path) -> None:
         file.write_bytes(GOOD)
         scene = scene_of(file)
         file.unlink()
-        with pytest.raises(SceneError, match=rf"{name}: .*No such file"):
+        with pytest.raises(SceneError, match=rf"{name}: no such file"):
             support_rows(scene)
 
 

@@ -21,6 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="a study; all: every one; list: their names")
     parser.add_argument("--out", type=Path, help="folder for rows and pictures; a finished study in it is kept")
     parser.add_argument("--scenes", type=Path, default=Path("scenes"), help="folder of the scenes; default: scenes")
+    scheduler = "compute on the Dask cluster of this scheduler (optional extra)"
+    parser.add_argument("--scheduler", metavar="ADDRESS", help=scheduler)
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="of all: write the page, pictures beside it")
 
 
@@ -39,16 +41,16 @@ def run(args: argparse.Namespace) -> int:
     if "scene_file" in swept and not args.scenes.is_dir():
         raise StudyError(f"--scenes: given {args.scenes}, no folder; give that of the scenes")
     output.folder(args.out)
-    done = [_one(name, args.out, args.scenes) for name in chosen]
+    done = [_one(name, args.out, args.scenes, args.scheduler) for name in chosen]
     if args.page is not None:
         for path in page.write_page(done, args.page):
             print(path)
     return 0
 
 
-def _one(name: str, folder: Path, scenes: Path) -> Finished:
+def _one(name: str, folder: Path, scenes: Path, scheduler: str | None) -> Finished:
     with counting(name, len(jobs(load(name), scenes))) as count:
-        one = finished(name, folder, scenes, count)
+        one = finished(name, folder, scenes, count, scheduler)
     Console(width=150, highlight=False, markup=False).print(_table(one))
     return one
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run simulated again: with the damper closed, a report's baseline, and as recorded: is it reproducible?"""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,9 @@ from atpid_control.report.run import Run
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, Scene
 from atpid_sim.simulation.integration import is_closed
-from atpid_sim.simulation.simulate import Result, simulate, trajectory
+from atpid_sim.simulation.reproducibility import Verdict
+from atpid_sim.simulation.simulate import trajectory
+from atpid_sim.simulation.windows import verdicts
 from atpid_sim.system import Array
 
 #: Displacement of the closed damper's beam (n,) [m] at given times (n,) [s].
@@ -49,21 +51,22 @@ def closed_motion(run: Run, closed: Closed | None = None) -> Array | None:
 _KINK = 1e-9
 
 
-def repeated(run: Run, begin: float, end: float) -> Result | None:
-    """Return the simulation of a recorded run with the window (begin, end) [s]; it repeats itself to judge its result.
+def repeated(run: Run, windows: Sequence[tuple[float, float]]) -> list[Verdict | None]:
+    """Return the verdict on each window (begin, end) [s] of a recorded run, which is simulated and repeated.
 
-    None for a run that was not simulated, one without a scene, and where the simulation fails.
+    None for each of a run that was not simulated, of one without a scene, and where the simulation fails.
     """
-    if not run.simulated or run.scene is None:
-        return None
-    changes: dict[str, Any] = {"duration": end, "steady_window": [begin, end]}
+    nothing: list[Verdict | None] = [None] * len(windows)
+    if not run.simulated or run.scene is None or not windows:
+        return nothing
+    changes: dict[str, Any] = {"duration": windows[-1][1], "steady_window": list(windows[-1])}
     if isinstance(run.scene.ceiling, ControlledCeiling):
         times, heights = corners(run.motion.time, np.maximum(run.motion.ceiling, 2.0 * run.scene.grain.radius))
         changes["ceiling"] = {"profile": [[float(t), float(h)] for t, h in zip(times, heights, strict=True)]}
     try:
-        return simulate(run.scene.with_(**changes))
+        return verdicts(run.scene.with_(**changes), windows)
     except NumericalFailure:
-        return None
+        return nothing
 
 
 def corners(time: Array, height: Array) -> tuple[Array, Array]:

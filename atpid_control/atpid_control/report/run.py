@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.read import Bag, open_bag, stamp_of
-from atpid_sim.scene import Scene, SceneError, scene_from_mapping
+from atpid_sim.scene import Scene, SceneError, SweepExcitation, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
-from atpid_sim.simulation.excitation import amplitude_at
+from atpid_sim.simulation.excitation import amplitude_points
 from atpid_sim.system import Array
 
 STEADY = 1  # Excitation.STEADY
@@ -109,7 +109,10 @@ class Run:
         """Return the excitation's true amplitude (n,) [m] at the motion's times, None where it is unknown."""
         if self.scene is None or self.scene.excitation.kind in ("free", "series"):
             return None
-        return np.array([amplitude_at(self.scene, float(t)) for t in self.motion.time])
+        points = amplitude_points(self.scene)
+        if isinstance(self.scene.excitation, SweepExcitation):
+            points = [(0.0, self.scene.excitation.sweep.amplitude)]
+        return np.interp(self.motion.time, [t for t, _ in points], [amplitude for _, amplitude in points])
 
 
 def read_run(source: Path | Bag) -> Run:

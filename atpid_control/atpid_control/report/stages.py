@@ -15,6 +15,7 @@ from atpid_control.report.comparison import Closed, closed_motion, repeated
 from atpid_control.report.run import Run, read_run
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation.excitation import amplitude_points
+from atpid_sim.simulation.reproducibility import Verdict
 from atpid_sim.system import Array
 
 #: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
@@ -72,7 +73,11 @@ def stages(source: Path | Bag | Run, closed: Closed | None = None) -> list[Stage
 
 def measure(run: Run, closed: Array | None) -> list[Stage]:
     """Return the stages, given the closed damper's beam (n,) [m] at the run's times."""
-    return [_measure(run, closed, *interval) for interval in intervals(run)]
+    found = intervals(run)
+    windows = [window_of(run, *interval) for interval in found]
+    again = repeated(run, windows)
+    given = run.true_amplitude()
+    return [_measure(run, closed, *parts, given) for parts in zip(found, windows, again, strict=True)]
 
 
 def intervals(run: Run) -> list[tuple[float, float]]:
@@ -109,14 +114,13 @@ def window_of(run: Run, t0: float, t1: float) -> tuple[float, float]:
     return max(t0, t1 - min(WINDOW, 0.5 * (t1 - t0))), t1
 
 
-def _measure(run: Run, closed: Array | None, t0: float, t1: float) -> Stage:
-    begin, end = window_of(run, t0, t1)
+def _measure(run: Run, closed: Array | None, interval: tuple[float, float], window: tuple[float, float],
+             again: Verdict | None, given: Array | None) -> Stage:  # fmt: skip
+    (t0, t1), (begin, end) = interval, window
     inside = _within(run.motion.time, begin, end)
     amplitude = half_range(run.motion.beam[inside])
     undamped = half_range(closed[inside]) if closed is not None else math.nan
     estimated = _within(run.estimates.time, begin, end) & run.estimates.steady
-    given = run.true_amplitude()
-    again = repeated(run, begin, end)
     spread = again.spread if again else None
     repetitions = [value for value in (*(spread or ()), amplitude) if math.isfinite(value)]
     return Stage(

@@ -92,6 +92,10 @@ QUANTITIES: dict[str, Quantity] = {
     "duration": Quantity("duration", "s", 10),
     "impact_time": Quantity("time of the fourth or tenth impact", "s", 10),
     "rest_time": Quantity("time at which the ball rests", "s", 10),
+    "closing_speed": Quantity("closing speed of every impact", "m/s", 10),
+    "modulus": Quantity("modulus of the larger multiplier of the return map", "-", 9),
+    "onset": Quantity("Γ from which there is a motion of one impact a period", "-", 9),
+    "doubling": Quantity("Γ at which its period doubles", "-", 9),
     "restitution": Quantity("rebound speed over approach speed", "-", 10),
 }
 

@@ -4,7 +4,7 @@
 import csv
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -18,11 +18,13 @@ from atpid_common.folders import content_key
 from atpid_control.thesis.measured import Measured
 from atpid_control.thesis.measures import MEASURES
 from atpid_control.thesis.picture import draw
-from atpid_control.thesis.points import Job, jobs
+from atpid_control.thesis.points import Job, Point, jobs
 from atpid_control.thesis.rows import Row, rows_of
 from atpid_control.thesis.study import FOLDER, Study, StudyError, load
 from atpid_sim.outcome import NumericalFailure
+from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.cluster import on_cluster
 
 #: Number of points done.
 Progress = Callable[[int], None]
@@ -38,17 +40,18 @@ class Finished:
     picture: Path | None
 
 
-def finished(name: str, folder: Path, scenes: Path, progress: Progress) -> Finished:
+def finished(name: str, folder: Path, scenes: Path, progress: Progress, scheduler: str | None = None) -> Finished:
     """Return a study's rows, from `folder/NAME` where they are kept for the same inputs, else computed and kept there.
 
-    Raises StudyError, SceneError, OutputError and NumericalFailure, each in one line.
+    scheduler: address of a Dask cluster, in place of this machine's cores. Raises StudyError, SceneError, OutputError,
+    ClusterError and NumericalFailure, each in one line.
     """
     study, place = load(name), folder / name
     key, rows_file, picture = inputs_key(name), place / "rows.json", place / f"{name}.png"
     kept = _kept(rows_file, key)
     if kept is None or (study.panels and not picture.is_file()):
         output.folder(place)
-        points, found = compute(name, scenes, progress)
+        points, found = compute(name, scenes, progress, scheduler)
         kept = rows_of(study, points, found)
         if study.panels:
             draw(study, points, found, picture)
@@ -56,25 +59,41 @@ def finished(name: str, folder: Path, scenes: Path, progress: Progress) -> Finis
     return Finished(name, study, kept, picture if study.panels else None)
 
 
-def compute(name: str, scenes: Path, progress: Progress) -> tuple[list[Job], list[Measured]]:
+def compute(
+    name: str, scenes: Path, progress: Progress, scheduler: str | None = None
+) -> tuple[list[Job], list[Measured]]:
     """Return the points of a study and what was measured at each; raises as `finished`."""
     study = load(name)
     if study.measure not in MEASURES:
         raise StudyError(f"{name}.yaml: measure: given {study.measure!r}; allowed: {', '.join(MEASURES)}")
-    measure, points = MEASURES[study.measure], jobs(study, scenes)
+    points = jobs(study, scenes)
+    answers = (
+        on_all_cores(lambda job: _measured(name, *job), points)
+        if scheduler is None
+        else on_cluster(scheduler, _measured_far, ((job, (name, *_plain_job(job))) for job in points))
+    )
     done: dict[int, Measured] = {}
-    for job, found in on_all_cores(lambda job: _measured(measure, job, study.options), points):
+    for job, found in answers:
         done[job.number] = found
         progress(len(done))
     return points, [done[job.number] for job in points]
 
 
-def _measured(measure: Any, job: Job, options: Mapping[str, Any]) -> Measured:
+def _plain_job(job: Job) -> tuple[int, Point, dict[str, Any]]:
+    return job.number, job.point, job.scene.to_mapping()
+
+
+def _measured_far(name: str, number: int, point: Point, scene: dict[str, Any]) -> Measured:
+    """Return what a study measures at one point; runs on a worker, which has the study's file as well."""
+    return _measured(name, number, point, scene_from_mapping(scene, source="scene of the study"))
+
+
+def _measured(name: str, number: int, point: Point, scene: Scene) -> Measured:
+    study = load(name)
     try:
-        found: Measured = measure(job, options)
+        return MEASURES[study.measure](Job(number, point, scene), study.options)
     except NumericalFailure as failure:
-        raise NumericalFailure(f"at {job.point}: {failure}") from None
-    return found
+        raise NumericalFailure(f"at {point}: {failure}") from None
 
 
 def inputs_key(name: str) -> str:

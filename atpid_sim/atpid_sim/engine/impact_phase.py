@@ -43,7 +43,7 @@ def is_held(segment, tau, system):  # type: ignore[no-untyped-def]
 def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyped-def]
     """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks.
 
-    `stuck`: impacts at this very instant so far.
+    `stuck`: impacts at this very instant so far. Returns how long the bounces last that sticking replaces [s].
     """
     arc = arc_from(system.beam_mass, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
     replaced = only_micro_bounces(y, n, segment, tau, system, _LOW) or stuck > _COLLAPSE
@@ -57,8 +57,12 @@ def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyp
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
     rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
     slow = max(push, 0.0) * max(_NO_SPEED, _STICKING * (1.0 - e) / max(2.0 * e, 1e-300))
-    sticks = is_held(segment, tau, system) or replaced or (push >= rounding and closing * fastest <= slow)
+    held = is_held(segment, tau, system) or replaced
+    sticks = held or (push >= rounding and closing * fastest <= slow)
+    bounces = 0.0
     if sticks:
+        if not held and push > 0.0 and e < 1.0:
+            bounces = min(2.0 * e * closing / (push * (1.0 - e)), _STICKING / fastest)
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)
     y[at.BEAM_VELOCITY] -= side * impulse / system.beam_mass
@@ -69,6 +73,7 @@ def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyp
     y[at.CEILING_WORK] -= moving * impulse
     if not sticks:
         n[at.MODE] = at.FREE
+    return bounces
 
 
 @kernel

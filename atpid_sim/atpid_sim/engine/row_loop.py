@@ -78,7 +78,9 @@ def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out,
     tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
     if n[at.MODE] != at.FREE:
         _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[at.CEILING_VELOCITY])
-        collide(y, n, segment, tau, system, law, p, stuck)
+        bounces = collide(y, n, segment, tau, system, law, p, stuck)
+        if view.observing:
+            y[at.CONTACT_TIME] -= bounces  # `stick` counts from now on, and they are flights
     return tau
 
 

@@ -69,6 +69,12 @@ class State:
         n[columns.MODE] = columns.ON_FLOOR
         return State(y, n)
 
+    def release_grain(self, height: float, velocity: float) -> None:
+        """Put the grain in flight at `height` [m] above the floor, with `velocity` [m/s] upward."""
+        self.y[columns.GRAIN] = self.y[columns.BEAM] + height
+        self.y[columns.GRAIN_VELOCITY] = velocity
+        self.n[columns.MODE] = columns.FREE
+
     def copy(self) -> State:
         """Return an independent copy."""
         return State(self.y.copy(), self.n.copy())

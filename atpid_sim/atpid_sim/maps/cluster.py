@@ -1,11 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The points of a map: on this machine's cores, or on a Dask cluster that exists already.
+"""The points of a map: on this machine's cores, or on a Dask cluster that exists already."""
 
-The latter is optional and needs `dask[distributed]` on every machine. The cluster owns scheduling and retries: a point
-whose worker dies is computed by another.
-"""
-
-import importlib
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import Any
@@ -16,12 +11,11 @@ from atpid_sim.maps.journal import Point
 from atpid_sim.maps.response import DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping
+from atpid_sim.simulation import cluster
 from atpid_sim.simulation.batch import on_all_cores
 
 #: A map is read between its points, so it stays in one well unless another is better by this share.
 _HYSTERESIS = 0.15
-#: How long a scheduler may take to answer [s].
-_CONNECT_TIMEOUT = 10.0
 #: A point and the fields of `Best` there; None, with `failure`, where a run fails.
 Computed = tuple[Point, dict[str, Any]]
 
@@ -33,30 +27,9 @@ def on_cores(scene: Scene, points: list[Point], tolerance: float, workers: int |
 
 
 def on_cluster(address: str, scene: Scene, points: Iterable[Point], tolerance: float) -> Iterator[Computed]:
-    """Yield (point, values) as the workers of the scheduler at `address` deliver them.
-
-    Raises MapError where dask is not installed, no scheduler answers, or a point fails on every worker that tried it.
-    """
-    try:
-        distributed: Any = importlib.import_module("distributed")
-    except ImportError:
-        raise MapError("--scheduler needs Dask: pip install 'dask[distributed]', or leave the option out") from None
-    try:
-        client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise MapError(
-            f"--scheduler: given {address}; no Dask scheduler answers there ({type(error).__name__}); "
-            "start one with `dask scheduler`, or leave the option out"
-        ) from None
-    with client:
-        mapping = scene.to_mapping()
-        futures = {client.submit(_point_of_map, mapping, point, tolerance, pure=False): point for point in points}
-        for future in distributed.as_completed(list(futures), loop=client.loop):
-            try:
-                yield futures[future], future.result()
-            except distributed.scheduler.KilledWorker:
-                lost = f"--scheduler: every worker that computed {futures[future]} exited; see their logs"
-                raise MapError(lost) from None
+    """Yield (point, values) as the workers of the scheduler at `address` deliver them; raises ClusterError."""
+    mapping = scene.to_mapping()
+    return cluster.on_cluster(address, _point_of_map, ((point, (mapping, point, tolerance)) for point in points))
 
 
 def _point_of_map(mapping: dict[str, Any], point: Point, tolerance: float) -> dict[str, Any]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from atpid_common.errors import InputError
+from atpid_common.files import FileError, read_arrays
 from atpid_common.output import writing
 from atpid_sim.maps.identity import Identity, difference, identity_of
 from atpid_sim.scene import Scene
@@ -29,6 +29,10 @@ FORMAT = 1
 _GRIDS = ("heights", "beam_amplitudes", "efficiencies", "reproducible")
 #: Two mass fractions this close are the same [-].
 _SAME_FRACTION = 1e-9
+#: Size of a map's file at most, unpacked [bytes].
+_LARGEST = 200_000_000
+#: No support, beam or ceiling is farther away [m].
+_FARTHEST = 100.0
 #: No clearance is taken for less [m]: a power law needs one.
 _TINY = 1e-9
 
@@ -141,22 +145,20 @@ class HeightMap:
         """Read a map; raise MapError where the file is missing, no map, damaged or of another format."""
         name = str(path)
         try:
-            with Path(name).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                about: dict[str, Any] = json.loads(str(stored["about"]))
-                if about.get("format") != FORMAT:
-                    raise MapError(
-                        f"{name}: has map format {about.get('format')}, this program reads {FORMAT}; {_MAKE}"
-                    )
-                grids = {key: stored[key] for key in ("amplitudes", "mass_fractions", *_GRIDS)}
+            stored = read_arrays(Path(name), _LARGEST)
+            about: dict[str, Any] = json.loads(str(stored["about"]))
+            if about.get("format") != FORMAT:
+                raise MapError(f"{name}: has map format {about.get('format')}, this program reads {FORMAT}; {_MAKE}")
             made = HeightMap(
-                **grids, identity=about["system"], tolerance=float(about["tolerance"]), source=Path(name).name,
-                failures=tuple(Failure(*failure) for failure in about.get("failures", ())),
+                **{key: _numbers(stored, key) for key in ("amplitudes", "mass_fractions", *_GRIDS)},  # type: ignore[arg-type]
+                identity=_identity(about["system"]), tolerance=float(about["tolerance"]), source=Path(name).name,
+                failures=tuple(Failure(float(a), float(b), str(why)) for a, b, why in about.get("failures", ())),
             )  # fmt: skip
-        except FileNotFoundError:
-            raise MapError(f"{name}: no such file; {_MAKE}") from None
+        except FileError as error:
+            raise MapError(f"{error}; {_MAKE}") from None
         except MapError:
             raise
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise MapError(f"{name}: is not a height map ({' '.join(str(error).split())[:80]}); {_MAKE}") from None
         made.validate()
         return made
@@ -171,10 +173,25 @@ class HeightMap:
             and all(getattr(self, name).shape == shape for name in _GRIDS)
             and all(np.isfinite(getattr(self, name)).all() for name in ("amplitudes", "mass_fractions"))
             and self._has_all_but_its_failures()
+            and self._has_possible_values()
             and bool(np.all(np.diff(self.amplitudes) > 0.0) and np.all(np.diff(self.mass_fractions) > 0.0))
         )
         if not sound:
             raise MapError(f"{self.source}: holds no whole grid of finite heights over rising amplitudes; {_MAKE}")
+
+    def _has_possible_values(self) -> bool:
+        """Return whether every number can be: a map in millimetres, or scaled, must not move a ceiling."""
+        diameter = 2.0 * float(self.identity["grain.radius"])
+        heights, beams, shares = (grid[np.isfinite(grid)] for grid in (self.heights, self.beam_amplitudes,
+                                                                       self.efficiencies))  # fmt: skip
+        return bool(
+            self.tolerance > 0.0
+            and ((self.amplitudes > 0.0) & (self.amplitudes <= _FARTHEST)).all()
+            and ((self.mass_fractions > 0.0) & (self.mass_fractions < 1.0)).all()
+            and ((heights >= diameter * (1.0 - 1e-9)) & (heights <= _FARTHEST)).all()
+            and ((beams >= 0.0) & (beams <= _FARTHEST)).all()
+            and (shares <= 1.0).all()
+        )
 
     def _has_all_but_its_failures(self) -> bool:
         missing = np.zeros(self.heights.shape, dtype=bool)
@@ -218,6 +235,27 @@ class HeightMap:
             return 0.0, 0
         share = math.log(fraction / rows[row]) / math.log(rows[row + 1] / rows[row])
         return float(np.clip(share, 0.0, 1.0)), row
+
+
+def _numbers(stored: dict[str, NDArray[np.generic]], key: str) -> NDArray[np.generic]:
+    """Return an array of real numbers, or of truth values for `reproducible`; raise ValueError for another."""
+    array = stored[key]
+    if key == "reproducible":
+        if array.dtype.kind != "b":
+            raise ValueError(f"{key} is of type {array.dtype}")
+        return array
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{key} is of type {array.dtype}")
+    return array.astype(np.float64)
+
+
+def _identity(given: Any) -> Identity:
+    """Return the system a map holds for; raise ValueError where it has no grain radius, or values of another type."""
+    if not isinstance(given, dict) or not all(isinstance(value, str | int | float) for value in given.values()):
+        raise ValueError("system is no table of numbers and words")
+    if not 0.0 < float(given["grain.radius"]) <= _FARTHEST:
+        raise ValueError(f"grain.radius is {given['grain.radius']}")
+    return given
 
 
 def _unbroken(amplitudes: Array, values: Array) -> list[Curve]:

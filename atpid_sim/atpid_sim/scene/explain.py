@@ -26,6 +26,8 @@ _NAMED = 4
 
 def explained(errors: Sequence[ErrorDetails]) -> str:
     """Return the first error in words, and the keys of the others."""
+    # a default that depends on a wrong value is no error of its own
+    errors = [error for error in errors if error["type"] != "default_factory_not_called"]
     # a misspelt key also leaves a key missing: the cause comes first, not the consequence
     first = min(errors, key=lambda item: item["type"] == "missing")
     others = list(dict.fromkeys(_key(error["loc"]) for error in errors if error is not first))
@@ -51,6 +53,8 @@ def _explain(error: ErrorDetails) -> str:
         inner = context["key"]
         key = ".".join(part for part in (key, inner) if part)
         return f"{key}: given {shown(context['given'])}; allowed: {context['allowed']}"
+    if kind == "model_type":
+        return f"{key}: given {shown(error['input'])}; allowed: a block with the keys {', '.join(_keys(error['loc']))}"
     if kind == "literal_error":
         similar = _did_you_mean(str(error["input"]), re.findall(r"'([^']*)'", context["expected"]))
         word = "a bare number, or the word " if error["loc"][-1] == "<word>" else ""
@@ -85,8 +89,7 @@ def decimal_comma(mapping: Any, place: str = "") -> str:
 
 def _unknown_key(error: ErrorDetails) -> str:
     name = str(error["loc"][-1])
-    model = _model_at(error["loc"][:-1])
-    keys = [*(field.alias or name for name, field in model.model_fields.items()), *model.alternatives] if model else []
+    keys = _keys(error["loc"][:-1])
     return f"{_key(error['loc'])}: unknown key{_did_you_mean(name, keys)}; allowed: {', '.join(keys)}"
 
 
@@ -113,6 +116,12 @@ def _key(location: tuple[int | str, ...]) -> str:
         elif not part.startswith("<"):
             text += f".{part}" if text else part
     return text
+
+
+def _keys(location: tuple[int | str, ...]) -> list[str]:
+    """Return the keys of the block that `location` leads to."""
+    model = _model_at(location)
+    return [*(field.alias or name for name, field in model.model_fields.items()), *model.alternatives] if model else []
 
 
 def _meaning(location: tuple[int | str, ...]) -> str:

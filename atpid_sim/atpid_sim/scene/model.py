@@ -17,7 +17,8 @@ from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
 from atpid_sim.scene.errors import SceneError
-from atpid_sim.scene.excitation import Excitation, HarmonicExcitation
+from atpid_sim.scene.excitation import Excitation, FreeExcitation, HarmonicExcitation
+from atpid_sim.scene.initial import Initial
 from atpid_sim.scene.sensors import Recording, Sensors
 from atpid_sim.scene.structure import Beam, Grain
 from atpid_sim.scene.yaml12 import write_yaml
@@ -58,6 +59,7 @@ class SceneValues(Block):
     contact: ContactBlock = Field(description="the contact law between grain and walls")
     excitation: Excitation = Field(description="what the support does")
     ceiling: Ceiling = Field(description="what the ceiling does")
+    initial: Initial | None = Field(default=None, description="how the run begins; default: at rest")
     gravity: Annotated[Number, within(0.0, 1e4)] = Field(description="gravity [m/s^2]")
     duration: Duration = Field(description="length of the run [s]")
     steady_window: Range = Field(
@@ -77,7 +79,7 @@ class SceneValues(Block):
         if not 0.0 <= first < last <= self.duration:
             allowed = f"two rising times between 0 and duration ({self.duration:g} s)"
             raise impossible("steady_window", list(self.steady_window), allowed)
-        for error in (*_height_errors(self), *_block_errors(self)):
+        for error in (*_height_errors(self), *_initial_errors(self), *_block_errors(self)):
             raise error
         return self
 
@@ -146,6 +148,18 @@ def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     for key, height in named.items():
         if height < diameter:
             yield impossible(f"ceiling.{key}", height, f"at least the grain's diameter 2 r = {diameter:g} m")
+
+
+def _initial_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
+    if scene.initial is None:
+        return
+    if isinstance(scene.excitation, FreeExcitation) and scene.initial.displacement:
+        allowed = "none beside excitation.free.deflection, which is the same"
+        yield impossible("initial.displacement", scene.initial.displacement, allowed)
+    clearance = scene.ceiling.heights[0][1] - 2.0 * scene.grain.radius
+    if scene.initial.grain_height > clearance:
+        allowed = f"at most the clearance at the start, height less 2 r = {max(clearance, 0.0):g} m"
+        yield impossible("initial.grain_height", scene.initial.grain_height, allowed)
 
 
 def _block_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:

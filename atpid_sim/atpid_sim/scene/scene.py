@@ -9,12 +9,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from atpid_common.files import FileError, read_text
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.explain import decimal_comma, explained, shown
 from atpid_sim.scene.model import SceneValues
 from atpid_sim.scene.plausibility import warnings_of
 from atpid_sim.scene.yaml12 import read_yaml
 
+#: Size of a scene's file at most [bytes]: a profile of a whole day fits.
+_LARGEST = 8_000_000
 #: The standard bench of thesis section 3.4, which studies and figures start from.
 _STANDARD: dict[str, object] = {
     "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
@@ -62,11 +65,9 @@ def load_scene(path: str | Path) -> Scene:
     """Read, check and return the scene in the YAML file `path`; raise SceneError in one line where it cannot be."""
     file = Path(path)
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror}; give the path of a scene file") from None
-    except UnicodeDecodeError:
-        raise SceneError(f"{path}: is not text; give a scene, a YAML file in UTF-8") from None
+        text = read_text(file, _LARGEST)
+    except FileError as error:
+        raise SceneError(f"{error}; a scene is a YAML file in UTF-8") from None
     return scene_from_mapping(read_yaml(text, str(path)), source=str(path), folder=file.parent)
 
 

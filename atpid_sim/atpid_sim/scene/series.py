@@ -2,15 +2,15 @@
 """Reads a measured series from CSV or NPZ; whatever is wrong with the file is one line that names it."""
 
 import csv
-import io
-import zipfile
-import zlib
+from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.files import FileError, check, read_arrays
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Series
 from atpid_sim.scene.explain import shown
@@ -22,8 +22,8 @@ _FEWEST = 4
 _CLOSEST = 1e-9
 #: Largest displacement a support can have [m]: more is another unit.
 _FARTHEST = 1e3
-#: What numpy and zipfile raise for a file that is torn, empty, locked, or something else.
-_UNREADABLE = (OSError, EOFError, ValueError, KeyError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
+#: Size of a file at most [bytes]: several hours at 1 kHz.
+_LARGEST_CSV, _LARGEST_NPZ = 250_000_000, 500_000_000
 #: What to do with an NPZ file that is none.
 _NPZ = "write it with numpy.savez(file, time=..., support_displacement=...)"
 
@@ -67,21 +67,12 @@ def _check(file: Path, series: Series, times: Array, values: Array) -> None:
 
 def _read_npz(file: Path, names: Sequence[str]) -> list[Array]:
     try:
-        # opened here: numpy leaves a torn file open
-        with file.open("rb") as stream:
-            arrays = np.load(stream, allow_pickle=False)
-            if not isinstance(arrays, np.lib.npyio.NpzFile):
-                raise SceneError(f"{file}: a single array; allowed: an archive of named arrays; {_NPZ}")
-            for name in names:
-                _known(file, name, arrays.files, "array")
-            found = [arrays[name] for name in names]
-    except SceneError:
-        raise
-    except _UNREADABLE as error:
-        text = str(error).partition("\n")[0] or type(error).__name__
-        reason = "Python objects, or no arrays at all" if "pickle" in text else text[:80]
-        raise SceneError(f"{file}: not readable as NPZ ({reason}); {_NPZ}") from None
-    return [_real(file, name, array) for name, array in zip(names, found, strict=True)]
+        arrays = read_arrays(file, _LARGEST_NPZ)
+    except FileError as error:
+        raise SceneError(f"{error}; {_NPZ}") from None
+    for name in names:
+        _known(file, name, list(arrays), "array")
+    return [_real(file, name, arrays[name]) for name in names]
 
 
 def _real(file: Path, name: str, array: NDArray[np.generic]) -> Array:
@@ -95,18 +86,25 @@ def _real(file: Path, name: str, array: NDArray[np.generic]) -> Array:
 
 def _read_csv(file: Path, names: Sequence[str]) -> list[Array]:
     try:
-        text = file.read_text(encoding="utf-8-sig")
+        check(file, _LARGEST_CSV)
+        with file.open(encoding="utf-8-sig", newline="") as stream:
+            return _columns(file, _rows(file, stream), names)
+    except FileError as error:
+        raise SceneError(f"{error}; give a CSV file") from None
     except OSError as error:
         raise SceneError(f"{file}: cannot be read: {error.strerror}; give a CSV file that can") from None
     except UnicodeDecodeError:
         raise SceneError(f"{file}: is not text in UTF-8; save it as CSV in UTF-8") from None
-    rows = _rows(file, text)
+
+
+def _columns(file: Path, rows: Iterator[tuple[int, list[str]]], names: Sequence[str]) -> list[Array]:
+    """Return the named columns below the header."""
     _, header = next(rows, (0, []))
     header[:1] = [name.lstrip("#").strip() for name in header[:1]]  # numpy.savetxt begins its header so
     for name in names:
         _known(file, name, header, "column")
     places = [header.index(name) for name in names]
-    columns: list[list[float]] = [[] for _ in names]
+    columns = [array("d") for _ in names]
     for line, row in rows:
         if len(row) != len(header):
             raise SceneError(f"{file}:{line}: {len(row)} columns; allowed: {len(header)}, as the header names")
@@ -119,9 +117,9 @@ def _read_csv(file: Path, names: Sequence[str]) -> list[Array]:
     return [np.array(column, dtype=np.float64) for column in columns]
 
 
-def _rows(file: Path, text: str) -> Iterator[tuple[int, list[str]]]:
+def _rows(file: Path, stream: TextIO) -> Iterator[tuple[int, list[str]]]:
     """Yield (line, fields) of the header and of each line that is neither empty nor, below the header, a comment."""
-    lines = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
+    lines = csv.reader(stream, skipinitialspace=True, strict=True)
     first = True
     try:
         for row in lines:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""YAML read with the numbers of YAML 1.2: `2.1e8` is a number, `1:30` and `yes` are text, no key appears twice."""
+"""YAML read with the numbers of YAML 1.2: `2.1e8` is a number, `1:30` and `yes` are text, no key appears twice.
+
+Only mappings, sequences, text, numbers, true, false and null: no other tags, and no aliases that repeat without end.
+"""
 
 import re
 from collections.abc import Hashable
@@ -16,7 +19,17 @@ _FLOAT = re.compile(
 )
 
 
-class _Loader(yaml.SafeLoader):
+#: Tags of the core schema.
+_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("map", "seq", "str", "int", "float", "bool", "null")}
+#: Values in a document at most, those of aliases counted wherever they stand.
+_MOST = 1_000_000
+#: Levels of blocks within blocks at most.
+_DEEPEST = 50
+#: libyaml's loader where PyYAML was built with it: ten times as fast.
+_Safe: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_Safe):  # type: ignore[misc]
     """Safe loader with the core schema of YAML 1.2."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 (PyYAML's own attribute)
@@ -24,10 +37,13 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[str] = set()
         for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.constructor.ConstructorError(None, None, "a key is no word", key.start_mark)
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} appears twice", key.start_mark)
             seen.add(key.value)
-        return super().construct_mapping(node, deep)
+        mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
+        return mapping
 
 
 # the order matters: what is an integer is a float as well
@@ -43,13 +59,52 @@ _Loader.add_constructor(
 def read_yaml(text: str, source: str) -> Any:
     """Return the document in `text`; raise SceneError naming `source` and the line where it is not YAML."""
     try:
-        return yaml.load(text, Loader=_Loader)
+        _check_depth(text, source)
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            if node is None:
+                return None
+            _values(node, {})
+            return loader.construct_document(node)
+        finally:
+            loader.dispose()
+    except SceneError:
+        raise
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = f"{source}:{mark.line + 1}" if mark else source
         raise SceneError(f"{where}: not readable as YAML: {error.problem or error.context}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise SceneError(f"{source}: not readable as YAML: {' '.join(str(error).split())}") from None
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, OverflowError, RecursionError) as error:
+        raise SceneError(f"{source}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
+
+
+def _check_depth(text: str, source: str) -> None:
+    """Raise SceneError where blocks are nested deeper than any scene's: libyaml's recursion ends the process."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_Safe):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise SceneError(f"{source}: not readable as YAML: more than {_DEEPEST} levels of blocks")
+
+
+def _values(node: yaml.Node, known: dict[int, int]) -> int:
+    """Return how many values a node holds, aliases expanded; raise ConstructorError for too many or another tag."""
+    if id(node) in known:
+        if not known[id(node)]:
+            raise yaml.constructor.ConstructorError(None, None, "an alias contains itself", node.start_mark)
+        return known[id(node)]
+    known[id(node)] = 0  # until its own values are counted
+    if node.tag not in _TAGS:
+        raise yaml.constructor.ConstructorError(None, None, f"tag {node.tag} is not read", node.start_mark)
+    inner = node.value if isinstance(node, yaml.SequenceNode) else ()
+    if isinstance(node, yaml.MappingNode):
+        inner = [part for pair in node.value for part in pair]
+    count = 1 + sum(_values(part, known) for part in inner)
+    if count > _MOST:
+        raise yaml.constructor.ConstructorError(None, None, f"more than {_MOST} values", node.start_mark)
+    known[id(node)] = count
+    return count
 
 
 def write_yaml(mapping: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import FreeExcitation, Scene
+from atpid_sim.scene.initial import Initial
 from atpid_sim.simulation.energy import Ledger, ledger_of
 from atpid_sim.simulation.excitation import frequency_at, support_rows
 from atpid_sim.system import Array, System
@@ -74,12 +75,14 @@ class Integration:
         rtol: float | None = None,
         mass: float | None = None,
         table: Array | None = None,
+        start: State | None = None,
     ) -> None:
         """Prepare the integration of a scene.
 
         rtol: relative tolerance of the integrator, by default that of the scene (`rtol_of`). mass: what moves at the
         fidelity simplified [kg], by default beam and grain where the ceiling stays closed, else the beam. table: that
-        of the whole scene, where the caller has it already. Raises ValueError for an unknown fidelity, a tolerance out
+        of the whole scene, where the caller has it already. start: state in which the run goes on, by default that of
+        the scene at time zero. Raises ValueError for an unknown fidelity, a tolerance out
         of range, or fidelity soft and a law without a force.
         """
         if fidelity not in FIDELITIES:
@@ -94,7 +97,7 @@ class Integration:
             raise ValueError(
                 "fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law"
             )
-        self._table = table
+        self._table, self._start = table, start
         self._fidelity = int(Fidelity[fidelity.upper()])
         self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
         tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
@@ -115,15 +118,24 @@ class Integration:
         return _STEPS + int(_STEPS_PER_CYCLE * duration * self._fastest)
 
     def initial_state(self, disturbance: float = 0.0) -> State:
-        """Return the state at time zero: at rest under the weight, or released from a deflection (Eqs 3.41, 3.42).
+        """Return the state at time zero: at rest under the weight, deflected, or the scene's own (Eqs 3.41, 3.42).
 
         disturbance: relative change of the beam's first displacement, for judging reproducibility.
         """
-        excitation = self.scene.excitation
-        deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else 0.0
+        if self._start is not None:
+            state = self._start.copy()
+            state.restart_observation()
+            state.restart_steps()
+            state.y[[columns.BEAM, columns.GRAIN]] += disturbance * max(abs(state.beam), self.scene.grain.radius)
+            return state
+        excitation, initial = self.scene.excitation, self.scene.initial or Initial()
+        deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else initial.displacement
         beam = deflection - self.scene.static_deflection
         size = abs(beam) if beam != 0.0 else self.scene.grain.radius
-        return State.resting(beam + disturbance * size, 0.0)
+        state = State.resting(beam + disturbance * size, initial.velocity)
+        if initial.grain_height > 0.0 or initial.grain_speed > initial.velocity:
+            state.release_grain(initial.grain_height, initial.grain_speed)
+        return state
 
     def warm_up(self) -> None:
         """Compile the engine, or load it from the cache, so that a timed run does neither."""

@@ -118,9 +118,10 @@ class _Repetition:
         state.y[[columns.BEAM, columns.GRAIN]] += disturbance * self.amplitude
         table = original.table.copy()
         table[:, _SUPPORT] *= 1.0 + _DRIVE * disturbance
-        period = max(1.0 / (_PER_PERIOD * scene.frequency_hz), scene.duration / _MOST)
-        series = sample_series(min(samples, int(scene.duration / period)))
+        begin = state.time
+        period = max(1.0 / (_PER_PERIOD * scene.frequency_hz), (scene.duration - begin) / _MOST)
+        series = sample_series(min(samples, int((scene.duration - begin) / period)))
         limit = min(_FINER * self.steps + 100_000, max(_FINER_LONG * self.steps, original.step_limit))
         finer = Integration(scene, original.fidelity, max(share * original.rtol, 1e-12))
-        outcome = finer.advance(state, table, Observation(scene.steady_window, 0.0, period, series), limit)
+        outcome = finer.advance(state, table, Observation(scene.steady_window, begin, period, series), limit)
         return _Motion(state.amplitude if outcome == Outcome.DONE else float("nan"), series[columns.S_BEAM])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.thesis.measured import Measured
+from atpid_control.thesis.measures.shaking import shaking_table
 from atpid_control.thesis.points import Job
 from atpid_sim.analysis.closed_forms import bouncing_time, hertz_impact
 from atpid_sim.analysis.two_impacts import TwoImpacts, symmetric_motions
@@ -22,6 +23,8 @@ _RTOL = 1e-12
 
 #: The heaviest beam a scene takes [kg], as a wall.
 _WALL = 1e6
+#: Mass of a wall held by a spring [kg].
+_STIFF_WALL = 1e3
 
 #: Samples of a contact, from which its deepest overlap is read by a parabola.
 _SAMPLES = 20_000
@@ -97,33 +100,33 @@ def rebound(law: str, restitution: float, speed: float = 1.0) -> dict[str, float
 def bouncing(restitution: float, speed: float, impact: int, gravity: float = 9.81) -> dict[str, float | str]:
     """Return when a ball thrown up from a wall strikes it for the `impact`-th time, and when it rests.
 
-    The wall is as heavy, stiff and damped as a scene allows; the mass it does have lowers the ball's own restitution.
+    The wall is as stiff and damped as a scene allows, and so light that it has stopped before the next impact; the mass
+    it does have lowers the ball's own restitution.
     """
-    scene = _thrown(2.0, 0.0085, {"law": "impact", "restitution": restitution}, gravity).with_(
-        beam={"mass": _WALL, "stiffness": 1e12, "damping": 1e9}, duration=10.0, steady_window=[0.0, 10.0]
-    )
-    integration = Integration(scene, "impact", _RTOL)
-    state = integration.initial_state()
-    state.y[columns.GRAIN_VELOCITY] = speed
-    state.y[columns.GRAIN] += 1e-12
-    state.n[columns.MODE] = columns.FREE
+    scene = standard_bench(
+        beam={"mass": _STIFF_WALL, "stiffness": 1e12, "damping": 1e9}, grain={"mass_fraction": 2e-6, "radius": 0.0085},
+        contact={"law": "impact", "restitution": restitution}, excitation={"amplitude": 0.0, "frequency": 1.0},
+        ceiling={"height": 1e3}, initial={"grain_velocity": speed}, gravity=gravity, duration=10.0,
+        steady_window=[0.0, 10.0],
+    )  # fmt: skip
     log = impact_log(1000)
-    integration.advance(state, integration.table, Observation((0.0, 10.0), impacts=log))
-    own = (restitution - scene.grain_mass / _WALL) / (1.0 + scene.grain_mass / _WALL)
+    last = Integration(scene, "impact", _RTOL).run(Observation((0.0, 10.0), impacts=log)).last
+    share = scene.grain_mass / _STIFF_WALL
+    own = (restitution - share) / (1.0 + share)
     return {
         "impact_time": float(log[impact - 1, columns.E_TIME]),
         "closed_impact_time": bouncing_time(speed, own, gravity) * (1.0 - own**impact),
-        "rest_time": 10.0 - float(state.y[columns.CONTACT_TIME]),
+        "rest_time": 10.0 - float(last.y[columns.CONTACT_TIME]),
         "closed_rest_time": bouncing_time(speed, own, gravity),
     }
 
 
-def _thrown(grain_mass: float, radius: float, contact: dict[str, Any], gravity: float = 0.0) -> Scene:
+def _thrown(grain_mass: float, radius: float, contact: dict[str, Any]) -> Scene:
     """Return a scene of a grain and a free, heavy wall, the ceiling far away."""
     return standard_bench(
         beam={"mass": _WALL, "stiffness": 1e-6, "damping": 0.0},
         grain={"mass_fraction": grain_mass / (grain_mass + _WALL), "radius": radius}, contact=contact,
-        excitation={"amplitude": 0.0, "frequency": 1.0}, ceiling={"height": 1e3}, gravity=gravity, duration=0.01,
+        excitation={"amplitude": 0.0, "frequency": 1.0}, ceiling={"height": 1e3}, gravity=0.0, duration=0.01,
         steady_window=[0.0, 0.01],
     )  # fmt: skip
 
@@ -148,4 +151,5 @@ _KINDS: dict[str, Callable[..., dict[str, float | str]]] = {
     "hertz": hertz,
     "rebound": rebound,
     "bouncing": bouncing,
+    "shaking_table": shaking_table,
 }

@@ -8,6 +8,7 @@ from atpid_sim.fields import Block, variants_of
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
+from atpid_sim.scene.initial import Initial
 from atpid_sim.scene.model import ContactBlock
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
 from atpid_sim.scene.structure import Beam, Grain
@@ -19,6 +20,7 @@ _PARTS: dict[str, list[type[Block]]] = {
     "`contact`: one of": list(variants_of(ContactBlock).values()),
     "`excitation`: one of": [*variants_of(Excitation).values(), FreeDecay, Sweep, Series],
     "`ceiling`: one of": list(variants_of(Ceiling).values()),
+    "`initial`": [Initial],
     "`sensors`": [Sensors, Sensor],
     "`recording`": [Recording],
 }

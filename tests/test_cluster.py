@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map on a Dask cluster: two workers, one of which is killed, give the map this machine gives."""
+"""Maps and studies on a Dask cluster: two workers, one of which is killed, give what this machine gives."""
 
 import socket
 import subprocess
@@ -12,10 +12,13 @@ import distributed
 import numpy as np
 import pytest
 
-from atpid_sim.maps import MapError, build_map
+from atpid_control.thesis.run import finished
+from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene
+from atpid_sim.simulation.cluster import ClusterError
 
-SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
+ROOT = Path(__file__).resolve().parents[1]
+SCENE = ROOT / "scenes/standard.yaml"
 AMPLITUDES = [0.01, 0.012, 0.014, 0.016, 0.018, 0.02]
 
 
@@ -69,9 +72,22 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_map(
 
 
 @pytest.mark.slow
+def test_a_study_on_a_cluster_has_the_same_rows(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
+) -> None:
+    here, far = (
+        finished("masses", tmp_path / name, ROOT / "scenes", lambda done: None, scheduler)
+        for name, scheduler in (("here", None), ("far", cluster[0]))
+    )
+    assert far.rows == here.rows
+    assert far.picture is not None
+    assert far.picture.is_file()
+
+
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("atpid_sim.maps.cluster._CONNECT_TIMEOUT", 1.0)
-    with pytest.raises(MapError, match="no Dask scheduler answers there") as caught:
+    monkeypatch.setattr("atpid_sim.simulation.cluster._CONNECT_TIMEOUT", 1.0)
+    with pytest.raises(ClusterError, match="no Dask scheduler answers there") as caught:
         build_map(
             load_scene(SCENE), AMPLITUDES, [0.1], tmp_path / "map.npz", scheduler=f"tcp://127.0.0.1:{free_port()}"
         )

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m atpid_control validate RECORDING`: a scene simulated with the measured support, and compared."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from atpid_common import output
+from atpid_control.validation.compare import Agreement, compare, driven_scene
+from atpid_control.validation.measured import Measured, ValidationError, read_measured, scene_of
+from atpid_control.validation.picture import draw
+from atpid_sim.display import working
+from atpid_sim.simulation.integration import FIDELITIES
+
+SERIES, SCENE, PICTURE, NUMBERS = "support.csv", "scene.yaml", "agreement.png", "agreement.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add("recording", type=Path, metavar="RECORDING", help="a bag, or a .csv table with time, support and beam")
+    add("--scene", type=Path, metavar="SCENE.yaml", help="beam, grain and contact; default: the scene kept in the bag")
+    add("--height", type=float, metavar="H", help="a ceiling that stands still [m]; default: as recorded")
+    add("--from", dest="begin", type=float, default=0.0, metavar="S", help="begin of the part compared [s]")
+    add("--to", dest="end", type=float, default=math.inf, metavar="S", help="its end [s]")
+    add("--fidelity", default="auto", choices=["auto", *FIDELITIES], help="fidelity level; default: auto")
+    add("--out", type=Path, required=True, metavar="DIR", help="new folder for scene, series, numbers and picture")
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, compare, print; return 0. Raises ValidationError, SceneError, BagError, NumericalFailure."""
+    measured = read_measured(args.recording, args.begin, args.end)
+    scene = scene_of(args.recording, args.scene)
+    output.folder(args.out)
+    for name in (SERIES, SCENE, PICTURE, NUMBERS):
+        if (args.out / name).exists():
+            raise ValidationError(f"{args.out / name}: exists already and is not written over; give another --out")
+    _write_series(measured, args.out / SERIES)
+    driven = driven_scene(scene, measured, (args.out / SERIES).resolve(), args.height)
+    with output.writing(args.out):
+        (args.out / SCENE).write_text(driven.to_yaml(), encoding="utf-8")
+    with working("simulating"):
+        found = compare(driven, measured, args.fidelity)
+    draw(found, args.out / PICTURE)
+    numbers = found.to_json()
+    with output.writing(args.out):
+        (args.out / NUMBERS).write_text(json.dumps(numbers, indent=1), encoding="utf-8")
+    if args.json:
+        print(json.dumps(numbers))
+    else:
+        Console(width=110, highlight=False, markup=False).print(_table(found))
+        print(args.out / PICTURE)
+    return 0
+
+
+def _write_series(measured: Measured, path: Path) -> None:
+    times = np.arange(len(measured.support)) / measured.rate
+    with output.writing(path):
+        np.savetxt(path, np.column_stack([times, measured.support]), fmt="%.12g", delimiter=",",
+                   header="time,support_displacement", comments="")  # fmt: skip
+
+
+def _table(found: Agreement) -> Table:
+    numbers = found.to_json()
+    shown = Table(box=SIMPLE_HEAD, pad_edge=False, show_header=False)
+    irregular = "" if found.reproducible else " (irregular: repeated simulations do not agree)"
+    rows = [
+        ("relative RMSE of the amplitudes (Eq. 3.46)", f"{100.0 * found.rmse:.3g} %"),
+        ("largest of a period", f"{100.0 * numbers['largest_error']:+.3g} % at {numbers['largest_error_at']:.3g} s"),
+        ("difference of the displacements, root mean square", f"{100.0 * found.displacement_error:.3g} %"),
+        ("periods compared", f"{numbers['compared_periods']} of {numbers['periods']}"),
+        ("left out at the begin, grain's place unknown", f"{found.left_out:.3g} s"),
+        ("lag of the measured beam, taken off", f"{1e3 * found.lag:.3g} ms"),
+        ("fidelity", found.fidelity + irregular),
+    ]
+    for row in rows:
+        shown.add_row(*row)
+    return shown

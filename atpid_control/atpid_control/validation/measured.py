@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was measured: support, beam and ceiling of a recording, and the scene that is kept in it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from atpid_common.errors import InputError
+from atpid_control.bags.read import Bag, open_bag, stamp_of
+from atpid_control.beam_calibration.recording import TOPIC, read_recording
+from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
+from atpid_sim.scene.yaml12 import read_yaml
+from atpid_sim.system import Array
+
+#: Samples below which nothing is compared: a cubic spline and an initial velocity need more.
+_FEWEST = 100
+
+
+class ValidationError(InputError):
+    """A recording that cannot be simulated: what is missing in it, and what to give."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Displacements (n,) [m] at `rate` [Hz]; height of the ceiling (k, 2) [s, m], None where it was not recorded."""
+
+    rate: float
+    support: Array
+    beam: Array
+    ceiling: Array | None
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return (len(self.beam) - 1) / self.rate
+
+
+def read_measured(path: Path, begin: float, end: float) -> Measured:
+    """Return the part from `begin` to `end` [s] of a bag or a table; raise ValidationError where it has gaps."""
+    part = read_recording(path, "support_displacement", "beam_displacement").between(begin, end)
+    if part.support is None:
+        raise ValidationError(f"{path}: support_displacement was not recorded, so nothing can drive the scene")
+    if len(part.beam) < _FEWEST:
+        raise ValidationError(f"{path}: {len(part.beam)} samples in that part; needed: {_FEWEST}")
+    for name, series in (("support_displacement", part.support), ("beam_displacement", part.beam)):
+        gaps = np.flatnonzero(~np.isfinite(series))
+        if len(gaps):
+            at = begin + gaps[0] / part.rate
+            raise ValidationError(f"{path}: {name} is missing or invalid at {at:g} s; choose a part with --from, --to")
+    first = np.ceil(begin * part.rate) / part.rate
+    return Measured(part.rate, part.support, part.beam, None if path.suffix == ".csv" else _ceiling(path, float(first)))
+
+
+def scene_of(path: Path, given: Path | None) -> Scene:
+    """Return the scene in `given`, else the one kept in the bag at `path`; raise SceneError or ValidationError."""
+    if given is not None:
+        return load_scene(given)
+    bag = None if path.suffix == ".csv" else open_bag(path)
+    if bag is None or bag.scene_text is None:
+        raise ValidationError(f"{path}: no scene was recorded; give one with --scene")
+    try:
+        return scene_from_mapping(read_yaml(bag.scene_text, "recorded scene"), source="recorded scene", folder=path)
+    except SceneError as error:
+        raise SceneError(f"{error}; give a scene with --scene") from None
+
+
+def _ceiling(path: Path, begin: float) -> Array | None:
+    """Return times since `begin` [s] and heights (k, 2) of the ceiling; None where its state was not recorded."""
+    bag = open_bag(path)
+    start = _first_stamp(bag)
+    found = [((stamp_of(state) - start) * 1e-9 - begin, state.height) for _, state in bag.of_kind("CeilingState")]
+    heights = np.array(found, dtype=np.float64).reshape(-1, 2)
+    heights = heights[np.isfinite(heights).all(axis=1)]
+    return heights[np.argsort(heights[:, 0], kind="stable")] if len(heights) else None
+
+
+def _first_stamp(bag: Bag) -> int:
+    return next(stamp_of(block) for _, block in bag.messages(TOPIC) if len(block.data))

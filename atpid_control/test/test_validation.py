@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording against its simulation: the bag that comes along, tables with known faults, bad input."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from atpid_control.cli import main
+from atpid_control.validation.compare import compare, driven_scene
+from atpid_control.validation.measured import Measured
+from atpid_sim.scene import Scene, load_scene, standard_bench
+from atpid_sim.simulation.simulate import trajectory
+from atpid_sim.system import Array
+
+ROOT = Path(__file__).resolve().parents[2]
+BAG = str(ROOT / "bags/thesis_4_3_short")
+RATE = 1000.0
+
+
+def recorded(scene: Scene, lag: int = 0, offset: float = 0.0, noise: float = 0.0) -> tuple[Measured, Array]:
+    """Return what sensors would have recorded of a scene, the beam `lag` samples late and off by `offset` [m]."""
+    motion = trajectory(scene, RATE)
+    beam = motion.beam + scene.static_deflection + np.random.default_rng(1).normal(0.0, noise, len(motion.beam))
+    beam = np.concatenate([np.full(lag, beam[0]), beam[: len(beam) - lag]]) + offset
+    ceiling = np.column_stack([motion.time, motion.ceiling])[::50]
+    return Measured(RATE, motion.support, beam, ceiling), np.column_stack([motion.time, motion.support, beam])
+
+
+def table(path: Path, data: Array, header: str = "time,support_displacement,beam_displacement") -> Path:
+    np.savetxt(path, data, fmt="%.12g", delimiter=",", header=header, comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def opening() -> Scene:
+    ceiling = {"closed": 0.017, "open": 0.2, "start": 1.0, "end": 2.0}
+    return standard_bench(ceiling=ceiling, duration=5.0, steady_window=[4.0, 5.0], tolerance=1e-5)
+
+
+@pytest.mark.slow
+def test_the_bag_that_comes_along_is_its_own_simulation(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["validate", BAG, "--out", str(out), "--json"]) == 0
+    found = json.loads((out / "agreement.json").read_text())
+    assert found["relative_rmse"] < 0.01
+    assert found["displacement_error"] < 0.01
+    assert abs(found["lag"]) <= 1.0 / RATE
+    assert found["compared_periods"] > 40
+    assert (out / "agreement.png").stat().st_size > 10_000
+    assert load_scene(out / "scene.yaml").initial is not None
+
+
+def test_lag_and_offset_of_a_sensor_are_found_and_taken_off(opening: Scene, tmp_path: Path) -> None:
+    measured, data = recorded(opening, lag=7, offset=0.3, noise=20e-6)
+    series = table(tmp_path / "support.csv", data[:, :2], "time,support_displacement")
+    found = compare(driven_scene(opening, measured, series, None), measured)
+    assert found.lag == pytest.approx(7.0 / RATE, abs=1.01 / RATE)
+    assert found.rmse < 0.005
+    assert found.reproducible
+
+
+def test_a_wrong_model_shows(opening: Scene, tmp_path: Path) -> None:
+    """One per cent of stiffness moves the resonance by half a per cent and the amplitude by more."""
+    measured, data = recorded(opening)
+    series = table(tmp_path / "support.csv", data[:, :2], "time,support_displacement")
+    wrong = opening.with_(beam=opening.to_mapping()["beam"] | {"stiffness": 1.01 * opening.beam.stiffness})
+    right, off = (compare(driven_scene(scene, measured, series, None), measured) for scene in (opening, wrong))
+    assert right.rmse < 0.005
+    assert off.rmse > 3.0 * right.rmse
+    assert off.displacement_error > 3.0 * right.displacement_error
+
+
+def test_a_part_from_the_middle_of_a_free_decay(tmp_path: Path) -> None:
+    """The initial state is measured: a closed damper that decays from it is that of the whole recording."""
+    scene = standard_bench(excitation={"free": {"deflection": 0.1}}, ceiling={"height": 0.017}, duration=6.0)
+    _, data = recorded(scene, noise=20e-6)
+    recording, kept = table(tmp_path / "decay.csv", data), tmp_path / "scene.yaml"
+    kept.write_text(scene.to_yaml())
+    arguments = ["validate", str(recording), "--scene", str(kept), "--height", "0.017", "--from", "0.7", "--to", "3.7"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out/agreement.json").read_text())["relative_rmse"] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([BAG, "--from", "3", "--to", "5"], "left out (the ceiling is open at its begin); needed: 5 periods more"),
+        ([BAG, "--from", "9"], "allowed: within the recording"),
+        ([BAG, "--from", "1", "--to", "1.05"], "samples in that part; needed: 100"),
+        ([str(ROOT / "README.md")], "not a bag"),
+        ([BAG, "--scene", str(ROOT / "README.md")], "README.md"),
+        ([BAG, "--height", "0.01"], "ceiling.height: given 0.01"),
+        (["GAPS.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "beam_displacement is missing or invalid at 2 s"),
+        (["HEIGHT.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "was not recorded; give --height"),
+        (["HEIGHT.csv"], "no scene was recorded; give one with --scene"),
+        (["SUPPORT.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "support_displacement was not recorded"),
+    ],
+)
+def test_what_cannot_be_compared_is_one_line(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time = np.arange(4000) / RATE
+    data = np.column_stack([time, 0.01 * np.sin(34.0 * time), 0.1 * np.cos(34.0 * time)])
+    table(tmp_path / "HEIGHT.csv", data)
+    table(tmp_path / "SUPPORT.csv", data[:, [0, 2]], "time,beam_displacement")
+    data[2000, 2] = math.nan
+    table(tmp_path / "GAPS.csv", data)
+    given = [str(tmp_path / word) if word.endswith(".csv") else word for word in arguments]
+    assert main(["validate", *given, "--out", str(tmp_path / "out")]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.strip().splitlines()) == 1
+    assert words in captured.err
+
+
+def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "scene.yaml").write_text("mine")
+    assert main(["validate", BAG, "--out", str(tmp_path)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (tmp_path / "scene.yaml").read_text() == "mine"

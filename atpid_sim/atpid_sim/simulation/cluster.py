@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many jobs on a Dask cluster that exists already.
+
+Optional: needs `dask[distributed]` on every machine. The cluster owns scheduling and retries: a job whose worker dies
+is done by another.
+"""
+
+import importlib
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, TypeVar
+
+from atpid_common.errors import InputError
+
+#: How long a scheduler may take to answer [s].
+_CONNECT_TIMEOUT = 10.0
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+
+
+class ClusterError(InputError):
+    """A cluster that cannot be used; one line."""
+
+
+def on_cluster(address: str, work: Callable[..., Answer], jobs: Iterable[tuple[Job, tuple[Any, ...]]]
+               ) -> Iterator[tuple[Job, Answer]]:  # fmt: skip
+    """Yield (job, answer of `work`) as the workers of the scheduler at `address` deliver them.
+
+    jobs: each with the arguments of `work`, which is a function of a module that workers can import. Raises
+    ClusterError where dask is not installed, no scheduler answers, or every worker that tried a job has exited; what
+    `work` raises is raised here.
+    """
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise ClusterError("--scheduler needs Dask: pip install 'dask[distributed]', or leave the option out") from None
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise ClusterError(
+            f"--scheduler: given {address}; no Dask scheduler answers there ({type(error).__name__}); "
+            "start one with `dask scheduler`, or leave the option out"
+        ) from None
+    with client:
+        futures = {client.submit(work, *arguments, pure=False): job for job, arguments in jobs}
+        for future in distributed.as_completed(list(futures), loop=client.loop):
+            try:
+                yield futures[future], future.result()
+            except distributed.scheduler.KilledWorker:
+                lost = f"--scheduler: every worker that computed {futures[future]} exited; see their logs"
+                raise ClusterError(lost) from None
