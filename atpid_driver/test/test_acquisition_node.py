@@ -297,7 +297,7 @@ def test_an_error_in_mid_stream_is_an_interruption_whatever_its_code(bench: Benc
         ({"channels": ["support_displacement"]}, "1 channels, 2 terminals"),
         ({"calibrations": ["laser_beam.yaml", "laser_support.yaml"]}, "in the order"),
         ({"calibrations": ["laser_support.yaml"]}, "one file each"),
-        ({"calibrations": ["none.yaml", "laser_beam.yaml"]}, "cannot be read"),
+        ({"calibrations": ["none.yaml", "laser_beam.yaml"]}, "no such file"),
         ({"backend": "serial"}, "backend of labjack_node: given 'serial'; allowed: 'labjack', 'nidaqmx', 'simulated'"),
         ({"voltage_range": 7.0}, "a T7 has the ranges"),
         ({"rate": -3.0}, "rate"),

@@ -12,9 +12,10 @@ import yaml
 from numpy.polynomial.polynomial import polyder, polyval
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
+from atpid_common.files import FileError, read_text
 from atpid_driver.errors import DriverError
 
-MOST_CHARACTERS = 100_000  # the longest of ours has some hundreds
+MOST_BYTES = 100_000  # the longest of ours has some hundreds
 
 
 class CalibrationError(DriverError):
@@ -66,18 +67,10 @@ class Calibration(BaseModel):
 def load(path: Path) -> Calibration:
     """Read a calibration file; CalibrationError names the file, the key, what was given and what is allowed."""
     try:
-        if path.exists() and not path.is_file():
-            raise CalibrationError(f"calibration file {path} is no regular file: name a YAML file")
-        with path.open(encoding="utf-8") as file:
-            text = file.read(MOST_CHARACTERS + 1)
-        if len(text) > MOST_CHARACTERS:
-            raise CalibrationError(f"calibration file {path} is longer than {MOST_CHARACTERS} characters: name another")
-        values: Any = yaml.safe_load(text)
-    except OSError as error:
-        raise CalibrationError(f"calibration file {path} cannot be read: {error.strerror}") from None
-    except CalibrationError:
-        raise
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no text, an impossible date or path
+        values: Any = yaml.safe_load(read_text(path, MOST_BYTES))
+    except FileError as error:
+        raise CalibrationError(f"calibration file {error}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: an impossible date
         raise CalibrationError(f"calibration file {path} is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(values, dict):
         raise CalibrationError(f"calibration file {path} must be a table of keys, it is a {type(values).__name__}")
