@@ -72,6 +72,8 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
 	python -m atpid_control study all --out out/study --page docs/thesis.md; \
+	python -m atpid_control compare scenes/thesis_4_3.yaml scenes/stepped_4_8_phi_0_3.yaml scenes/stiff_beam.yaml \
+	    --out out/methods --page docs/methods.md; \
 	for scene in standard sticking irregular; do \
 	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
 	done; \

@@ -59,7 +59,7 @@ def test_a_scene_that_cannot_be(
 
 
 def test_a_scene_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "cannot be read" in refused(capsys, "bench", tmp_path / "none.yaml", "--out", tmp_path / "out")
+    assert "no such file" in refused(capsys, "bench", tmp_path / "none.yaml", "--out", tmp_path / "out")
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_a_map_that_is_a_text_file(scenes: Path, tmp_path: Path, capsys: pytest.
     (tmp_path / "map.npz").write_text("hello")
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup", "map": "map.npz"}
     line = refused(capsys, "bench", edited(scenes, tmp_path, ceiling=ceiling), "--out", tmp_path / "out")
-    assert "is not a height map" in line
+    assert "is no NPZ archive of arrays" in line
 
 
 def test_a_folder_with_something_else_in_it(scenes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,7 +104,7 @@ def test_a_folder_with_something_else_in_it(scenes: Path, tmp_path: Path, capsys
 @pytest.mark.parametrize(
     ("node", "changes", "words"),
     [
-        ("plant_node", {"scene": "none.yaml"}, "cannot be read"),
+        ("plant_node", {"scene": "none.yaml"}, "no such file"),
         ("plant_node", {"scene": ""}, "parameter scene of plant_node is not set"),
         ("plant_node", {"scene": 3}, "expecting type 'STRING'"),
         ("selector_node", {"method": "guess"}, "parameter method of selector_node: given 'guess'; allowed: "),

@@ -68,6 +68,12 @@ RUN = {
         r"python -m atpid_driver\.nodes\.labjack_node": "test_the_messages_of_a_sensor_are_printed",
         r"python -m atpid_control\.nodes\.replay_node": "test_a_replay_node_alone_logs_what_it_waits_for",
     },
+    "tests/test_methods_page.py": {
+        r"python -m atpid_control compare( |$)": "test_the_table_shows_what_is_computed_now",
+    },
+    "atpid_control/test/test_selection_learned.py": {
+        r"python -m atpid_control learn ": "test_the_command_trains_a_model_that_selects",
+    },
     "tests/test_thesis_page.py": {
         r"python -m atpid_control study list": "test_the_names_are_listed",
         r"python -m atpid_control study ": "test_the_page_shows_what_is_computed_now",
@@ -135,7 +141,7 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
-    "my_beam.yaml", "my_map.npz",
+    "my_beam.yaml", "my_map.npz", "methods.json",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from atpid_interfaces import msg
 from atpid_interfaces.msg import (
     CeilingCommand,
     CeilingState,
@@ -27,8 +28,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
+from atpid_common.message_checks import CHECKS, check
 from atpid_common.nodes.dropped import Dropped
-from atpid_common.nodes.message_checks import CHECKS, check
 from atpid_control.nodes.identifier_node import IdentifierNode
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.nodes.selector_node import SelectorNode
@@ -101,7 +102,7 @@ def node(request: pytest.FixtureRequest, scenes: Path, tmp_path: Path) -> Iterat
 @pytest.mark.slow
 def test_a_node_outlives_what_cannot_be(node: Node) -> None:
     rng = np.random.default_rng(7)
-    subscriptions = [each for each in node.subscriptions if each.msg_type in CHECKS]
+    subscriptions = [each for each in node.subscriptions if each.msg_type.__name__ in CHECKS]
     assert subscriptions
     refused = 0
     for _ in range(2000):
@@ -128,9 +129,10 @@ BLOCK = {"rate": 1000.0, "channels": ["a", "b"], "units": ["m", "m"], "skew": [0
         (SampleBlock(**BLOCK | {"rate": 0.0}, data=array.array("d", [0.0] * 2)), "its rate is 0.0 Hz"),
         (SampleBlock(**BLOCK | {"channels": ["a", "a"]}, data=array.array("d", [0.0] * 2)), "one twice"),
         (SampleBlock(**BLOCK, first_index=2**63, data=array.array("d", [0.0] * 2)), "at most 2^62"),
-        (SampleBlock(**BLOCK, data=array.array("d", [0.0, math.inf])), "infinite"),
+        (SampleBlock(**BLOCK, data=array.array("d", [0.0, math.inf])), "above 1e+100, or a delay is infinite"),
         (SampleBlock(**BLOCK), "no samples"),
         (PlantTruth(rate=1000.0, support=array.array("d", [0.0])), "0 and 1 values"),
+        (PlantTruth(rate=1000.0, input_energy=math.nan), "a value is no number"),
         (RecorderStatus(topics=["a"], received=[1], written=[]), "1 topics, 1 and 0 counts"),
         (Excitation(quality=Excitation.STEADY, amplitude=math.nan, frequency=5.0), "amplitude nan"),
         (Excitation(quality=9), "quality is 9"),
@@ -143,10 +145,22 @@ def test_what_cannot_be_has_a_reason(message: Any, reason: str) -> None:
 
 
 @pytest.mark.parametrize("kind", CHECKS)
-def test_a_stamp_before_1970_is_no_stamp(kind: type[Any]) -> None:
-    message = kind()
+def test_a_stamp_before_1970_is_no_stamp(kind: str) -> None:
+    message = getattr(msg, kind)()
     message.header.stamp.sec = -1
     assert "no time since 1970" in check(message)
+
+
+def test_the_last_values_are_those_of_the_messages() -> None:
+    """The checks look at fields alone, so they have these numbers once more."""
+    values = (
+        ("Excitation", "quality", Excitation.POOR), ("Excitation", "origin", Excitation.BEAM),
+        ("CeilingState", "mode", CeilingState.FAULT), ("Event", "severity", Event.ALARM),
+    )  # fmt: skip
+    for kind, field, last in values:
+        assert check(getattr(msg, kind)(**{field: last})) == ""
+        assert check(getattr(msg, kind)(**{field: last + 1})) != ""
+    assert check(Excitation(quality=Excitation.STEADY, amplitude=math.nan)) != ""
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,8 @@ COMMANDS = {
     "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),
     "report": ("atpid_control.commands.report", "make the report of a bag: an HTML page and pictures"),
     "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
+    "compare": ("atpid_control.commands.compare", "compare the methods with passive dampers on the same scenes"),
+    "learn": ("atpid_control.commands.learn", "train the method `learned` from simulated systems"),
     "calibrate-beam": (
         "atpid_control.commands.calibrate_beam",
         "find a beam's stiffness, damping and mass from a recording",

@@ -15,7 +15,7 @@ SCENE = str(ROOT / "scenes" / "thesis_4_3.yaml")
 MAP = str(ROOT / "atpid_control" / "config" / "maps" / "standard.npz")
 
 
-@pytest.mark.parametrize("method", ["lookup", "pca", "direct", "search"])
+@pytest.mark.parametrize("method", ["lookup", "pca", "direct", "search", "learned"])
 def test_json_is_one_object_and_nothing_else(method: str, capsys: pytest.CaptureFixture[str]) -> None:
     extra = ["--map", MAP] if method == "lookup" else []
     assert main(["select", SCENE, "--method", method, "--json", *extra]) == 0
@@ -25,7 +25,8 @@ def test_json_is_one_object_and_nothing_else(method: str, capsys: pytest.Capture
     assert chosen["method"] == method
     # the scene ends at 0.03 m
     assert chosen["height"] == pytest.approx(0.57, rel=0.06)
-    assert chosen["amplitude"] == pytest.approx(0.128, rel=0.03)
+    # learned stays below the best on purpose
+    assert chosen["amplitude"] == pytest.approx(0.128, rel=0.05 if method == "learned" else 0.03)
     assert chosen["efficiency"] == pytest.approx(0.807, abs=0.01)
     assert chosen["wall_s"] >= 0.0
     assert chosen["evaluations"] >= 0
@@ -45,7 +46,7 @@ def test_for_people_every_stage_is_shown(capsys: pytest.CaptureFixture[str]) -> 
         (["select", str(ROOT / "scenes" / "free_decay.yaml"), "--method", "direct"], "a height is selected for a tone"),
         (["select", SCENE, "--method", "direct", "--without-gravity"], "allowed with pca"),
         (["select", SCENE, "--method", "direct", "--margin", "-1"], "margin"),
-        (["select", SCENE, "--method", "lookup", "--map", SCENE], "is not a height map"),
+        (["select", SCENE, "--method", "lookup", "--map", SCENE], "is no NPZ archive of arrays"),
     ],
 )
 def test_bad_input_is_one_line_and_status_two(

@@ -15,7 +15,7 @@ from atpid_sim.scene.ceiling import CONTROLLERS
 ROOT = Path(__file__).parents[2]
 MAP = ROOT / "atpid_control" / "config" / "maps" / "standard.npz"
 COMPUTING = ("pca", "direct", "search")
-SELECTING = ("lookup", *COMPUTING)
+SELECTING = ("lookup", "learned", *COMPUTING)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def selectors(scene: Scene) -> dict[str, HeightSelector]:
-    return {method: make_selector(method, scene, MAP) for method in SELECTING}
+    return {method: make_selector(method, scene, MAP if method == "lookup" else None) for method in SELECTING}
 
 
 def test_every_method_is_in_the_registry() -> None:
@@ -81,7 +81,7 @@ def test_selecting_twice_gives_the_same(selectors: dict[str, HeightSelector], me
 
 
 def test_unknown_methods_are_named(scene: Scene) -> None:
-    with pytest.raises(SelectionError, match="given 'guess'; allowed: lookup, pca, direct, search, fixed"):
+    with pytest.raises(SelectionError, match="given 'guess'; allowed: lookup, pca, direct, search, learned, fixed"):
         make_selector("guess", scene)
 
 

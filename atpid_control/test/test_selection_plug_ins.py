@@ -65,7 +65,8 @@ def test_an_installed_selector_is_a_method_like_the_others(install: Install, sce
 
 
 def test_a_scene_and_the_node_take_an_installed_selector(install: Install, scene: Scene) -> None:
-    with pytest.raises(SceneError, match="controller: given 'own'; allowed: 'lookup', 'pca', 'direct' or 'search'"):
+    allowed = "'lookup', 'pca', 'direct', 'search' or 'learned'"
+    with pytest.raises(SceneError, match=f"controller: given 'own'; allowed: {allowed}"):
         controlled_by(scene, "own")
     install("plug_in_scene", GOOD, "own = plug_in_scene:Own")
     assert getattr(controlled_by(scene, "own").ceiling, "controller", "") == "own"

@@ -172,7 +172,7 @@ def test_what_cannot_be_is_refused_in_one_useful_line(path: str, value: Any, exp
     [
         (
             {"controller": "lokup"},
-            "ceiling.controller: given 'lokup'; allowed: 'lookup', 'pca', 'direct' or 'search'; did",
+            "ceiling.controller: given 'lokup'; allowed: 'lookup', 'pca', 'direct', 'search' or 'learned'; did",
         ),
         ({"range": [1.0, 0.1]}, "ceiling.range: given [1.0, 0.1]; allowed: two rising heights"),
         ({"range": [0.001, 1.0]}, "ceiling.range: given 0.001; allowed: at least the grain's diameter"),

@@ -9,11 +9,15 @@ from typing import Any
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
+from atpid_common.message_checks import CHECKS, check_as
 from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.metadata import RESULT, RUN, SCENE
 from atpid_control.bags.verify import find_file, records
+
+#: Longest gap between two blocks of one stream [s]: an index farther ahead is none.
+_LONGEST_GAP = 3600.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class Bag:
     raw: list[Raw] = field(default_factory=list)
     decoder: Decoder = field(default_factory=Decoder)
     _schemas: dict[str, int] = field(default_factory=dict)
+    #: Messages that cannot be used, which readers do not get: why, by topic and place in `raw`.
+    left_out: dict[str, dict[int, str]] = field(default_factory=dict)
 
     @property
     def scene_text(self) -> str | None:
@@ -51,10 +57,36 @@ class Bag:
         return self.decoder.decode(self._schemas[raw.topic], raw.data)
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """Yield (log time [ns], message) of one topic; nothing where the bag does not have it."""
-        for raw in self.raw:
+        """Yield (log time [ns], message) of one topic that can be used; nothing where the bag does not have it."""
+        for _, log_ns, message in self._usable(topic):
+            yield log_ns, message
+
+    def stream(self, topic: str) -> Iterator[Any]:
+        """Yield the blocks of samples of one topic, those of the first rate whose index goes on, at most an hour on."""
+        following = rate = None
+        for place, _, block in self._usable(topic):
+            first = int(block.first_index)
+            if following is None:
+                rate = block.rate
+            elif block.rate != rate or not following <= first <= following + _LONGEST_GAP * block.rate:
+                reason = f"its index is {first} at {block.rate:g} Hz after {following - 1} at {rate:g} Hz"
+                self.left_out.setdefault(topic, {})[place] = reason
+                continue
+            following = first + scans_of(block)
+            yield block
+
+    def _usable(self, topic: str) -> Iterator[tuple[int, int, Any]]:
+        """Yield (place, log time [ns], message); count what cannot be used."""
+        package, _, kind = self.types.get(topic, "").rpartition("/msg/")
+        checked = package == "atpid_interfaces" and kind in CHECKS
+        for place, raw in enumerate(self.raw):
             if raw.topic == topic:
-                yield raw.log_ns, self.decode(raw)
+                message = self.decode(raw)
+                reason = check_as(kind, message) if checked else ""
+                if reason:
+                    self.left_out.setdefault(topic, {})[place] = reason
+                else:
+                    yield place, raw.log_ns, message
 
     def of_kind(self, kind: str) -> Iterator[tuple[int, Any]]:
         """Yield (log time [ns], message) of message type atpid_interfaces/msg/`kind`, topic by topic."""
@@ -68,6 +100,11 @@ class Bag:
 def stamp_of(message: Any) -> int:
     """Return the stamp in the header of a decoded message [ns]."""
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def scans_of(block: Any) -> int:
+    """Return how many scans a SampleBlock or PlantTruth has."""
+    return len(block.beam) if hasattr(block, "beam") else len(block.data) // len(block.channels)
 
 
 def open_bag(path: Path | str) -> Bag:

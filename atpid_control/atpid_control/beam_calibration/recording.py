@@ -83,7 +83,7 @@ def _even_rate(time: Array, path: Path) -> float:
 
 
 def _from_bag(path: Path, support_channel: str, beam_channel: str) -> Recording:
-    blocks = [message for _, message in open_bag(path).messages(TOPIC)]
+    blocks = list(open_bag(path).stream(TOPIC))
     channels = list(blocks[0].channels) if blocks else []
     if beam_channel not in channels:
         raise CalibrationError(f"{path}: {TOPIC} has channels {', '.join(channels) or 'none'}; needed: {beam_channel}")

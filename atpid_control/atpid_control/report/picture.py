@@ -177,18 +177,26 @@ def _error(axes: Any, view: View, palette: Palette) -> None:
 
 def estimate_errors(view: View) -> tuple[Any, Any, Any] | None:
     """Return times [s], relative errors [%] and their two standard deviations [%] of the steady estimates."""
-    steady = view.run.estimates.steady
-    if view.true_amplitude is None or not steady.any():
+    if view.true_amplitude is None:
         return None
-    time = view.run.estimates.time[steady]
-    given = np.interp(time, view.run.motion.time, view.true_amplitude)
+    known = np.interp(view.run.estimates.time, view.run.motion.time, view.true_amplitude)
+    steady = view.run.estimates.steady & (known > 0.0) & np.isfinite(view.run.estimates.amplitude_std)
+    if not steady.any():
+        return None
+    time, given = view.run.estimates.time[steady], known[steady]
     error = 100.0 * (view.run.estimates.amplitude[steady] / given - 1.0)
     return time, error, 200.0 * view.run.estimates.amplitude_std[steady] / given
 
 
 def rounded_up(value: float) -> float:
     """Return the next of 0.1, 0.2, 0.5, 1, 2, 5, ... above `value`."""
-    return next(step * 10.0**power for power in range(-1, 9) for step in (1.0, 2.0, 5.0) if step * 10.0**power >= value)
+    first = max(-1, math.ceil(math.log10(value)) - 1) if value > 0.0 else -1
+    return next(
+        step * 10.0**power
+        for power in range(first, first + 3)
+        for step in (1.0, 2.0, 5.0)
+        if step * 10.0**power >= value
+    )
 
 
 def _ceiling(axes: Any, view: View, palette: Palette) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run as arrays: what was measured, estimated, commanded and done, on the run's own time axis."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.read import Bag, open_bag, stamp_of
+from atpid_control.bags.read import Bag, open_bag, scans_of, stamp_of
 from atpid_sim.scene import Scene, SceneError, SweepExcitation, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.excitation import amplitude_points
 from atpid_sim.system import Array
 
 STEADY = 1  # Excitation.STEADY
+#: How far outside the run a stamp of it may be [s]: estimates come late, heights early.
+_ASIDE = 60.0
 #: Fields of PlantTruth in the order of `Ledger`.
 _LEDGER = ("input_energy", "ceiling_work", "beam_loss", "contact_loss", "stored_energy", "impacts")
 
@@ -98,6 +101,7 @@ class Run:
     events: list[RunEvent] = field(default_factory=list)
     blocks: int = 0  # sensor blocks
     lost: int = 0  # scans missing between them
+    left_out: tuple[str, ...] = ()  # messages that cannot be used: topic, how many, why the first
 
     @property
     def duration(self) -> float:
@@ -120,10 +124,11 @@ def read_run(source: Path | Bag) -> Run:
     bag = source if isinstance(source, Bag) else open_bag(source)
     blocks = _laser_blocks(bag)
     motion, start = _measured_motion(blocks), stamp_of(blocks[0])
-    truth = [message for _, message in bag.of_kind("PlantTruth") if len(message.beam)]
+    end = float(motion.time[-1])
+    truth = [block for topic in bag.topics_of("PlantTruth")[:1] for block in bag.stream(topic)]
     scene, problem = _scene(bag)
     time, quality, amplitude, amplitude_std, frequency = _columns(
-        bag, start, "Excitation", "quality", "amplitude", "amplitude_std", "frequency"
+        bag, start, end, "Excitation", "quality", "amplitude", "amplitude_std", "frequency"
     )
     return Run(
         bag=bag,
@@ -133,30 +138,30 @@ def read_run(source: Path | Bag) -> Run:
         simulated=bool(truth),
         estimates=Estimates(time, quality == STEADY, amplitude, amplitude_std, frequency),
         ceiling=Ceiling(
-            *_columns(bag, start, "CeilingCommand", "height"), *_columns(bag, start, "CeilingState", "height")
+            *_columns(bag, start, end, "CeilingCommand", "height"), *_columns(bag, start, end, "CeilingState", "height")
         ),
         ledger=Ledger(*(getattr(truth[-1], name) for name in _LEDGER)) if truth else None,
-        events=_events(bag, start),
+        events=_events(bag, start, end),
         blocks=len(blocks),
-        lost=int(blocks[-1].first_index) + _scans(blocks[-1]) - int(blocks[0].first_index) - sum(map(_scans, blocks)),
+        lost=int(blocks[-1].first_index)
+        + scans_of(blocks[-1])
+        - int(blocks[0].first_index)
+        - sum(map(scans_of, blocks)),
+        left_out=tuple(_left_out(bag)),
     )
 
 
 def _laser_blocks(bag: Bag) -> list[Any]:
     for topic in bag.topics_of("SampleBlock"):
-        blocks = [message for _, message in bag.messages(topic) if len(message.data)]
+        blocks = list(bag.stream(topic))
         if blocks and "beam_displacement" in blocks[0].channels:
             return blocks
     raise BagError(f"{bag.path}: no samples of beam_displacement in this bag, so there is nothing to report on")
 
 
-def _scans(block: Any) -> int:
-    return len(block.data) // len(block.channels)
-
-
 def _measured_motion(blocks: list[Any]) -> Motion:
     first, names = blocks[0], list(blocks[0].channels)
-    index = np.concatenate([b.first_index + np.arange(_scans(b)) for b in blocks])
+    index = np.concatenate([b.first_index + np.arange(scans_of(b)) for b in blocks])
     data = np.concatenate([np.asarray(b.data, dtype=float).reshape(-1, len(b.channels)) for b in blocks])
     nothing = np.full(len(index), np.nan)
     support = data[:, names.index("support_displacement")] if "support_displacement" in names else nothing
@@ -174,21 +179,38 @@ def _true_motion(truth: list[Any]) -> Motion:
     return Motion((index - first.first_index) / first.rate, *series)
 
 
-def _columns(bag: Bag, start: int, kind: str, *names: str) -> Array:
-    """Return (1 + len(names), k): the messages' times since the start [s], and these fields of theirs."""
+def _columns(bag: Bag, start: int, end: float, kind: str, *names: str) -> Array:
+    """Return (1 + len(names), k): the messages' times since the start [s], and these fields of theirs, NaN: no number.
+
+    Stamps far outside the run, which ends at `end` [s], belong to none of its samples.
+    """
     rows = [(_seconds(m, start), *(getattr(m, name) for name in names)) for _, m in bag.of_kind(kind)]
-    return np.array(rows, dtype=float).reshape(-1, 1 + len(names)).T
+    table = np.array(rows, dtype=float).reshape(-1, 1 + len(names))
+    table[np.isinf(table)] = np.nan
+    return np.asarray(table[_of_the_run(table[:, 0], end)].T)
 
 
-def _events(bag: Bag, start: int) -> list[RunEvent]:
+def _of_the_run(times: Any, end: float) -> Any:
+    return (times >= -_ASIDE) & (times <= end + _ASIDE)
+
+
+def _events(bag: Bag, start: int, end: float) -> list[RunEvent]:
     """Return the events; consecutive equal ones are one."""
     events: list[RunEvent] = []
     for _, m in bag.of_kind("Event"):
+        if not _of_the_run(_seconds(m, start), end):
+            continue
         if events and (events[-1].kind, events[-1].text) == (m.kind, m.text):
             events[-1] = replace(events[-1], count=events[-1].count + 1)
         else:
             events.append(RunEvent(_seconds(m, start), int(m.severity), m.kind, m.header.frame_id, m.text))
     return events
+
+
+def _left_out(bag: Bag) -> Iterator[str]:
+    """Yield a line for each topic with messages that cannot be used."""
+    for topic, reasons in sorted(bag.left_out.items()):
+        yield f"{topic}: {len(reasons)}, the first since {next(iter(reasons.values()))}"
 
 
 def _scene(bag: Bag) -> tuple[Scene | None, str]:

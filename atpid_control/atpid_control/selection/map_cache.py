@@ -36,7 +36,7 @@ def map_for(scene: Scene) -> Path | None:
     if not isinstance(ceiling, ControlledCeiling):
         return None
     if ceiling.controller != "lookup":
-        return None if ceiling.controller in CONTROLLERS else ceiling.map
+        return ceiling.map if ceiling.controller == "learned" or ceiling.controller not in CONTROLLERS else None
     if ceiling.map is not None:
         HeightMap.load(ceiling.map).check(scene)
         return ceiling.map

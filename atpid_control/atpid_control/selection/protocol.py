@@ -35,6 +35,7 @@ class Selection:
     wall_s: float = 0.0  # [s]
     price: float = 0.0  # efficiency given up for the margin [-], NaN: unknown
     stages: tuple[Stage, ...] = ()  # every iteration, where the method has any
+    structure_s: float = 0.0  # how long the ceiling was moved and the structure watched [s]
 
 
 class HeightSelector(Protocol):

@@ -28,6 +28,12 @@ def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
     return LookupSelector(scene, HeightMap.load(height_map))
 
 
+def _learned(scene: Scene, model: Path | None) -> HeightSelector:
+    from atpid_control.selection.learned import learned  # with the simulation, loaded at need
+
+    return learned(scene, model)
+
+
 def _computing(module: str, name: str) -> Factory:
     """Return the factory of a class that takes the scene alone; its module, with the simulation, is loaded at need."""
 
@@ -43,6 +49,7 @@ METHODS: dict[str, Factory] = {
     "pca": _computing("pca", "PcaSelector"),
     "direct": _computing("direct", "DirectSelector"),
     "search": _computing("search", "SearchSelector"),
+    "learned": _learned,
     "fixed": lambda scene, _map: FixedSelector(scene.ceiling.heights[-1][1]),
 }
 

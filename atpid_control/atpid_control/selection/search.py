@@ -111,7 +111,7 @@ class SearchSelector:
         efficiency = 1.0 - seen / self._damper.closed_amplitude(amplitude)
         wall, price = time.perf_counter() - begun, math.nan if margin else 0.0
         found = (search.target, seen, efficiency, self.method)
-        return Selection(*found, search.iterations, wall, price, tuple(stages))
+        return Selection(*found, search.iterations, wall, price, tuple(stages), plant.time)
 
     def _scaled(self, amplitude: float) -> Plan:
         step = self._damper.ballistic_clearance(amplitude) / _STEPS

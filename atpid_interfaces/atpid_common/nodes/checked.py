@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from atpid_common.message_checks import check
 from atpid_common.nodes.dropped import Dropped
-from atpid_common.nodes.message_checks import check
 
 
 def subscribe(

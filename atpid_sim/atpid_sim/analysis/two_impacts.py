@@ -67,16 +67,37 @@ def symmetric_motions(system: TwoImpacts) -> list[Symmetric]:
     and after the impact, both in proportion to w; antisymmetry gives its free part, likewise; what is left of it is the
     steady response, whose amplitude is known: a quadratic equation for w.
     """
+    free, a, b = _terms(system)
+    r = system.frequency_ratio
+    half = 0.5 * system.clearance
+    steady = _steady_amplitude(system)
+    roots = np.roots([a * a + b * b, 2.0 * a * half, half * half - steady * steady])
+    speeds = sorted(float(root.real) for root in roots if abs(root.imag) < 1e-12 and root.real > 0.0)
+    return [_symmetric(system, w, half + a * w, r * b * w, w * free) for w in speeds]
+
+
+def longest_clearance(system: TwoImpacts) -> float:
+    """Return the clearance d / A [-] beyond which no symmetric motion exists; that of `system` is not used.
+
+    The quadratic equation for the grain's speed, (a^2 + b^2) w^2 + a d w + d^2 / 4 = X_s^2, has real roots up to
+    d = 2 X_s sqrt(1 + (a / b)^2), X_s being the steady amplitude of the primary mass without the grain.
+    """
+    _, a, b = _terms(system)
+    return 2.0 * _steady_amplitude(system) * math.hypot(1.0, a / b)
+
+
+def _terms(system: TwoImpacts) -> tuple[Array, float, float]:
+    """Return free part (2,) and the steady part's share of displacement and of velocity over r, all for w = 1."""
     e, mu, t, r = system.restitution, system.mass_ratio, system.half_period, system.frequency_ratio
     before = (1.0 - e + 2.0 * mu) / (1.0 + e)
     free = np.linalg.solve(np.eye(2) + system._free(t), np.array([0.0, -2.0 * mu]))
     # steady part at the impact: displacement d/2 - (t/2 + free) w, velocity (before - 2 mu - free) w
-    a, b = -(0.5 * t + free[0]), (before - 2.0 * mu - free[1]) / r
-    half = 0.5 * system.clearance
-    steady = float(np.hypot(*(system._forced(0.0) / np.array([1.0, r]))))
-    roots = np.roots([a * a + b * b, 2.0 * a * half, half * half - steady * steady])
-    speeds = sorted(float(root.real) for root in roots if abs(root.imag) < 1e-12 and root.real > 0.0)
-    return [_symmetric(system, w, half + a * w, r * b * w, w * free) for w in speeds]
+    return free, -(0.5 * t + float(free[0])), (before - 2.0 * mu - float(free[1])) / r
+
+
+def _steady_amplitude(system: TwoImpacts) -> float:
+    """Return the steady amplitude of the primary mass without grain."""
+    return float(np.hypot(*(system._forced(0.0) / np.array([1.0, system.frequency_ratio]))))
 
 
 def _symmetric(system: TwoImpacts, w: float, steady: float, rate: float, free: Array) -> Symmetric:

@@ -72,7 +72,7 @@ class ProfileCeiling(Block):
 
 
 #: Methods that may move a ceiling; atpid_control/selection/registry.py has the code of each.
-CONTROLLERS = ("lookup", "pca", "direct", "search")
+CONTROLLERS = ("lookup", "pca", "direct", "search", "learned")
 #: Entry-point group of further methods, installed by other distributions (docs/howto_selector.md).
 SELECTORS = "atpid.selectors"
 
@@ -98,7 +98,9 @@ class ControlledCeiling(Block):
     range: HeightRange = Field(description="lowest and highest height the motor may reach [m]")
     speed: Speed = Field(description="the motor's constant speed [m/s]")
     controller: Controller = Field(description=f"how the height is selected: {', '.join(CONTROLLERS)}")
-    map: LocatedPath | None = Field(default=None, description="height map for the look-up; default: one made and kept")
+    map: LocatedPath | None = Field(
+        default=None, description="height map for lookup, default: one made and kept; or model of learned"
+    )
 
     @model_validator(mode="after")
     def _within_range(self) -> ControlledCeiling:
