@@ -13,6 +13,7 @@ from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import motor_interface
 from atpid_driver.nodes.acquisition_parameters import COMMON, own_rows, rows_of
+from atpid_driver.nodes.channel_watch import THRESHOLDS
 
 CONFIGURED = {
     "identifier_node": (IDENTIFIER, "atpid_control/config/identifier.yaml"),
@@ -24,7 +25,7 @@ CONFIGURED = {
 TABLES = {
     **{node: table for node, (table, _) in CONFIGURED.items()},
     "motor_node": motor_interface.TABLE,
-    "acquisition_node": (*own_rows(None, "sensors/acquisition", False), *COMMON),
+    "acquisition_node": (*own_rows(None, "sensors/acquisition", False, 0.0), *COMMON, *THRESHOLDS),
     **{f"Backend {name}": rows_of(backend(name).settings) for name in BUILT_IN},
 }
 

@@ -36,7 +36,7 @@ void receive() {
 void setup() {
     board_begin();
     board = board_describe();
-    if (board_reset_by_watchdog()) motion = Motion(fault::WATCHDOG);
+    if (board_watchdog_latched()) motion = Motion(fault::WATCHDOG);
     Serial.begin(BAUD);
 }
 
@@ -49,6 +49,7 @@ void loop() {
         board_alive();
     }
     receive();
+    if (!(motion.faults() & fault::WATCHDOG)) board_latch_watchdog(false);  // until it has been armed
     board_drive(motion.direction());
     if (!Serial.available()) board_rest();
 }

@@ -22,6 +22,10 @@ struct Slot {
 };
 Slot slots[2] EEMEM;
 
+constexpr uint8_t LATCHED = 0x57;  // any other value, as in an empty cell: not latched
+uint8_t watchdog_latch EEMEM;
+bool watchdog_latched;
+
 uint16_t check_of(uint32_t boots) {
     uint16_t crc = 0x4154;  // so that an empty or zeroed cell is not a valid slot
     for (uint8_t shift = 0; shift < 32; shift = static_cast<uint8_t>(shift + 8)) crc = crc16(crc, static_cast<uint8_t>(boots >> shift));
@@ -60,6 +64,16 @@ extern "C" void keep_reset_flags() {
     wdt_disable();
 }
 
+// The first time-out of a hung program: motor off, and the cause kept where no reset and no bootloader clears it.
+// A program that hangs with interrupts off is restarted by the second time-out (data sheet 12.4; simavr 1.6 does not).
+ISR(WDT_vect) {
+    board_drive(Direction::OFF);
+    board_latch_watchdog(true);
+    wdt_enable(WDTO_15MS);
+    for (;;) {
+    }
+}
+
 ISR(ADC_vect) {
     static uint16_t sum = 0;
     static uint8_t count = 0;
@@ -79,7 +93,10 @@ void board_begin() {
     pinMode(PIN_UP, OUTPUT);
     const uint8_t contacts[] = {PIN_LOWER, PIN_UPPER, PIN_STOP};
     for (const uint8_t pin : contacts) pinMode(pin, INPUT_PULLUP);
-    wdt_enable(WDTO_250MS);
+    watchdog_latched = eeprom_read_byte(&watchdog_latch) == LATCHED;
+    if (reset_flags & _BV(WDRF)) board_latch_watchdog(true);
+    wdt_enable(WDTO_120MS);
+    WDTCSR |= _BV(WDIE);  // interrupt at the first time-out, restart at the second
     ADMUX = static_cast<uint8_t>(_BV(REFS0) | ADC_CHANNEL);
     ADCSRA = _BV(ADEN) | _BV(ADIE) | _BV(ADSC) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);  // 125 kHz: 9600 conversions/s
     set_sleep_mode(SLEEP_MODE_IDLE);
@@ -87,7 +104,13 @@ void board_begin() {
 
 Board board_describe() { return Board{count_boot(), reset_cause()}; }
 
-bool board_reset_by_watchdog() { return reset_flags & _BV(WDRF); }
+bool board_watchdog_latched() { return watchdog_latched; }
+
+void board_latch_watchdog(bool latched) {
+    if (latched == watchdog_latched) return;
+    watchdog_latched = latched;
+    eeprom_update_byte(&watchdog_latch, latched ? LATCHED : 0);
+}
 
 Inputs board_inputs(uint32_t now_ms) {
     Inputs inputs;

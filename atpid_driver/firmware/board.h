@@ -6,7 +6,8 @@
 
 void board_begin();              // pins first: the motor is off before anything else runs
 Board board_describe();          // counts this boot
-bool board_reset_by_watchdog();
+bool board_watchdog_latched();   // in the EEPROM: opening the port resets the board, and a bootloader clears the reset flags
+void board_latch_watchdog(bool latched);
 Inputs board_inputs(uint32_t now_ms);
 void board_drive(Direction direction);
 void board_alive();              // feeds the watchdog

@@ -70,6 +70,12 @@ void Motion::hold() {
     mode_ = Mode::HOLDING;
 }
 
+// The target of a ceiling at rest is where it stands, inside the soft limits: coasting and noise may show it just outside.
+void Motion::target_here() {
+    const int32_t height_um = sensor_.height_um();
+    target_um_ = height_um < LOWEST_UM ? LOWEST_UM : height_um > HIGHEST_UM ? HIGHEST_UM : height_um;
+}
+
 void Motion::start(Mode mode, int32_t distance_um) {
     const uint32_t nominal_ms = static_cast<uint32_t>(distance_um / (SPEED_UM_PER_S / 1000));
     deadline_ms_ = now_ms_ + 2 * nominal_ms + OVERTIME_MS;
@@ -84,7 +90,7 @@ Answer Motion::arm() {
         return Answer::FAULT;
     }
     faults_ = 0;
-    target_um_ = height_um();
+    target_here();
     beat();
     drive_.settle(now_ms_);
     hold();
@@ -118,7 +124,7 @@ Answer Motion::move(int32_t target_um) {
 Answer Motion::stop() {
     if (mode_ == Mode::FAULT) return Answer::FAULT;
     if (!armed()) return Answer::DISARMED;
-    target_um_ = height_um();
+    target_here();
     hold();
     return Answer::OK;
 }
@@ -172,6 +178,6 @@ void Motion::step_leave() {
     drive_.go(Direction::DOWN, now_ms_);
     if (height_um() > HIGHEST_UM + STOP_LEAD_UM) return;
     homed_ = true;
-    target_um_ = height_um();
+    target_here();
     hold();
 }

@@ -67,6 +67,7 @@ private:
     uint16_t limit_reached() const;
     void fail(uint16_t faults);
     void hold();
+    void target_here();
     void step_move();
     bool arrived(int32_t distance_um) const;
     void step_homing();

@@ -32,6 +32,7 @@ class Bench:
         self.handshakes: list[SampleBlock] = []
         self.events: list[Event] = []
         self.diagnostics: list[Any] = []
+        self.channels: dict[str, Any] = {}  # the last status of each channel
         for topic in ("sensors/laser", "sensors/accelerometer"):
             self.peer.create_subscription(SampleBlock, topic, self._on_block, 1000)
         self.peer.create_subscription(Event, "events", self.events.append, 100)
@@ -46,6 +47,7 @@ class Bench:
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         self.diagnostics.append(array.status[0])
+        self.channels |= {status.name.split(": ")[1]: status for status in array.status[1:]}
 
     def start(self, kind: type[N], **values: object) -> N:
         overrides = [Parameter(name, value=value) for name, value in values.items()]

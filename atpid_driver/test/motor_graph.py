@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 
 from atpid_driver.nodes.motor_node import MotorNode
 
@@ -94,6 +95,18 @@ class Stand:
             count = len(self.states)
             for _ in range(5):
                 self.executor.spin_once(timeout_sec=0.02)
+
+    def until_at(self, height: float) -> None:
+        """Wait until the motor holds `height` [m]; arm it again where this process stood still past the heartbeat."""
+
+        def arrived() -> bool:
+            state = self.states[-1] if self.states else CeilingState()
+            if state.mode == CeilingState.FAULT:
+                self.states.clear()
+                self.call(Trigger, "motor_node/rearm", Trigger.Request())
+            return bool(state.mode == CeilingState.HOLDING and abs(state.height - height) < 3e-3)
+
+        self.until(arrived)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self.peer.create_client(kind, name)

@@ -43,11 +43,12 @@ def test_the_plants_metres_come_back_through_the_device(
     plant = bench.peer.create_publisher(SampleBlock, "emulated/sensors/laser", BLOCKS)
     answers: list[CeilingState] = []
     bench.peer.create_subscription(CeilingState, "emulated/ceiling/state", answers.append, STATES)
-    bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS)
+    bench.start(FeedNode, feed=str(path), calibrations=CALIBRATIONS, noise=0.0)
     bench.until(lambda: plant.get_subscription_count())
     plant.publish(empty_block(tuple(CHANNELS), ("m", "m")))
     library = str(build() / "libLabJackM.so")
     values = {"rate": 1000.0, "channels": CHANNELS, "terminals": ["AIN0", "AIN1"], "calibrations": CALIBRATIONS}
+    values["frozen_time"] = 600.0  # without noise a body at rest is a frozen sensor
     bench.start(LabJackNode, **values, library=library, handshake=False)
     bench.until(lambda: bench.blocks)  # a body at rest
     assert not answers  # no handshake is passed on before the device streams
@@ -105,6 +106,15 @@ def test_the_feed_is_removed_with_the_node(bench: Bench, tmp_path: Path) -> None
     bench.executor.remove_node(node)
     node.destroy_node()
     assert not (tmp_path / "feed").exists()
+
+
+def test_another_file_in_the_feeds_place_stays(tmp_path: Path) -> None:
+    with closing(Feed(tmp_path / "feed", channels=2, rate=1000.0)):
+        (tmp_path / "feed").unlink()
+        (tmp_path / "feed").write_text("mine")
+    assert (tmp_path / "feed").read_text() == "mine"
+    with pytest.raises(StandinError, match="cannot be made: No such file"):
+        Feed(tmp_path / "nowhere" / "feed", channels=2, rate=1000.0)
 
 
 def test_a_feed_without_a_file_is_refused(bench: Bench) -> None:

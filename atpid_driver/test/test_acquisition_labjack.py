@@ -16,7 +16,7 @@ from acquisition_rigs import channels
 from atpid_driver.acquisition import SetupRefusedError, StreamLostError
 from atpid_driver.acquisition.labjack import LabJackAcquisition, load_ljm, skew_s
 from atpid_driver.acquisition.settings import LabJackSettings, checked
-from atpid_driver.standins import Control, Feed, build
+from atpid_driver.standins import Control, Feed, StandinError, build
 
 LIBRARY = str(build() / "libLabJackM.so")
 
@@ -165,6 +165,21 @@ def test_overrun_shows_as_nan_and_the_rest_is_true(control: Control) -> None:
     valid = ~np.isnan(data[:, 0])
     index = np.arange(len(data))
     assert np.array_equal(data[valid, 0], 1.0 + (index[valid] % 4096) / 1024.0)
+
+
+def test_a_held_channel_gives_one_voltage_until_it_is_released(device: LabJackAcquisition, control: Control) -> None:
+    device.start()
+    device.read()
+    control.hold(1, 3.1)
+    device.read()  # part of it was there before
+    held = device.read().volts
+    assert (held[:, 1] == 3.1).all()
+    assert np.ptp(held[:, 0]) > 0.0
+    control.release(1)
+    device.read()
+    assert np.ptp(device.read().volts[:, 1]) > 0.0
+    with pytest.raises(StandinError, match="channel 16: allowed 0 to 15"):
+        control.hold(16, 0.0)
 
 
 def test_skew_is_15_us_and_8_us_above_60_khz() -> None:

@@ -4,7 +4,8 @@
 import math
 import queue
 import threading
-from typing import Any
+import time
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -134,6 +135,35 @@ def test_a_refused_set_up_is_reported_and_not_tried_again() -> None:
     assert watch.report() == (True, "simulated:1: rate too high")
     watch.reader.stop()
     assert watch.reports.empty()
+
+
+def test_a_set_up_that_has_streamed_is_tried_again_with_growing_waits() -> None:
+    class Overlapping(SimulatedAcquisition):
+        """As a T7 whose scans overlap now and then (LJM 2942): one block, then the stream ends."""
+
+        starts: ClassVar[list[float]] = []
+        blocks = 0
+
+        def start(self) -> float:
+            self.starts.append(time.monotonic())
+            return super().start()
+
+        def read(self) -> Block:
+            self.blocks += 1
+            if self.blocks % 2 == 0 and self.blocks < 11:
+                self.stop()
+                raise SetupRefusedError("a scan takes longer than the scan period")
+            return super().read()
+
+    settings = SimulatedSettings(channels=channels(0, "x"), rate=10_000.0, scans_per_block=100)
+    watch = Watch(Overlapping(settings), backoff=Backoff(first=0.02, longest=0.3))
+    blocks = watch.blocks(8)
+    status = watch.reader.status
+    watch.reader.stop()
+    assert (status.interruptions, status.last_error) == (5, "")
+    assert sum(len(block.volts) for block in blocks) + blocks[-1].dropped == blocks[-1].next_index
+    waits = np.diff(Overlapping.starts)
+    assert (waits >= [0.02, 0.04, 0.08, 0.16, 0.3]).all()
 
 
 def test_a_bug_in_a_backend_is_reported() -> None:

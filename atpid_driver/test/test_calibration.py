@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from atpid_driver.calibration.convert import Counts, block_si, si_of, volts_of
@@ -92,14 +92,54 @@ def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, change: dict[str, obj
     assert "bad.yaml" in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"[1, 2", b"just words", b"\xff\xfe\x00"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"[1, 2", b"just words", b"\xff\xfe\x00", b"[" * 50_000, b"date: 2026-13-45", b"? [a]\n: 1", b"1: 2",
+        b"x" * 200_000, b"a: &a [x]\nb: [*a, *a]", b"!!python/object/apply:os.getcwd []",
+    ],
+)  # fmt: skip
 def test_a_file_that_is_none_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bad.yaml"
     path.write_bytes(content)
     with pytest.raises(CalibrationError, match=r"bad\.yaml"):
         load(path)
-    with pytest.raises(CalibrationError, match="cannot be read"):
+    with pytest.raises(CalibrationError, match="no such file"):
         load(tmp_path / "none.yaml")
+
+
+@given(st.binary(max_size=200))
+@example(b"\x00")
+def test_whatever_is_in_a_file_the_error_is_one_line(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.yaml"
+    path.write_bytes(content)
+    with pytest.raises(CalibrationError, match=r"any\.yaml") as caught:
+        load(path)
+    assert "\n" not in str(caught.value)
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(sorted(LASER.model_dump())),
+        st.one_of(st.none(), st.floats(), st.text(max_size=5), st.lists(st.floats(), max_size=7), st.integers()),
+        min_size=1,
+    )
+)
+def test_whatever_a_key_is_given_a_calibration_converts_or_is_refused(
+    tmp_path_factory: pytest.TempPathFactory, changes: dict[str, object]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "changed.yaml"
+    path.write_text(yaml.safe_dump(LASER.model_dump(mode="json") | changes))
+    try:
+        calibration = load(path)
+    except CalibrationError:
+        return
+    assert np.isfinite(si_of(calibration, np.array(calibration.limits_volts))[0]).all()
+
+
+def test_an_endless_file_is_not_read() -> None:
+    with pytest.raises(CalibrationError, match="is a pipe or a device"):
+        load(Path("/dev/zero"))
 
 
 def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
@@ -153,6 +193,35 @@ def test_residuals_that_bend_are_pointed_out(tmp_path: Path, capsys: pytest.Capt
     assert "degree 2 would leave" in capsys.readouterr().out
     assert main(command(tmp_path, "--degree", "2", "--force")) == 0
     assert "hint" not in capsys.readouterr().out
+
+
+@given(st.binary(max_size=60), st.sampled_from([b"", b"position,volts\n", b"volts,position,position\n"]))
+@example(b"1,2\x00", b"position,volts\n")
+@example(b'"' + b"1" * 200_000, b"position,volts\n")
+def test_readings_of_whatever_bytes_are_numbers_or_one_line(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes, head: bytes
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_bytes(head + content)
+    try:
+        positions, volts = read_readings(path)
+    except CalibrationError as error:
+        line = str(error)
+    else:
+        line = ""
+        assert np.isfinite(positions).all()
+        assert np.isfinite(volts).all()
+    assert "\n" not in line
+
+
+@given(st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.floats(-20.0, 20.0)), max_size=12))
+def test_a_fit_of_whatever_readings_is_finite_or_refused(rows: list[tuple[float, float]]) -> None:
+    table = np.array(rows, dtype=np.float64).reshape(-1, 2)
+    try:
+        result = fit(table[:, 0], table[:, 1])
+    except CalibrationError:
+        return
+    assert np.isfinite(result.coefficients).all()
 
 
 def test_readings_are_taken_from_the_device(

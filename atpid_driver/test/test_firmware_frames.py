@@ -69,7 +69,8 @@ def constants(name: str) -> dict[str, str]:
 
 def test_fault_bits_are_the_drivers() -> None:
     bits = {name: int(value.split("<<")[1]) for name, value in constants("faults.h").items() if "<<" in value}
-    assert {name: 1 << bit for name, bit in bits.items()} == {fault.name: fault.value for fault in Fault}
+    on_the_wire = {fault.name: fault.value for fault in Fault if fault < 1 << 16}
+    assert {name: 1 << bit for name, bit in bits.items()} == on_the_wire
 
 
 def test_modes_are_the_drivers() -> None:

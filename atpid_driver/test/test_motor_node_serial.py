@@ -54,19 +54,33 @@ def test_waits_for_its_board_then_homes_and_answers_the_handshake_at_its_first_h
     assert capfd.readouterr().err.count("is not there: board unplugged") == 1
 
 
-def test_unplugged_and_plugged_in_again_it_moves_on_fresh_commands_only(stand: Stand, tmp_path: Path) -> None:
-    with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
+@pytest.mark.parametrize(
+    ("lose", "back", "words"),
+    [
+        ("unplug", "plug", "the connection to the board was lost while the motor was armed"),
+        ("hang", "state", "the firmware was restarted by its watchdog"),
+    ],
+)
+def test_interrupted_it_stays_off_under_fresh_commands_until_it_is_armed_again(
+    stand: Stand, tmp_path: Path, lose: str, back: str, words: str
+) -> None:
+    """As the bootloader of a real board, this one takes longer than the node waits before it opens the port again."""
+    with board(tmp_path, height=0.99, bootloader=1.6, reset_on_open=True) as emulator:
         emulator.pace(1.0)
         stand.motor(**parameters(tmp_path))
-        stand.until(lambda: in_mode(stand, CeilingState.HOLDING) and abs(stand.states[-1].height - 0.97) < 3e-3)
-        emulator.do("unplug")
-        stand.until(lambda: in_mode(stand, CeilingState.UNCONFIGURED))
-        emulator.do("plug")
-        stand.until(lambda: in_mode(stand, CeilingState.DISARMED))
-        stand.until(lambda: "link" in kinds(stand))
+        stand.until_at(0.97)
+        emulator.do(lose) if lose == "unplug" else emulator.command(lose)
+        stand.until(lambda: in_mode(stand, CeilingState.UNCONFIGURED), lambda: stand.command(0.9, 1.0, 5))
+        emulator.command(back)
+        stand.until(lambda: in_mode(stand, CeilingState.FAULT), lambda: stand.command(0.9, 1.0, 5))
         before = emulator.state()
-        stand.until(lambda: emulator.state().ms > before.ms + 500)
-        assert emulator.state().travel_um == before.travel_um
+        stand.until(lambda: emulator.state().ms > before.ms + 1500, lambda: stand.command(0.9, 1.0, 5))
+        assert (emulator.state().travel_um, emulator.state().switched) == (before.travel_um, before.switched)
+        assert words in stand.states[-1].fault
+        assert "link" in kinds(stand)
+        assert any(event.kind == "fault" and words in event.text for event in stand.events)
+        answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
+        assert answer.success, answer.message
         stand.until(
             lambda: in_mode(stand, CeilingState.HOLDING) and stand.states[-1].target == 0.9,
             lambda: stand.command(0.9, 1.0, 5),
@@ -78,13 +92,18 @@ def test_a_jam_is_reported_and_armed_again_on_request(stand: Stand, tmp_path: Pa
     with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
         emulator.pace(1.0)
         stand.motor(**parameters(tmp_path))
-        stand.until(lambda: in_mode(stand, CeilingState.HOLDING) and abs(stand.states[-1].height - 0.97) < 3e-3)
+        stand.until_at(0.97)
         emulator.set("jam", 1)
         stand.until(lambda: in_mode(stand, CeilingState.FAULT), lambda: stand.command(0.5, 1.0, 2))
+        for k in range(20):  # a ramp
+            stand.command(0.5 + 0.01 * k, 1.1 + 0.05 * k, 3)
         assert stand.states[-1].fault.startswith("motor on but the ceiling does not move")
         stand.until(lambda: "fault" in kinds(stand))
         alarm = next(event for event in stand.events if event.kind == "fault")
         assert alarm.severity == Event.ALARM
+        stand.until(lambda: stand.events[-1].kind == "refused")
+        stand.until_quiet()
+        assert kinds(stand).count("refused") == 1
         emulator.set("jam", 0)
         answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
         assert (answer.success, answer.message) == (True, "armed; homing if its height is lost")

@@ -52,5 +52,5 @@ def test_initial_height_below_the_grain() -> None:
 
 def test_every_fault_has_words() -> None:
     assert in_words(Fault(0)) == ""
-    assert len(in_words(~Fault(0)).split("; ")) == len(Fault) == 16
+    assert len(in_words(~Fault(0)).split("; ")) == len(Fault) == 18
     assert in_words(Fault.STALL | Fault.HEARTBEAT).startswith("no heartbeat")

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a device in a thread of its own, queues its blocks, and reconnects after a fault.
 
+A set-up that the device refuses at first waits for a person. Once it has streamed, whatever ends the stream is an
+interruption: the same set-up has worked, so it is tried again, also where the error is that of a set-up (LJM 2942).
 Time and index go on through an interruption: a stream that comes back is given the index its first scan has on the
 clock of the first start, so that the gap shows in the indices and is counted as dropped.
 """
@@ -71,7 +73,7 @@ class Reader:
         self._changed = threading.Condition()
         self._stop = threading.Event()
         self._status = Status()
-        self._base_index = self._base_dropped = 0
+        self._base_index = self._base_dropped = self._attempts = 0
         self._drift = DriftMeter()
         self._started = (0, 0.0)  # wall clock [ns] and steady clock [s] when the stream was last started
         self._origin_s = 0.0  # steady clock at index 0 of the first stream [s]
@@ -123,7 +125,7 @@ class Reader:
                     self._enqueue(self._device.read())
             except AcquisitionError as error:
                 self._fault(f"{self._identity}: {error}")
-                if not error.retry:
+                if not error.retry and self.clock is None:
                     return
                 self._recover()
 
@@ -159,6 +161,8 @@ class Reader:
         arrival = time.monotonic()
         if not self._status.streaming:
             self._place(block, arrival)
+        if arrival - self._started[1] > self._backoff.longest:
+            self._attempts = 0
         with self._changed:
             self._drift.add(block.next_index / self._status.rate, arrival)
             first_index, dropped = block.first_index + self._base_index, block.dropped + self._base_dropped
@@ -172,10 +176,12 @@ class Reader:
         self._ready()
 
     def _recover(self) -> None:
-        """Open the device again, waiting longer after each attempt; each different reason is reported once."""
-        attempt = 0
-        while not self._stop.wait(self._backoff.delay(attempt)):
-            attempt += 1
+        """Open the device again, waiting longer after each attempt; each different reason is reported once.
+
+        The waits go on growing while the stream ends again before it has run for the longest of them.
+        """
+        while not self._stop.wait(self._backoff.delay(self._attempts)):
+            self._attempts += 1
             self._ignoring_errors(self._device.stop)
             self._ignoring_errors(self._device.close)
             try:

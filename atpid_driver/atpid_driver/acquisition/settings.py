@@ -65,6 +65,9 @@ class LabJackSettings(Settings):
     voltage_range: float = setting(10.0, "input range: 10, 1, 0.1 or 0.01", "V", 0.01, 10.0)
     resolution_index: int = setting(0, "a larger one is quieter and slower; 0: the device chooses", "", 0, 8)
     settling_us: float = setting(0.0, "settling time between channels; 0: the device chooses", "us", 0.0, 4400.0)
+    converter_noise: float = setting(
+        6e-4, "readings of a constant voltage spread no further; a sensor that spreads no more is frozen", "V", 0.0, 1.0
+    )
     library: str = ""
 
     @field_validator("voltage_range")

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.polynomial.polynomial import polyvander
 from numpy.typing import NDArray
 
+from atpid_common.files import FileError, read_text
 from atpid_driver.calibration.model import CalibrationError
 
 Floats = NDArray[np.float64]
 COLUMNS = ("position", "volts")
+LARGEST = 1e9  # beyond it a reading is none, and its square may be no number
+MOST_BYTES = 10_000_000  # some 300 000 readings
 
 
 @dataclass(frozen=True)
@@ -45,18 +48,18 @@ class Fit:
 def read_readings(path: Path) -> tuple[Floats, Floats]:
     """Return positions and volts, each (n,), from a CSV file with a header naming both columns."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(line for line in file if not line.lstrip().startswith("#"))
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or [])]
-            if missing:
-                raise CalibrationError(
-                    f"readings {path} have columns {reader.fieldnames}: the first line must name {', '.join(COLUMNS)}"
-                )
-            rows = [_row(path, reader.line_num, row) for row in reader]
-    except OSError as error:
-        raise CalibrationError(f"readings {path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise CalibrationError(f"readings {path} are not text: give a CSV file") from None
+        lines = read_text(path, MOST_BYTES).splitlines()
+        reader = csv.DictReader(line for line in lines if not line.lstrip().startswith("#"))
+        missing = [name for name in COLUMNS if name not in (reader.fieldnames or [])]
+        if missing:
+            raise CalibrationError(
+                f"readings {path} have columns {reader.fieldnames}: the first line must name {', '.join(COLUMNS)}"
+            )
+        rows = [_row(path, reader.line_num, row) for row in reader]
+    except FileError as error:
+        raise CalibrationError(f"readings {error}") from None
+    except csv.Error as error:
+        raise CalibrationError(f"readings {path} are no CSV file: {error}") from None
     table = np.array(rows, dtype=np.float64).reshape(-1, 2)
     return table[:, 0], table[:, 1]
 
@@ -84,7 +87,10 @@ def fit(positions: Floats, volts: Floats, degree: int = 1) -> Fit:
         raise CalibrationError(
             f"{distinct} different positions cannot decide and check a degree of {degree}: take at least {degree + 2}"
         )
-    if np.ptp(volts) <= 0.0:
+    largest = max(np.abs(positions).max(), np.abs(volts).max())
+    if not largest <= LARGEST:
+        raise CalibrationError(f"readings up to {largest:g}: allowed to {LARGEST:g}; positions in SI units, volts")
+    if np.ptp(volts) <= 1.0 / LARGEST:
         raise CalibrationError("all readings have the same voltage: is the sensor connected?")
     centre, scale = float(np.mean(volts)), float(np.ptp(volts)) / 2.0
     rows = polyvander((volts - centre) / scale, degree)

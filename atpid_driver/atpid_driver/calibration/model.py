@@ -12,7 +12,10 @@ import yaml
 from numpy.polynomial.polynomial import polyder, polyval
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
+from atpid_common.files import FileError, read_text
 from atpid_driver.errors import DriverError
+
+MOST_BYTES = 100_000  # the longest of ours has some hundreds
 
 
 class CalibrationError(DriverError):
@@ -51,7 +54,11 @@ class Calibration(BaseModel):
             raise ValueError(f"broken_loop_volts {self.broken_loop_volts} must not lie above the lower limit {low}")
         if self.coefficients_std is not None and len(self.coefficients_std) != len(self.coefficients):
             raise ValueError("coefficients_std must have as many entries as coefficients")
-        slopes = polyval(np.linspace(low, high, 257), polyder(self.coefficients))
+        with np.errstate(all="ignore"):
+            ends = polyval(np.array([low, high]), np.asarray(self.coefficients))
+            slopes = polyval(np.linspace(low, high, 257), polyder(self.coefficients))
+        if not np.isfinite(ends).all():
+            raise ValueError(f"coefficients give no finite {self.unit} at limits_volts [{low}, {high}]")
         if not ((slopes > 0.0).all() or (slopes < 0.0).all()):
             raise ValueError(f"coefficients give the same {self.unit} for two voltages between {low} and {high} V")
         return self
@@ -60,15 +67,15 @@ class Calibration(BaseModel):
 def load(path: Path) -> Calibration:
     """Read a calibration file; CalibrationError names the file, the key, what was given and what is allowed."""
     try:
-        values: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CalibrationError(f"calibration file {path} cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        values: Any = yaml.safe_load(read_text(path, MOST_BYTES))
+    except FileError as error:
+        raise CalibrationError(f"calibration file {error}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: an impossible date
         raise CalibrationError(f"calibration file {path} is not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(values, dict):
         raise CalibrationError(f"calibration file {path} must be a table of keys, it is a {type(values).__name__}")
     try:
-        return Calibration(**values)
+        return Calibration.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))

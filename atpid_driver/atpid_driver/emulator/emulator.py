@@ -11,6 +11,8 @@ from pathlib import Path
 from atpid_common.errors import InputError
 from atpid_driver.emulator.build import build_emulator, build_firmware
 
+EEPROM_SIZE = 4096  # of the ATmega2560
+
 
 class EmulatorError(InputError):
     """The emulator refused a command or ended."""
@@ -49,7 +51,10 @@ class Emulator:
         bootloader: float = 0.0,
         reset_on_open: bool = False,
     ) -> None:
-        """Start it. Raises `EmulatorUnavailableError` where it cannot be built."""
+        """Start it. Raises `EmulatorUnavailableError` where it cannot be built, `EmulatorError` for a path in use."""
+        _check_link(link)
+        if eeprom is not None:
+            _check_eeprom(eeprom)
         self.link = link
         arguments = [str(build_emulator()), str(firmware or build_firmware()), "--link", str(link)]
         arguments += ["--height", f"{height * 1e6:.1f}", "--bootloader", f"{bootloader * 1e3:.3f}"]
@@ -128,3 +133,20 @@ class Emulator:
         if not line:
             raise EmulatorError(f"emulator ended with status {self._process.wait(timeout=10)}")
         return line.rstrip("\n")
+
+
+def _check_link(link: Path) -> None:
+    """Raise EmulatorError where `link` is anything but what an emulator that was killed leaves behind."""
+    left_behind = link.is_symlink() and link.readlink().parent == Path("/dev/pts")
+    if (link.exists() or link.is_symlink()) and not left_behind:
+        raise EmulatorError(f"--link {link}: exists and is no port of an emulator; give the name of a new file")
+    if not link.parent.is_dir():
+        raise EmulatorError(f"--link {link}: there is no folder {link.parent}")
+
+
+def _check_eeprom(path: Path) -> None:
+    """Raise EmulatorError where `path` cannot be an EEPROM's contents: it would be replaced when the board ends."""
+    if path.exists() and not (path.is_file() and path.stat().st_size == EEPROM_SIZE):
+        raise EmulatorError(f"--eeprom {path}: exists and is no EEPROM of {EEPROM_SIZE} bytes; give a new file's name")
+    if not path.parent.is_dir():
+        raise EmulatorError(f"--eeprom {path}: there is no folder {path.parent}")

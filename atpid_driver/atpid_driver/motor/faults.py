@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The firmware's fault table: bit, name and text. docs/motor_protocol.md has the same table."""
+"""The fault table: bit, name and text. Bits 0 to 15 are the firmware's; docs/motor_protocol.md has the same table."""
 
 from enum import IntFlag
 from typing import Final
 
 
 class Fault(IntFlag):
-    """Latched faults of the firmware; each switches the motor off until it is armed again."""
+    """Latched faults; after each of them the motor stays off until a person arms it again."""
 
     HEARTBEAT = 1 << 0
     STALL = 1 << 1
@@ -24,6 +24,8 @@ class Fault(IntFlag):
     OVERTIME = 1 << 13
     SOFT_LIMIT = 1 << 14
     WATCHDOG = 1 << 15
+    LINK_LOST = 1 << 16
+    RESTARTED = 1 << 17
 
 
 NO_FAULT: Final = Fault(0)
@@ -45,10 +47,9 @@ WORDS: Final[dict[Fault, str]] = {
     Fault.OVERTIME: "a move took longer than its distance allows",
     Fault.SOFT_LIMIT: "ceiling outside its soft limits",
     Fault.WATCHDOG: "the firmware was restarted by its watchdog",
+    Fault.LINK_LOST: "the connection to the board was lost while the motor was armed",
+    Fault.RESTARTED: "the board was restarted while the motor was armed",
 }
-
-# Faults that name nothing wrong at the stand: the link to the host was lost. A fresh command may arm again after these.
-LINK_FAULTS: Final = Fault.HEARTBEAT
 
 
 def in_words(faults: Fault) -> str:

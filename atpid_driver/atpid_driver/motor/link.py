@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The I/O thread to the board: opens, identifies, polls, carries out jobs, reconnects with backoff.
 
-It starts no motion by itself: every command but the poll comes from `submit`.
+It starts no motion by itself: every command but the poll comes from `submit`. An interruption while the motor is armed
+is latched as a fault, since opening the port restarts a board and with it what the board had latched.
 """
 
 import queue
@@ -15,7 +16,7 @@ from typing import Final
 
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, LinkError, MotorError, NotReadyError
-from atpid_driver.motor.faults import in_words
+from atpid_driver.motor.faults import NO_FAULT, Fault, in_words
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
 from atpid_driver.motor.serial_port import SerialPort
 from atpid_driver.motor.session import Session, SessionLostError, check_identity
@@ -52,6 +53,7 @@ class Link:
         self._kept_alive = -KEEP_ALIVE_TIME
         self._sequence = 0
         self._last_error = ""
+        self._latched = NO_FAULT  # faults of the link, until the board has accepted ARM
         self._counts = {"connections": 0, "garbled answers": 0, "repeated requests": 0, "frames refused by board": 0}
         self.reading = NO_LINK
         self.goal: int | None = None
@@ -78,7 +80,7 @@ class Link:
             self._ended.wait()  # an interrupted join takes a running thread for an ended one: the motor would stay on
             self._thread.join()
         self._thread = None
-        self.reading = NO_LINK
+        self.reading, self._latched = NO_LINK, NO_FAULT
 
     def keep_alive(self) -> None:
         """Note that the caller still runs: the heartbeat continues for KEEP_ALIVE_TIME."""
@@ -145,10 +147,13 @@ class Link:
         check_identity(identity, self._settings.limits)
         before, self._identity = self._identity, identity
         self._counts["connections"] += 1
+        if before is not None and before.boots != identity.boots and self.heartbeat:
+            self._latched |= Fault.RESTARTED
         self._poll(session)
         if before is not None:
             restarted = "" if before.boots == identity.boots else f", restarted ({identity.reset_cause})"
-            self._report(f"board found again at {self._settings.port}{restarted}; motor off until the next height")
+            until = f" until ~/rearm: {in_words(self.reading.faults)}" if self.reading.faults else ""
+            self._report(f"board found again at {self._settings.port}{restarted}; motor off{until}")
         if not self._first.done():
             self._first.set_result(identity)
 
@@ -184,6 +189,8 @@ class Link:
                     self._poll(session)
                     faults = f" ({in_words(self.reading.faults)})" if self.reading.faults else ""
                     raise NotReadyError(f"the board refused {word}: {reply}{faults}")
+                if word == "ARM":
+                    self._latched = NO_FAULT
                 self._take(reply)
         except MotorError as error:
             self.goal = None
@@ -208,9 +215,9 @@ class Link:
         self._counts["frames refused by board"] = reply.rejected
         self.goal = self.goal if reply.mode in (Mode.MOVING, Mode.HOLDING) else None
         self.reading = Reading(
-            mode=reply.mode,
+            mode=Mode.FAULT if self._latched else reply.mode,
             homed=reply.homed,
-            faults=reply.faults,
+            faults=reply.faults | self._latched,
             height=reply.height,
             target=reply.target,
             velocity=speed if upward or not speed else -speed,
@@ -219,8 +226,9 @@ class Link:
         )
 
     def _lost(self, error: MotorError) -> None:
-        """Discard the state, fail the jobs that wait, report the error once."""
-        self.reading, self.goal = NO_LINK, None
+        """Discard the state, latch the loss if the motor was armed, fail the jobs that wait, report the error once."""
+        self._latched |= Fault.LINK_LOST if self.heartbeat else NO_FAULT
+        self.reading, self.goal = replace(NO_LINK, faults=self._latched), None
         while not self._jobs.empty():
             self._jobs.get_nowait().done.set_exception(error)
         if str(error) != self._last_error:

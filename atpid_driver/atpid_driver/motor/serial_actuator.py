@@ -3,15 +3,16 @@
 
 Callers read the last reading and queue jobs; one I/O thread (`link.py`) communicates with the board.
 The heartbeat continues only while the reading is read: the firmware switches the motor off where a node hangs.
+Only `activate` arms: after any fault or interruption heights are refused until a person has called it again.
 """
 
 from concurrent.futures import TimeoutError
 from contextlib import suppress
-from math import isfinite, isnan
+from math import isnan
 
 from atpid_driver.motor.ceiling_actuator import Identity, Mode, Reading
 from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError
-from atpid_driver.motor.faults import LINK_FAULTS, in_words
+from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.link import Job, Link
 from atpid_driver.motor.protocol import micrometres
 from atpid_driver.motor.settings import MotorSettings
@@ -26,7 +27,6 @@ class SerialActuator:
         self.limits = settings.limits  # which lie inside the firmware's
         self._link = Link(settings)
         self.reports, self.health = self._link.reports, self._link.health
-        self._recovery: Job | None = None
 
     def connect(self, now: int) -> Identity:
         """Open the port and request the identity until the board answers; the link then reconnects by itself."""
@@ -38,7 +38,7 @@ class SerialActuator:
         self._link.keep_alive()
         self._link.heartbeat = True
         try:
-            self._do(self._arming())
+            self._do(Job((("ARM", ()),) if self._link.reading.homed else (("ARM", ()), ("HOME", ()))))
         except MotorError:
             self._link.heartbeat = False
             raise
@@ -55,8 +55,8 @@ class SerialActuator:
         goal = height if isnan(height) else self.limits.check(height)
         reading = self._link.reading
         if not reading.ready:
-            self._recover(reading, goal)
-        elif isnan(goal):
+            raise NotReadyError(f"ceiling height {goal:g} m not taken up: {self._state_text(reading)}")
+        if isnan(goal):
             self._link.goal = None
             if reading.mode is Mode.MOVING:
                 self._link.submit(Job((("STOP", ()),), sequence))
@@ -74,30 +74,15 @@ class SerialActuator:
         self._link.heartbeat = False
         self._link.stop()
 
-    def _arming(self) -> Job:
-        return Job((("ARM", ()),) if self._link.reading.homed else (("ARM", ()), ("HOME", ())))
-
-    def _recover(self, reading: Reading, goal: float) -> None:
-        """Arm and home again on a fresh height after a lost link; never without a command, never after another fault.
-
-        Commands that come while that is under way do not start it anew: they would fill the queue of a slow board.
-        """
-        lost = reading.mode is Mode.DISARMED or (reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS)
-        under_way = self._recovery is not None and not self._recovery.done.done()
-        if self._link.heartbeat and lost and isfinite(goal) and not under_way:
-            job = self._arming()
-            self._link.submit(job)
-            self._recovery = job
-        raise NotReadyError(f"ceiling height {goal:g} m not taken up: {self._state_text(reading)}")
-
     def _state_text(self, reading: Reading) -> str:
+        """Return why no height can be taken up, and what to do."""
         if reading.mode is Mode.UNCONFIGURED:
             return "no connection to the board; it is looked for"
         if reading.mode is Mode.HOMING:
             return "homing; command it again when it is done"
-        if reading.faults & ~LINK_FAULTS:
-            return f"{in_words(reading.faults)}; remove the cause, then call ~/rearm"
-        return "motor off; armed and homed again first" if self._link.heartbeat else "motor off; activate it"
+        if not self._link.heartbeat:
+            return "motor off; activate it"
+        return f"{in_words(reading.faults) or 'motor off, or not homed'}; remove the cause, then call ~/rearm"
 
     def _do(self, job: Job) -> None:
         """Queue `job` and wait for its outcome, at most JOB_TIME."""

@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 
+from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
@@ -29,8 +30,9 @@ from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_driver.acquisition import Identity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
 from atpid_driver.acquisition.registry import create
-from atpid_driver.calibration.convert import Counts, block_si
+from atpid_driver.calibration.convert import block_si
 from atpid_driver.nodes.acquisition_parameters import settings_of
+from atpid_driver.nodes.channel_watch import ChannelWatch
 from atpid_driver.nodes.device_node import DeviceNode
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -40,14 +42,18 @@ class AcquisitionNode(DeviceNode):
     """Publishes what one device measures, in SI units, on one topic. An InputError for a parameter that cannot be."""
 
     NAME: ClassVar[str] = "acquisition_node"
-    #: Its parameters `backend`, `topic` and `in_loop` by default; None: the backend must be given.
-    USUAL: ClassVar[tuple[str | None, str, bool]] = (None, "sensors/acquisition", False)
+    #: Its parameters `backend`, `topic`, `in_loop` and `spike` by default; None: the backend must be given.
+    USUAL: ClassVar[tuple[str | None, str, bool, float]] = (None, "sensors/acquisition", False, 0.0)
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened."""
         super().__init__(self.NAME, **kwargs)
-        self._settings, self._calibrations = settings_of(self, *self.USUAL)
-        self._device = create(self._settings["backend"], self._settings)
+        try:
+            self._settings, self._calibrations = settings_of(self, *self.USUAL)
+            self._device = create(self._settings["backend"], self._settings)
+        except InputError:
+            self.leave_graph()
+            raise
         self._blocks = self.create_publisher(SampleBlock, self._settings["topic"], BLOCKS)
         self._events = EventPublisher(self)
         if self._settings["in_loop"]:
@@ -60,7 +66,7 @@ class AcquisitionNode(DeviceNode):
         self._units = [calibration.unit for calibration in self._calibrations]
         self._message: SampleBlock | None = None  # published again and again, with other samples; None: nothing yet
         self._reports: queue.SimpleQueue[tuple[bool, str]] = queue.SimpleQueue()
-        self._counts: dict[str, Counts] = {name: Counts() for name in self._device.channels}
+        self._channels = ChannelWatch(self, self._calibrations, self._settings, self._events.publish)
         self._last_dropped, self._lost_lately, self._closing = 0, 0, False
         self._arrived = self.create_guard_condition(self._drain)
         self.create_timer(1.0, self._each_second, clock=STEADY)
@@ -134,6 +140,7 @@ class AcquisitionNode(DeviceNode):
     def _stream(self) -> None:
         assert self._identity is not None
         self._handshake, self._message, self._last_dropped = None, None, 0
+        self._channels.begin()
         self._reader = Reader(self._device, self._identity, self._wake, lambda *report: self._reports.put(report))
         self._reader.start()
 
@@ -149,8 +156,8 @@ class AcquisitionNode(DeviceNode):
         for block in reader.take():
             assert reader.clock is not None
             values, counts = block_si(self._calibrations, block.volts)
-            for name, count in zip(self._counts, counts, strict=True):
-                self._counts[name] += count
+            if self._channels.take(block.volts, values, counts, reader.clock.rate):
+                self._diagnostics.publish()
             stamp = time_of(reader.clock.stamp_ns(block.first_index))
             message = self._message = self._message or self._first_message(reader.clock.rate, stamp)
             message.header.stamp, message.data = stamp, doubles(values)
@@ -202,12 +209,9 @@ class AcquisitionNode(DeviceNode):
             "clock offset [s]": f"{status.offset_s:.6f}",
             "last error": last_error or "none",
         }
-        for channel, count in self._counts.items():
-            values[f"{channel} broken loop [samples]"] = count.broken_loop
-            values[f"{channel} out of range [samples]"] = count.out_of_range
-            values[f"{channel} missing [samples]"] = count.missing
         serial = str(self._identity.serial) if self._identity else "none"
-        return [diagnostic_status(self, "acquisition", level, message, values, serial)]
+        channels = self._channels.statuses(serial) if status.streaming else []
+        return [diagnostic_status(self, "acquisition", level, message, values, serial), *channels]
 
     def _state_text(self) -> str:
         if self._identity is None:

@@ -10,12 +10,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.folders import share_folder
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import ParameterError, Row, declare
 from atpid_driver.acquisition import Settings, SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
 from atpid_driver.calibration.convert import check_channels
 from atpid_driver.calibration.model import Calibration, load
+from atpid_driver.nodes.channel_watch import THRESHOLDS
 
 TYPES = Parameter.Type
 _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}
@@ -36,24 +37,33 @@ COMMON = (
 )
 
 
-def own_rows(usual: str | None, topic: str, in_loop: bool) -> tuple[Row, ...]:
+def own_rows(usual: str | None, topic: str, in_loop: bool, spike: float) -> tuple[Row, ...]:
     """Return the parameters whose defaults differ between the nodes; usual: a backend, None where it must be given."""
     return (
         Row("backend", usual or TYPES.STRING, "what is read", choices=backend_names()),
         Row("topic", topic, "where the blocks are published"),
         Row("in_loop", in_loop, "whether the loop answers this topic's handshake"),
+        Row(
+            "spike",
+            spike,
+            "a reading further than this from both its neighbours is a spike; 0: none is",
+            "V",
+            0.0,
+            100.0,
+        ),
     )
 
 
 def settings_of(
-    node: Node, usual: str | None, topic: str, in_loop: bool
+    node: Node, usual: str | None, topic: str, in_loop: bool, spike: float
 ) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
     """Declare everything on `node`; return the checked values by name, and the calibration of each channel.
 
-    usual, topic, in_loop: as `own_rows`. `channels` and `scans_per_block` are as the backend takes them. Raises
+    usual, topic, in_loop, spike: as `own_rows`. `channels` and `scans_per_block` are as the backend takes them. Raises
     ParameterError or DriverError.
     """
-    values = declare(node, (*own_rows(usual, topic, in_loop), *COMMON))
+    values = declare(node, (*own_rows(usual, topic, in_loop, spike), *COMMON, *THRESHOLDS))
+    check_topic(node, values["topic"])
     backends = dict.fromkeys(name for name in (values["backend"], usual, "simulated") if name is not None)
     rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
     values |= declare(node, tuple(rows.values()))
@@ -90,6 +100,16 @@ def _row(model: type[Settings], name: str, field: FieldInfo) -> Row:
     bounds = {key: getattr(limit, key) for limit in field.metadata for key in ("ge", "le") if hasattr(limit, key)}
     unit, allowed = str(extra.get("unit", "")), tuple(map(str, choices))
     return Row(name, default, text, unit, bounds.get("ge"), bounds.get("le"), allowed)
+
+
+def check_topic(node: Node, topic: str) -> None:
+    """Raise ParameterError where the parameter `topic` cannot be the name of one."""
+    try:
+        node.resolve_topic_name(topic)
+    except (ValueError, RuntimeError):  # of the validation of names, and of rcl
+        raise ParameterError(
+            f"parameter topic of {node.get_name()}: given {topic!r}; allowed: a name as sensors/laser"
+        ) from None
 
 
 def calibrations_of(values: Mapping[str, Any]) -> tuple[Calibration, ...]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from atpid_common.errors import InputError
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
@@ -29,7 +30,7 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_driver.calibration.convert import volts_of
 from atpid_driver.errors import DriverError
-from atpid_driver.nodes.acquisition_parameters import calibrations_of
+from atpid_driver.nodes.acquisition_parameters import calibrations_of, check_topic
 from atpid_driver.standins import Feed
 from atpid_driver.standins.feed import MAGIC
 
@@ -40,6 +41,14 @@ PARAMETERS = (
     Row("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
     Row("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
     Row("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
+    Row(
+        "noise",
+        3e-4,
+        "standard deviation of the sensors' noise: a real laser has some, a frozen one none",
+        "V",
+        0.0,
+        1.0,
+    ),
     Row("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
     Row("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
 )
@@ -51,14 +60,14 @@ class FeedNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         """Make the feed. Raises ParameterError or DriverError for a parameter that cannot be."""
         super().__init__("feed_node", **kwargs)
-        values = declare(self, PARAMETERS)
-        if not values["feed"] or not values["calibrations"]:
-            raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
-        self._path = Path(values["feed"])
-        _check_replaceable(self._path)
-        self._calibrations = calibrations_of(values)
-        self._rate = float(values["rate"])
-        self.feed = Feed(self._path, len(self._calibrations), self._rate)
+        try:
+            values = declare(self, PARAMETERS)
+            check_topic(self, values["topic"])
+            self.feed = self._made(values)
+        except InputError:
+            super().destroy_node()
+            raise
+        self._random = np.random.default_rng(0)
         self._next: int | None = None
         self._live = False  # whether the device that reads the feed streams
         self._states = self.create_publisher(CeilingState, f"{EMULATED}/ceiling/state", STATES)
@@ -72,6 +81,16 @@ class FeedNode(Node):
         self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._announce_at = self._began + ANNOUNCE_AFTER
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
+
+    def _made(self, values: dict[str, Any]) -> Feed:
+        """Return the feed that the parameters ask for. Raises DriverError."""
+        if not values["feed"] or not values["calibrations"]:
+            raise DriverError("feed_node needs the parameters feed (a file) and calibrations (one for each channel)")
+        self._path = Path(values["feed"])
+        _check_replaceable(self._path)
+        self._calibrations = calibrations_of(values)
+        self._rate, self._noise = float(values["rate"]), float(values["noise"])
+        return Feed(self._path, len(self._calibrations), self._rate)
 
     def _on_device(self, block: SampleBlock) -> None:
         self._live = self._live or not block.handshake
@@ -119,7 +138,8 @@ class FeedNode(Node):
             volts = volts_of(calibration, values[:, column])
             low, high = calibration.limits_volts
             columns.append(np.nan_to_num(volts, nan=high + 0.01 * (high - low)))  # saturated: beyond the limit
-        self.feed.write(np.column_stack(columns))
+        frames = np.column_stack(columns)
+        self.feed.write(frames + self._random.normal(0.0, self._noise, frames.shape))
 
     def _waiting_for(self) -> str:
         """Return what is missing before the plant may start, in words; empty: nothing."""

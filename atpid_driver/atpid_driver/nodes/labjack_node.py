@@ -12,7 +12,7 @@ class LabJackNode(AcquisitionNode):
     """The acquisition node, used for the lasers."""
 
     NAME = "labjack_node"
-    USUAL = ("labjack", "sensors/laser", True)
+    USUAL = ("labjack", "sensors/laser", True, 0.2)
 
 
 main = partial(run_node, LabJackNode)

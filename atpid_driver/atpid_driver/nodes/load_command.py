@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from atpid_interfaces.msg import CeilingState, RecorderStatus, SampleBlock
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -85,7 +86,7 @@ class Listener(Node):
             self.create_subscription(
                 SampleBlock, topic, lambda block, topic=topic: self._on_block(topic, block), BLOCKS
             )
-        self._timer = self.create_timer(PERIOD, self._answer)
+        self._timer = self.create_timer(PERIOD, self._answer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def streaming(self) -> bool:

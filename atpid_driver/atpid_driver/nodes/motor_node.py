@@ -16,6 +16,7 @@ from typing import Any
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -29,13 +30,14 @@ from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
-from atpid_driver.motor.faults import LINK_FAULTS, NO_FAULT, in_words
+from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
 from atpid_driver.nodes.motor_interface import settings_of, state_of, status_of
 from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 RETRY = 1.0
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
@@ -64,16 +66,15 @@ class MotorNode(DeviceNode):
         self._duplicates = DuplicateNodes(self)
         self._stamp = 0
         self._initial: float | None = None
-        self._recover_after = 0.0
         self._last_refused: object = None
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
         self._latencies = Latencies()
         self._open_topics()
-        self.create_timer(1.0, self._check_duplicates)
+        self.create_timer(1.0, self._check_duplicates, clock=STEADY)
         if not self.settings.lockstep:
-            self.create_timer(1.0 / self.settings.rate, self._each_period)
+            self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
         if self.settings.autostart:
-            self._starter = self.create_timer(0.01, self._start)
+            self._starter = self.create_timer(0.01, self._start, clock=STEADY)
         actuator = self._actuator
         if isinstance(actuator, SimulatedActuator) and not actuator.placed:
             self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
@@ -158,8 +159,11 @@ class MotorNode(DeviceNode):
             )
 
     def _refuse(self, command: CeilingCommand, error: MotorError) -> None:
-        """Publish a refusal once for each kind and height; the controller repeats the command with every block."""
-        what = (type(error), None if isnan(command.height) else command.height)
+        """Publish a refusal once: the controller repeats the command with every block.
+
+        Once for each height outside the limits; once for a motor that is not ready, whatever heights a ramp commands.
+        """
+        what = (type(error), command.height if isinstance(error, HeightRefusedError) else None)
         if what == self._last_refused or (isnan(command.height) and not isinstance(error, HeightRefusedError)):
             return
         self._last_refused = what
@@ -167,24 +171,12 @@ class MotorNode(DeviceNode):
 
     def _each_period(self) -> None:
         reading = self._read()
-        if self._initial is not None and self._active and (reading.ready or self._may_recover(reading)):
+        if self._initial is not None and self._active and reading.ready:
             self._go_to_initial(self._initial, reading)
         self._publish(reading, self.get_clock().now().to_msg())
 
-    def _may_recover(self, reading: Reading) -> bool:
-        """Whether to recover from a lost link: once a second, so that requests cannot pile up."""
-        lost = reading.mode is Mode.FAULT and not reading.faults & ~LINK_FAULTS
-        if not lost or time.monotonic() < self._recover_after:
-            return False
-        self._recover_after = time.monotonic() + RETRY
-        return True
-
     def _go_to_initial(self, height: float, reading: Reading) -> None:
-        """Go to the first height after homing, until it is reached; a command takes precedence.
-
-        It is part of the activation: a heartbeat lost on the way, on a busy host, arms and homes again. Without that
-        the graph would wait for ever, since no height is commanded before the motor has reported that it is ready.
-        """
+        """Go to the first height after homing, until it is reached; a command takes precedence."""
         if reading.mode is Mode.HOLDING and abs(reading.target - height) < SAME:
             self._initial = None
             return
@@ -229,7 +221,7 @@ class MotorNode(DeviceNode):
         if severity == Event.ALARM and self._active:
             self.trigger_deactivate()
             if self.settings.autostart:
-                self._starter = self.create_timer(RETRY, self._start)
+                self._starter = self.create_timer(RETRY, self._start, clock=STEADY)
 
     def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Clear latched faults whose cause is gone, arm and home; only on request of a person."""

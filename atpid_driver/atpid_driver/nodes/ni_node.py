@@ -12,7 +12,7 @@ class NiNode(AcquisitionNode):
     """The acquisition node, used for the accelerometers."""
 
     NAME = "ni_node"
-    USUAL = ("nidaqmx", "sensors/accelerometer", False)
+    USUAL = ("nidaqmx", "sensors/accelerometer", False, 0.0)
 
 
 main = partial(run_node, NiNode)

@@ -5,7 +5,7 @@ import argparse
 import shlex
 from pathlib import Path
 
-from atpid_driver.standins.build import build, environment
+from atpid_driver.standins.build import StandinError, build, environment
 from atpid_driver.standins.control import Control
 
 
@@ -18,6 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--unplug", action="store_true", help="pull the cable of the devices whose control is given")
     parser.add_argument("--replug", action="store_true", help="plug it in again")
     parser.add_argument("--drop", type=int, default=0, metavar="SCANS", help="lose scans")
+    parser.add_argument("--hold", metavar="CHANNEL:VOLTS", help="a sensor that gives this voltage only, such as 0:3.1")
+    parser.add_argument("--release", type=int, metavar="CHANNEL", help="and its own again")
     parser.add_argument("--fail", type=int, metavar="CODE", help="vendor's error code the next read returns")
 
 
@@ -40,6 +42,18 @@ def _apply(control: Control, arguments: argparse.Namespace) -> None:
         control.replug()
     if arguments.drop:
         control.drop(arguments.drop)
+    if arguments.hold is not None:
+        control.hold(*_held(arguments.hold))
+    if arguments.release is not None:
+        control.release(arguments.release)
     if arguments.fail is not None:
         control.fail(arguments.fail)
     control.close()
+
+
+def _held(text: str) -> tuple[int, float]:
+    try:
+        channel, volts = text.split(":")
+        return int(channel), float(volts)
+    except ValueError:
+        raise StandinError(f"--hold {text}: allowed CHANNEL:VOLTS, such as 0:3.1") from None

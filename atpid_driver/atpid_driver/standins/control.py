@@ -10,10 +10,12 @@ from atpid_driver.standins.build import StandinError
 
 MAGIC = b"ATPIDCT1"
 SERIAL = 470012345
+CHANNELS = 16
 #: The file, little-endian; `struct control` of data/standin.h.
 PAGE = np.dtype([
     ("magic", "S8"), ("plugged", "<u4"), ("unplugs", "<u4"), ("serial", "<u4"), ("stalled", "<u4"), ("drop", "<u8"),
-    ("fail_code", "<i4"), ("fail_count", "<u4"), ("unused", "V4056"),
+    ("fail_code", "<i4"), ("fail_count", "<u4"), ("held", "<u4"), ("unused", "<u4"), ("hold_volts", "<f8", (CHANNELS,)),
+    ("rest", "V3920"),
 ])  # fmt: skip
 
 
@@ -57,6 +59,15 @@ class Control:
         self._page["fail_code"] = code
         self._page["fail_count"] += 1
 
+    def hold(self, channel: int, volts: float) -> None:
+        """Make a channel, counted from 0 as it is streamed, give `volts` until `release`: a dead or frozen sensor."""
+        self._page["hold_volts"][0, _checked(channel)] = volts
+        self._page["held"] |= np.uint32(1 << channel)
+
+    def release(self, channel: int) -> None:
+        """Let a channel give its own voltage again."""
+        self._page["held"] &= np.uint32(~(1 << _checked(channel)) & 0xFFFFFFFF)
+
     def serial(self, number: int) -> None:
         """Swap the device for one with another serial number."""
         self._page["serial"] = number
@@ -64,3 +75,9 @@ class Control:
     def close(self) -> None:
         """Unmap the file; its state stays."""
         del self._page
+
+
+def _checked(channel: int) -> int:
+    if not 0 <= channel < CHANNELS:
+        raise StandinError(f"channel {channel}: allowed 0 to {CHANNELS - 1}, in the order they are streamed")
+    return channel

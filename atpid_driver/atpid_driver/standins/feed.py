@@ -11,6 +11,7 @@ scan i at rate R lies at frame i * rate / R, so that a plant that runs slower or
 
 import mmap
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +33,13 @@ class Feed:
             raise StandinError(f"feed of {channels} channels, {capacity} frames, {rate} Hz: all must be positive")
         self.path, self.channels, self.rate, self.capacity = path, channels, rate, capacity
         part = path.with_name(f"{path.name}.{os.getpid()}.part")
-        with part.open("w+b") as file:
-            file.truncate(DATA_OFFSET + 8 * capacity * channels)
-            self._memory = mmap.mmap(file.fileno(), 0)
+        try:
+            with part.open("x+b") as file:
+                file.truncate(DATA_OFFSET + 8 * capacity * channels)
+                self._memory = mmap.mmap(file.fileno(), 0)
+        except OSError as error:
+            raise StandinError(f"feed {path} cannot be made: {error.strerror}") from None
+        self._made = os.stat(part)
         header = np.frombuffer(self._memory, HEADER, 1)
         header[0] = (MAGIC, channels, capacity, rate, 0)
         self._written = header["written"]
@@ -60,4 +65,6 @@ class Feed:
         """Unmap and remove the file; a stream that still reads it keeps what it has."""
         self._written = self._ring = np.empty(0)  # type: ignore[assignment]
         self._memory.close()
-        self.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            if os.path.samestat(self._made, os.stat(self.path)):  # another file of this name stays
+                self.path.unlink()

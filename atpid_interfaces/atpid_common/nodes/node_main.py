@@ -21,6 +21,7 @@ from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt
+from atpid_common.nodes.clock_step import ClockStepWatch
 from atpid_common.nodes.single_instance import claim
 
 N = TypeVar("N", bound=Node)
@@ -100,8 +101,9 @@ def _spin(node: Node, interrupt: Interrupt) -> int:
     inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
     gc.collect()
     gc.freeze()
-    while not (done and done.done()) and not interrupt.received:
-        executor.spin_once(timeout_sec=TURN)
+    with ClockStepWatch(node, executor):
+        while not (done and done.done()) and not interrupt.received:
+            executor.spin_once(timeout_sec=TURN)
     executor.shutdown()
     return int(done.result()) if done and done.done() else DONE
 

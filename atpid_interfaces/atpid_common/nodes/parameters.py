@@ -56,7 +56,7 @@ class Row:
         """Return what is wrong with `value`, in words; empty: nothing."""
         if self.choices and value not in self.choices:
             return f"given {value!r}; allowed: {', '.join(map(repr, self.choices))}"
-        if self.low is None or self.high is None or isinstance(value, str):
+        if self.low is None or self.high is None or not isinstance(value, int | float):
             return ""
         if math.isnan(value) or not self.low <= value <= self.high:
             unit = f" {self.unit}" if self.unit not in ("", "-") else ""

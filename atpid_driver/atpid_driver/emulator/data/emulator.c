@@ -55,9 +55,17 @@ static void set_pace(double pace) {
     host.paced_clock = mega.clock;
 }
 
+/* Whether `link` leads to a pty, as one that an emulator made does; nothing else is ever removed. */
+static int leads_to_pty(const char *link) {
+    static const char PTY[] = "/dev/pts/";
+    char target[128];
+    ssize_t length = readlink(link, target, sizeof target);
+    return length >= (ssize_t)sizeof PTY - 1 && memcmp(target, PTY, sizeof PTY - 1) == 0;
+}
+
 static void unplug(void) {
     if (host.master < 0) return;
-    if (host.link) unlink(host.link);
+    if (host.link && leads_to_pty(host.link)) unlink(host.link);
     close(host.master);
     host.master = -1;
     host.open = 0;
@@ -75,7 +83,7 @@ static int plug(void) {
     fcntl(host.master, F_SETFL, O_NONBLOCK);
     fcntl(host.master, F_SETFD, FD_CLOEXEC);
     if (!host.link) return 1;
-    unlink(host.link);
+    if (leads_to_pty(host.link)) unlink(host.link);
     return symlink(name, host.link) == 0;
 }
 

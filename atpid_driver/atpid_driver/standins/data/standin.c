@@ -199,7 +199,9 @@ void stream_copy(Stream *stream, uint64_t scans, double *rows, double lost_value
     for (uint64_t i = 0; i < scans; i++) {
         int lost = is_lost(stream, stream->next + i);
         for (int c = 0; c < stream->channels; c++) {
-            *rows++ = lost ? lost_value : value(stream, stream->next + i, c, lost_value);
+            int held = stream->control->held >> c & 1;
+            double volts = held ? stream->control->hold_volts[c] : value(stream, stream->next + i, c, lost_value);
+            *rows++ = lost ? lost_value : volts;
         }
     }
     stream->next += scans;

@@ -22,6 +22,9 @@ typedef struct {
     uint64_t drop;    /* scans to lose, total since the start */
     int32_t fail_code; /* error the next read returns, once per count */
     uint32_t fail_count;
+    uint32_t held; /* bit of each channel that gives hold_volts instead of its own: a dead or frozen sensor */
+    uint32_t unused;
+    double hold_volts[STANDIN_MAX_CHANNELS];
 } Control;
 
 typedef struct {

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The state of a channel from its voltage: what is reported, how soon, and that a quiet sensor is none of it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from atpid_driver.calibration.channel_state import ChannelMonitor, ChannelState, Floats, Thresholds
+from atpid_driver.calibration.convert import si_of
+from atpid_driver.calibration.model import Calibration, load
+
+RATE, BLOCK = 1000.0, 50
+LASER = load(Path(__file__).parents[1] / "config" / "calibration" / "laser_support.yaml")  # 1 to 5 V, 75 mm/V
+USUAL = Thresholds(
+    dead_time=0.2, frozen_time=1.0, converter_noise=6e-4, clipped_share=0.02, spike=0.2, spikes_per_second=3.0
+)
+SENSOR_NOISE = 2.7e-4  # 20 um of the ZX1-LD300A81 at 1 kHz (thesis section 2.2) [V]
+
+
+def noise(seconds: float, seed: int = 0, deviation: float = SENSOR_NOISE) -> Floats:
+    return np.random.default_rng(seed).normal(0.0, deviation, round(seconds * RATE))
+
+
+def tone(seconds: float, amplitude: float = 0.4, frequency: float = 5.5) -> Floats:
+    """A working laser: a tone [V] about the middle of its range."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    return 3.0 + amplitude * np.sin(2.0 * np.pi * frequency * t) + noise(seconds)
+
+
+def changes(
+    volts: Floats, thresholds: Thresholds = USUAL, calibration: Calibration = LASER
+) -> list[tuple[float, ChannelState, str]]:
+    """Return (time of the block's end [s], state, text) of each change."""
+    monitor, seen = ChannelMonitor(calibration, thresholds), []
+    for first in range(0, volts.size, BLOCK):
+        part = volts[first : first + BLOCK]
+        found = monitor.take(part, *si_of(calibration, part), RATE)
+        if found is not None:
+            seen.append(((first + part.size) / RATE, found.state, found.text))
+    return seen
+
+
+def test_a_working_laser_is_plausible() -> None:
+    assert changes(tone(20.0)) == []
+
+
+@pytest.mark.parametrize("deviation", [SENSOR_NOISE, 1.5e-4])
+def test_a_support_at_rest_is_not_frozen(deviation: float) -> None:
+    """Ten minutes of noise alone, at half the laser's own, too."""
+    assert changes(3.0 + noise(600.0, deviation=deviation)) == []
+
+
+@pytest.mark.parametrize(
+    ("volts", "text"),
+    [
+        (0.2, "current loop broken: 0.200 V, below 0.9 V"),
+        (0.95, "out of range: 0.950 V, allowed 1 to 5 V"),
+        (5.4, "out of range: 5.400 V, allowed 1 to 5 V"),
+        (np.nan, "no readings: the device gives none for 0.2 s"),
+    ],
+)
+def test_a_dead_sensor_is_named_after_the_dead_time(volts: float, text: str) -> None:
+    good = tone(2.0)
+    dead = changes(np.concatenate((good, np.full(3000, volts))))
+    assert [(time, found) for time, _, found in dead] == [(2.2, text)]
+    assert dead[0][1].severity == 2
+
+
+@pytest.mark.parametrize("at", [3.1, 1.01, 4.99])
+def test_a_frozen_sensor_is_named_after_the_frozen_time(at: float) -> None:
+    """Frozen means: no more than what the converter adds, here a step of 0.3 mV to either side."""
+    converter = 3.05e-4 * np.random.default_rng(1).integers(-1, 1, 3000)
+    ((time, state, text),) = changes(np.concatenate((tone(2.0), at + converter)))
+    assert state is ChannelState.FROZEN
+    assert 3.0 <= time <= 3.1
+    assert text.startswith(f"frozen at {at:.1f}" if at == 3.1 else "frozen at ")
+    assert "within 0.305 mV for 1 s" in text
+
+
+def test_clipping_is_a_share_of_the_readings() -> None:
+    ((_, state, text),) = changes(np.minimum(tone(3.0, amplitude=2.5), 5.3))
+    assert state is ChannelState.CLIPPED
+    share = float(np.mean(np.abs(tone(3.0, amplitude=2.5) - 3.0) > 2.0))
+    assert text.startswith(f"clipped: {share:.0%} of the readings of 1 s outside 1 to 5 V, ")
+    assert text.endswith("% with a broken loop")
+
+
+def test_one_reading_out_of_range_is_no_clipping() -> None:
+    volts = tone(3.0)
+    volts[1500] = 5.5
+    assert changes(volts, replace(USUAL, spike=0.0)) == []
+
+
+def test_spikes_are_counted_and_a_fast_vibration_has_none() -> None:
+    volts = tone(4.0)
+    volts[1000::200] += 0.3
+    ((time, state, text),) = changes(volts)
+    assert (state, text) == (ChannelState.SPIKES, "spikes: 3 a second of more than 0.2 V")
+    assert 1.4 <= time <= 1.7
+    assert changes(volts, replace(USUAL, spike=0.0)) == []
+    assert changes(tone(4.0, amplitude=1.8, frequency=40.0)) == [], "half the range at 40 Hz"
+
+
+@pytest.mark.parametrize("first", [1000, 1000 + BLOCK - 1])
+def test_a_spike_at_the_end_of_a_block_counts(first: int) -> None:
+    volts = tone(3.0)
+    volts[first :: 4 * BLOCK] += 0.3
+    assert [state for _, state, _ in changes(volts)] == [ChannelState.SPIKES]
+
+
+def test_a_sensor_that_returns_is_plausible_when_it_has_been_for_a_while() -> None:
+    volts = tone(8.0)
+    volts[2000:4000] = 0.2
+    (lost, back) = changes(volts)
+    assert lost[1] is ChannelState.BROKEN_LOOP
+    assert (back[1], back[2]) == (ChannelState.PLAUSIBLE, "plausible")
+    assert 5.0 <= back[0] <= 6.1
+
+
+def test_a_loose_contact_is_one_fault() -> None:
+    volts = tone(10.0)
+    volts[(np.arange(volts.size) // 300) % 2 == 1] = 0.1
+    assert [state for _, state, _ in changes(volts)] == [ChannelState.BROKEN_LOOP]
+
+
+def test_a_channel_without_broken_loop_threshold() -> None:
+    calibration = LASER.model_copy(update={"broken_loop_volts": None})
+    ((_, state, _),) = changes(np.full(1000, 0.2), calibration=calibration)
+    assert state is ChannelState.OUT_OF_RANGE
+
+
+@given(
+    st.lists(st.sampled_from([0.0, 0.5, 3.1, 5.5, np.nan, np.inf, -np.inf, -9999.0, 1e308]), min_size=1, max_size=400),
+    st.integers(1, 97),
+)
+def test_whatever_a_converter_gives_is_a_state(volts: list[float], block: int) -> None:
+    monitor, array = ChannelMonitor(LASER, USUAL), np.array(volts)
+    with np.errstate(all="ignore"):
+        for first in range(0, array.size, block):
+            part = array[first : first + block]
+            found = monitor.take(part, *si_of(LASER, part), 100.0)
+            assert found is None or (found.text and "\n" not in found.text)
+    assert monitor.finding.state in ChannelState

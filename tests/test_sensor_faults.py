@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A support laser that fails in the middle of a vibration, from its volts to what the hold decides: nothing new."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from atpid_control.identification import Identifier, Quality, Settings
+from atpid_control.loop.hold import Hold, HoldSettings
+from atpid_driver.calibration.channel_state import ChannelMonitor, ChannelState, Thresholds
+from atpid_driver.calibration.convert import si_of, volts_of
+from atpid_driver.calibration.model import load
+
+RATE, BLOCK, FAILS = 1000.0, 50, 2370
+AMPLITUDE, FREQUENCY = 0.03, 5.49
+THRESHOLDS = Thresholds(
+    dead_time=0.2, frozen_time=1.0, converter_noise=6e-4, clipped_share=0.02, spike=0.2, spikes_per_second=3.0
+)
+IDENTIFIER = Settings(
+    window_periods=2.0, lowest_frequency=1.0, highest_frequency=40.0, mains_frequency=50.0, least_amplitude=5e-5,
+    saturation=None, change=0.01, change_likelihood=20.0, poor_residual=0.3, poor_harmonics=0.2, poor_lost=0.5,
+    analysis_rate=1000.0,
+)  # fmt: skip
+HOLD = HoldSettings(
+    dead_band=0.01, sigmas=4.0, steady_count=4, rising_count=4, falling_count=2, frequency=FREQUENCY,
+    frequency_tolerance=0.03,
+)  # fmt: skip
+
+
+def run(root: Path, phase: float, gives: float | None) -> tuple[ChannelState, list[float], Quality]:
+    """Return the laser's last state, the amplitudes acted on after it failed, and the last estimate's quality.
+
+    gives: the voltage after the failure [V]; None: frozen where it was.
+    """
+    laser = load(root / "atpid_driver" / "config" / "calibration" / "laser_support.yaml")
+    t = np.arange(round(6.0 * RATE)) / RATE
+    volts = volts_of(laser, AMPLITUDE * np.sin(2.0 * np.pi * FREQUENCY * t + phase))
+    volts += np.random.default_rng(0).normal(0.0, 2.7e-4, t.size)
+    volts[FAILS:] = volts[FAILS] if gives is None else gives
+    monitor, identifier, hold = ChannelMonitor(laser, THRESHOLDS), Identifier(IDENTIFIER), Hold(HOLD)
+    acted = []
+    for first in range(0, t.size, BLOCK):
+        part = volts[first : first + BLOCK]
+        values, counts = si_of(laser, part)
+        monitor.take(part, values, counts, RATE)
+        if monitor.finding.state.severity == 2:
+            values[:] = np.nan
+        estimate = identifier.push(first, RATE, values, None, (first + BLOCK - 1) / RATE)
+        verdict = hold.judge(estimate)
+        if verdict.select:
+            hold.acted(verdict.amplitude)
+            acted += [verdict.amplitude] if first > FAILS else []
+    return monitor.finding.state, acted, estimate.quality
+
+
+@pytest.mark.parametrize(
+    ("volts", "state"),
+    [
+        (0.2, ChannelState.BROKEN_LOOP),
+        (5.4, ChannelState.OUT_OF_RANGE),
+        (float("nan"), ChannelState.MISSING),
+    ],
+)
+@pytest.mark.parametrize("phase", [0.27, 2.2, 3.3, 6.0])
+def test_a_dead_laser_moves_nothing(root: Path, phase: float, volts: float, state: ChannelState) -> None:
+    assert run(root, phase, volts) == (state, [], Quality.NONE)
+
+
+@pytest.mark.parametrize("phase", [0.27, 2.2, 3.3, 6.0])
+def test_a_frozen_laser_never_raises_the_ceiling_and_ends_in_no_estimate(root: Path, phase: float) -> None:
+    """Until it is seen to be frozen its window looks like a vibration that dies away, which may lower the ceiling."""
+    state, acted, quality = run(root, phase, None)
+    assert (state, quality) == (ChannelState.FROZEN, Quality.NONE)
+    assert all(amplitude < AMPLITUDE for amplitude in acted)
