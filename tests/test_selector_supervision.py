@@ -153,6 +153,21 @@ def test_after_the_end_of_a_run_nothing_is_expected(make: Make) -> None:
     assert loop.selector._supervision.stale.running
 
 
+def test_a_strangers_end_of_the_run_does_not_stop_the_watch(make: Make) -> None:
+    """The event counts from a node that has announced the begin of a run."""
+    loop = make(stale_timeout=30.0)
+    loop.estimate()
+    loop.state.publish(CeilingState(height=0.3))
+    for name, kind, stops in (("plant_node", Event.STARTED, False), ("a stranger", Event.FINISHED, False),
+                              ("plant_node", Event.FINISHED, True)):  # fmt: skip
+        event = Event(kind=kind)
+        event.header.frame_id, event.header.stamp = name, time_of(loop.stamp + BLOCK)
+        heard = len(loop.events)
+        loop.runs.publish(event)
+        loop.until(lambda heard=heard: len(loop.events) > heard)  # type: ignore[misc]
+        loop.until(lambda stops=stops: loop.selector._supervision.stale.running is not stops)  # type: ignore[misc]
+
+
 def test_silence_ends_a_search_with_the_reason(make: Make) -> None:
     loop = make()
     client = ActionClient(loop.peer, SearchHeight, "selector_node/search")

@@ -159,6 +159,21 @@ def test_a_run_is_recorded_from_handshake_to_finished(
     assert not recorder.error
 
 
+def test_a_strangers_end_does_not_end_the_record(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    recorder, source = make(ros, tmp_path / "run")
+    spin_until(ros, source.ready)
+    source.say("events", 0, kind="started", frame_id="plant_node")
+    for number in range(30):
+        source.block(number)
+        if number == 10:
+            source.say("events", 10 * BLOCK_NS, kind="finished", frame_id="a stranger")
+        ros.spin_once(timeout_sec=0.0)
+    source.say("events", 30 * BLOCK_NS - 1_000_000, kind="finished", frame_id="plant_node")
+    spin_until(ros, source.closed)
+    assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 30
+    assert not recorder.error
+
+
 def test_missing_scans_are_announced_and_recorded(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
     _, source = make(ros, tmp_path / "run")
     spin_until(ros, source.ready)

@@ -18,6 +18,7 @@ from atpid_common.waiting import COMPILING, announced
 from atpid_control.bench import outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
 from atpid_control.bench.running import commands_of, run_lockstep, run_realtime, shown
+from atpid_control.graph import BenchError
 from atpid_control.graph.domain import named_domain, own_domain
 from atpid_control.graph.parts import Parameters, parameters_for, write_parameters
 from atpid_control.graph.processes import stoppable
@@ -151,4 +152,6 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
     with working("drawing the report"):
         made = write_report(view, out)
     print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
+    if view.run.duration < scene.duration - 2.0 * scene.recording.block:
+        raise BenchError(f"{out / 'bag'}: recorded {view.run.duration:g} s of {scene.duration:g} s; see its last events")
     return 0

@@ -39,6 +39,7 @@ class Supervision:
         depends on the clock of the wall.
         """
         self._node, self._statuses, self._on_silence, self._enabled = node, statuses, on_silence, enabled
+        self._sources: set[str] = set()
         self.stale = StaleMonitor(node, publish, stale_timeout, self._silence, enabled=enabled)
         self.qos = QosMonitor(node, publish, self.report, enabled=enabled)
         self._diagnostics = DiagnosticsPublisher(node, self._all) if enabled else None
@@ -49,8 +50,11 @@ class Supervision:
             subscribe(self._node, Event, "events", self.on_event, EVENTS)
 
     def on_event(self, event: Event) -> None:
-        """Expect no further messages after the end of a run."""
-        if event.kind == Event.FINISHED:
+        """Expect no further messages after the end of a run, which counts from a source that has announced its begin."""
+        source = event.header.frame_id
+        if event.kind == Event.STARTED:
+            self._sources.add(source)
+        elif event.kind == Event.FINISHED and (not self._sources or source in self._sources):
             self.stale.end(nanoseconds_of(event.header.stamp))
 
     def report(self) -> None:
