@@ -163,8 +163,9 @@ def test_the_messages_of_a_sensor_are_printed(start: Start, root: Path) -> None:
     laser = start("atpid_driver.nodes.labjack_node", *given)
     diagnostics = start("atpid_common.nodes.echo", "/diagnostics", "--once")
     assert diagnostics.end() == 0
-    (status,) = yaml.safe_load("\n".join(diagnostics.lines[:-1]))["status"]
-    assert status["name"] == "labjack_node: acquisition"
+    statuses = yaml.safe_load("\n".join(diagnostics.lines[:-1]))["status"]
+    names = ["acquisition", "support_displacement", "beam_displacement"]
+    assert [status["name"] for status in statuses] == [f"labjack_node: {name}" for name in names]
     data = start("atpid_common.nodes.echo", "/sensors/laser", "--field", "data")
     data.wait_for("---")
     assert data.end(signal.SIGINT) == 0
