@@ -47,6 +47,10 @@ test: setup ## format, types, import rules, then all tests; stops at the first t
 test-fast: setup ## the same without the slow tests, while working
 	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST) -m "not slow"
 
+.PHONY: fuzz
+fuzz: setup ## ten thousand hostile files to each parser and as many command lines (an hour or two)
+	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load tests/fuzz
+
 .PHONY: benchmark
 benchmark: setup ## how fast the parts are that run with the stand
 	@$(IN_WORKSPACE) python tests/benchmark.py

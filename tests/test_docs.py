@@ -131,6 +131,7 @@ RUN = {
 NOT_RUN = {
     r"make test(-fast)?$": "it runs this",
     r"make coverage$": "it runs this, counting lines",
+    r"make fuzz$": "an hour or two; test_fuzz_parsers.py and test_fuzz_arguments.py are a part of it",
     r"make lock$": "resolves against the package index; its results have a test",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",

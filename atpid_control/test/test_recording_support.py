@@ -112,9 +112,5 @@ def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 @pytest.mark.parametrize("given", ["2", "3:2", "a:b", "-1:2", "nan:1", "1:2:3"])
 def test_an_interval_that_is_none_is_refused(given: str) -> None:
-    with pytest.raises(SystemExit) as caught:
-        command.main(["extract", "bag", f"--support={given}"])
-    assert caught.value.code == 2
-    with pytest.raises(SystemExit) as caught:
-        command.main(["verify", "bag", "--support"])
-    assert caught.value.code == 2
+    assert command.main(["extract", "bag", f"--support={given}"]) == 2
+    assert command.main(["verify", "bag", "--support"]) == 2

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NoReturn, TextIO
 
-from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError
+from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError, one_line
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -43,14 +44,17 @@ def run_parsed(make: Callable[[], argparse.ArgumentParser], argv: Sequence[str] 
 
 
 def guarded(command: Callable[[], int]) -> int:
-    """Return the exit status of `command`: its own, 1 where standard output or error was closed before everything was
+    """Return the exit status of `command`: its own, 1 where standard output or error was closed or full before all was
     written, 2 for bad input, 3 for a numerical failure, 130 after Ctrl-C.
 
     An error of the project is reported in one line; any other exception is a defect and keeps its traceback.
     """
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # not open, as after `>&-`
+        stream = getattr(sys, name)
+        if stream is None:  # not open, as after `>&-`
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - open as long as the process
+        elif isinstance(stream, io.TextIOWrapper):  # a file's name need not be text in the terminal's encoding
+            stream.reconfigure(errors="backslashreplace")
     try:
         try:
             status = command()
@@ -65,18 +69,20 @@ def guarded(command: Callable[[], int]) -> int:
         # Anything still buffered fails here, where it can be handled, and not at the interpreter's exit.
         sys.stdout.flush()
         sys.stderr.flush()
-    except BrokenPipeError:
+    except OSError as error:
         if not _discard_closed():
             raise
+        if not isinstance(error, BrokenPipeError):
+            print(f"error: standard output cannot be written: {error.strerror}", file=sys.stderr)
         return BROKEN_PIPE
     return status
 
 
 def _discard_closed() -> bool:
-    """Redirect standard output and error to the null device where their pipe has no reader; return whether one had
-    none. A broken pipe elsewhere, such as that of a device, is an error like any other.
+    """Redirect standard output and error to the null device where their pipe has no reader or their disk is full;
+    return whether one was so. An error elsewhere, such as of a device, is one like any other.
     """
-    closed = [stream for stream in (sys.stdout, sys.stderr) if _has_no_reader(stream)]
+    closed = [stream for stream in (sys.stdout, sys.stderr) if _has_no_reader(stream) or _is_full(stream)]
     for stream in closed:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -94,22 +100,36 @@ def _has_no_reader(stream: TextIO) -> bool:
     return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser whose help and usage errors fail where they cannot be written: some versions of argparse drop them,
-    and the status would depend on the version and on PYTHONUNBUFFERED.
+def _is_full(stream: TextIO) -> bool:
+    """Return whether what was printed cannot be written: a flush that failed keeps it, and fails again."""
+    try:
+        stream.flush()
+    except BrokenPipeError:
+        return False
+    except OSError:
+        return True
+    return False
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, as all others, and which fails where help or errors cannot be written: some
+    versions of argparse drop them, and the status would depend on the version and on PYTHONUNBUFFERED.
     """
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
+        """Print the help."""
         print(self.format_help(), end="", file=file)
 
     def error(self, message: str) -> NoReturn:
-        print(f"{self.format_usage()}{self.prog}: error: {message}", file=sys.stderr)
+        """Print the error in one line and end with status 2."""
+        problem = one_line(message.removeprefix("argument "))
+        print(f"error: {problem}; what it takes: {self.prog} --help", file=sys.stderr)
         raise SystemExit(BAD_INPUT)
 
 
 def _parser(package: str, description: str, commands: Commands, given: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser, with the arguments of the command given; the other commands' modules stay unloaded."""
-    parser = _Parser(prog=f"python -m {package}", description=description)
+    parser = Parser(prog=f"python -m {package}", description=description)
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, (module_name, text) in commands.items():
         command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")

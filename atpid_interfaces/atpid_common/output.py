@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output files and folders of the commands: what cannot be written is one line, before the work where possible."""
 
+import argparse
 import os
 import tempfile
 from collections.abc import Iterator
@@ -8,6 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from atpid_common.errors import InputError
+
+#: What the commands' pages hold, and a user's own text does not.
+_MADE = b"python -m atpid_"
 
 
 class OutputError(InputError):
@@ -33,14 +37,32 @@ def folder(path: Path, option: str = "--out") -> Path:
     return path
 
 
-def file(path: Path, option: str = "--out") -> Path:
+def file(path: Path, option: str = "--out", *, replace: bool = True) -> Path:
     """Return the path of a file to write, its folder made; raise OutputError where that cannot be written.
 
-    Checked before the work, so that a long run does not end without its result.
+    Checked before the work, so that a long run does not end without its result. replace: whether a file that is there
+    may be replaced.
     """
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give a file to {option}")
+    if not replace and os.path.lexists(path):
+        raise OutputError(f"{path}: exists already; give another file to {option}, or --force to replace it")
+    if path.exists() and not path.is_file():
+        raise OutputError(f"{path}: is a pipe or a device; give a file to {option}")
     if path.parent.is_file():
         raise OutputError(f"{path}: {path.parent} is a file; choose another {option}")
     folder(path.parent, option)
+    return path
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Declare `--force`, without which no file that is there is replaced."""
+    parser.add_argument("--force", action="store_true", help="replace files that are there already")
+
+
+def page(path: Path, option: str = "--page") -> Path:
+    """Return the path of a page to write; raise OutputError where another text than one of ours is there."""
+    file(path, option)
+    if path.exists() and _MADE not in path.read_bytes():
+        raise OutputError(f"{path}: exists already and is no page made by a command; give another file to {option}")
     return path

@@ -21,6 +21,7 @@ from atpid_common.claim import claimed
 
 # The same examples each time, and none too slow: the result must not depend on chance or on the load.
 settings.register_profile("atpid", derandomize=True, deadline=None)
+settings.register_profile("long", max_examples=10_000, deadline=None, derandomize=False)
 settings.load_profile("atpid")
 
 # Plugins of a ROS installation load themselves and do not fit the locked pytest.

@@ -48,7 +48,10 @@ def test_arguments_that_do_not_fit_are_bad_input(
     measuring: SimpleNamespace, capsys: pytest.CaptureFixture[str], given: list[str]
 ) -> None:
     assert run_commands("package", "Text.", COMMANDS, given) == 2
-    assert "usage: python -m package" in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert printed.startswith("error: ")
+    assert printed.count("\n") == 1
+    assert "what it takes: python -m package" in printed
 
 
 @pytest.mark.parametrize(

@@ -138,13 +138,15 @@ def test_the_motion_is_written_and_can_drive_another_run(tmp_path: Path, capsys:
     [
         ("--series", "run.txt", "ends in .csv or .npz"),
         ("--series", "file/run.csv", "is a file; choose another --series"),
-        ("--picture", ".", "is a folder"),
+        ("--picture", ".", "a file that ends in .png"),
+        ("--picture", "mine.png", "exists already; give another file to --picture, or --force to replace it"),
     ],
 )
 def test_a_file_that_cannot_be_written_is_refused_before_the_run(
     option: str, target: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
+    (tmp_path / "mine.png").write_text("mine")
     assert main(["simulate", STANDARD, option, str(tmp_path / target)]) == 2
     output = capsys.readouterr()
     assert output.out == ""

@@ -88,7 +88,7 @@ def test_a_controlled_ceiling_and_no_height_are_refused() -> None:
 @pytest.mark.parametrize("arguments", [["--points", "0"], ["--points", "-1"], ["--points", "x"], ["--rtol", "0"]])
 def test_the_command_refuses_what_it_cannot_do(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sweep", *arguments]) == 2
-    assert f"error: argument {arguments[0]}: given {arguments[1]}; allowed is" in capsys.readouterr().err
+    assert f"error: {arguments[0]}: given {arguments[1]}; allowed: " in capsys.readouterr().err
 
 
 def test_the_command_sweeps_one_height(capsys: pytest.CaptureFixture[str]) -> None:

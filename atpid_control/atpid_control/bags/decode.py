@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decodes messages with the schemas inside the bag, and converts them to the definitions installed."""
 
+from functools import lru_cache
 from typing import Any
 
 from mcap.records import Schema
@@ -15,6 +16,18 @@ from atpid_control.bags.errors import BagError
 _CDR = (b"\x00\x00", b"\x00\x01")
 #: Bytes that may follow the last field: up to 3 that fill a word, and before an empty array of doubles 4 more.
 _PADDING = 7
+
+
+#: Longest definition [bytes]; those of ROS with all they contain have some thousand.
+_MOST_BYTES = 100_000
+
+
+@lru_cache(maxsize=256)
+def _types_of(name: str, definition: bytes) -> Any:
+    """Return the types of a definition: a bag has the same ones in each file, and reading them takes milliseconds."""
+    if len(definition) > _MOST_BYTES:
+        raise BagError(f"{len(definition)} bytes; allowed: {_MOST_BYTES}")
+    return get_types_from_msg(definition.decode(), name)
 
 
 class Decoder:
@@ -32,17 +45,23 @@ class Decoder:
             raise BagError(
                 f"schema {schema.name}: encoding {schema.encoding!r}; allowed: ros2msg, as recorder_node writes it"
             )
-        types = get_types_from_msg(schema.data.decode(), schema.name)
-        self._store.register({name: found for name, found in types.items() if name not in self._store.fielddefs})
+        try:
+            types = _types_of(schema.name, schema.data)
+            self._store.register({name: found for name, found in types.items() if name not in self._store.fielddefs})
+        except Exception as error:  # the library raises many types of errors for what is no definition
+            reason = " ".join(str(error).split())[:80] or type(error).__name__
+            raise BagError(f"the definition of {schema.name[:80]!r} cannot be read ({reason})") from None
         self._names[schema.id] = schema.name
 
     def name(self, schema_id: int) -> str:
-        """Return the message type of a schema."""
+        """Return the message type of a schema; raise BagError where the bag does not have it."""
+        if schema_id not in self._names:
+            raise BagError(f"the definition {schema_id} of a topic's messages is not in the bag: it is damaged")
         return self._names[schema_id]
 
     def decode(self, schema_id: int, data: bytes) -> Any:
         """Return the message: fields by name, number sequences as arrays; raise BagError where the bytes do not fit."""
-        name = self._names[schema_id]
+        name = self.name(schema_id)
         try:
             return self._deserialised(data, name)
         except Exception as error:  # the generated code raises many types of errors for damaged bytes

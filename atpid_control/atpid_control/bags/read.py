@@ -14,7 +14,7 @@ from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.metadata import RESULT, RUN, SCENE
-from atpid_control.bags.verify import find_file, records
+from atpid_control.bags.verify import channel_of, find_file, records
 
 #: Longest gap between two blocks of one stream [s]: an index farther ahead is none.
 _LONGEST_GAP = 3600.0
@@ -50,7 +50,10 @@ class Bag:
     @property
     def scene_text(self) -> str | None:
         """The scene the run was started with, None where none was recorded."""
-        return self.files[SCENE].decode() if SCENE in self.files else None
+        try:
+            return self.files[SCENE].decode() if SCENE in self.files else None
+        except UnicodeDecodeError:
+            raise BagError(f"{self.path}: the scene kept in it is not text in UTF-8: it is damaged") from None
 
     def decode(self, raw: Raw) -> Any:
         """Return the message: fields by name, number sequences as arrays. Raises BagError."""
@@ -117,7 +120,7 @@ def open_bag(path: Path | str) -> Bag:
     bag, channels = Bag(path), dict[int, Channel]()
     for record in records(file):
         if isinstance(record, Message):
-            topic = channels[record.channel_id].topic
+            topic = channel_of(record, channels).topic
             bag.raw.append(Raw(topic, record.log_time, record.publish_time, record.data))
         elif isinstance(record, Schema):
             bag.decoder.add(record)

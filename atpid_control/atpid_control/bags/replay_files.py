@@ -22,6 +22,8 @@ REPLAY = Part("atpid_control", "replay_node", "")
 OF_THE_RUN = ("scene", "map", "lockstep")
 #: Parameters that a parameter file of the package leaves open, beside those.
 _LEFT_OPEN = ("method",)
+#: Longest parameter file that is read from a bag [bytes]; ours have some thousand.
+_MOST_BYTES = 200_000
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def _height_map(bag: Bag, selector: dict[str, Any], folder: Path) -> Path | None
     if not used:
         return None
     name = Path(used).name
-    if name not in bag.files:
+    if name not in bag.files or not name.strip("."):
         raise BagError(f"{bag.path}: the height map {name} of the run is not kept in this bag; give it (--map)")
     (folder / name).write_bytes(bag.files[name])
     return folder / name
@@ -136,8 +138,8 @@ def changes_while_running(bag: Bag) -> list[str]:
 def _blocks(data: bytes) -> dict[str, Any]:
     """Return the blocks with `ros__parameters` of a parameter file; none where it is another file."""
     try:
-        document = yaml.safe_load(data)
-    except yaml.YAMLError:
+        document = yaml.safe_load(data) if len(data) < _MOST_BYTES else None
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, RecursionError):
         return {}
     if not isinstance(document, dict):
         return {}

@@ -6,19 +6,21 @@
 
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import yaml
+import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
+from atpid_common.files import FileError, read_text
 from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError, in_words
@@ -26,7 +28,11 @@ from atpid_control.bags.metadata import RESULT, RUN, BagSummary, TopicSummary
 from atpid_control.bags.writer import CHUNK, LIBRARY
 
 _MAGIC = b"\x89MCAP0\r\n"
-_LARGEST_CHUNK = 2**30  # unpacked; a damaged length must not take the memory [bytes]
+_LARGEST_CHUNK = 2**28  # unpacked; a damaged length must not take the memory [bytes]
+#: Longest metadata.yaml [bytes]; one of 30 topics has 10 kB.
+_MOST_METADATA = 200_000
+#: What a byte of LZ4 unpacks to at most [bytes].
+_LZ4 = 255
 _CRC_SIZE, _FOOTER_SIZE = 4, 29  # [bytes]
 
 
@@ -91,8 +97,9 @@ def _records(stream: BinaryIO, size: int, torn_ok: bool) -> Iterator[McapRecord]
     reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
     for record in reader.records:
         if isinstance(record, Chunk):
-            if record.uncompressed_size > _LARGEST_CHUNK:
-                raise ValueError(f"a chunk of {record.uncompressed_size} bytes; at most {_LARGEST_CHUNK}")
+            size = max(record.uncompressed_size, _unpacked(record))
+            if size > _LARGEST_CHUNK:
+                raise ValueError(f"a chunk of {size} bytes; at most {_LARGEST_CHUNK}")
             yield from breakup_chunk(record, validate_crc=True)
             continue
         if isinstance(record, Attachment) and not _attachment_whole(stream, record):
@@ -102,6 +109,16 @@ def _records(stream: BinaryIO, size: int, torn_ok: bool) -> Iterator[McapRecord]
         if isinstance(record, Footer) and not torn_ok:
             _check_summary(stream, record)
         yield record
+
+
+def _unpacked(chunk: Chunk) -> int:
+    """Return the size a chunk's own compression states, for which its library takes memory, whatever the record says.
+
+    Of LZ4, which may not state one, the most it can be.
+    """
+    if chunk.compression == "zstd":
+        return int(zstandard.frame_content_size(chunk.data))
+    return _LZ4 * len(chunk.data) if chunk.compression == "lz4" else len(chunk.data)
 
 
 def _attachment_whole(stream: BinaryIO, record: Attachment) -> bool:
@@ -137,14 +154,22 @@ def verify(path: Path) -> Verified:
         elif isinstance(record, Channel):
             channels[record.id] = record
         elif isinstance(record, Message):
-            decoder.decode(channels[record.channel_id].schema_id, record.data)
-            counts[channels[record.channel_id].topic] += 1
+            channel = channel_of(record, channels)
+            decoder.decode(channel.schema_id, record.data)
+            counts[channel.topic] += 1
             times.append(record.log_time)
     _read_by_index(file, len(times))
     _compare(file, counts)
     return Verified(
         file.parent, len(times), dict(counts), file.stat().st_size, min(times, default=0), max(times, default=0)
     )
+
+
+def channel_of(message: Message, channels: Mapping[int, Channel]) -> Channel:
+    """Return the channel of a message; raise BagError where the bag does not have it."""
+    if message.channel_id not in channels:
+        raise BagError(f"a message is of channel {message.channel_id}, which the bag does not have: it is damaged")
+    return channels[message.channel_id]
 
 
 def _read_by_index(file: Path, messages: int) -> None:
@@ -165,11 +190,10 @@ def _compare(file: Path, counts: Counter[str]) -> None:
     if not path.is_file():
         raise BagError(f"{file.parent}: {metadata.FILE_NAME} is missing, so the recording was not closed; {repair}")
     try:
-        listed = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"][
-            "topics_with_message_count"
-        ]
-        counted = {entry["topic_metadata"]["name"]: int(entry["message_count"]) for entry in listed}
-    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        document = yaml.safe_load(read_text(path, _MOST_METADATA))
+        listed = document["rosbag2_bagfile_information"]["topics_with_message_count"]
+        counted = {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in listed}
+    except (FileError, yaml.YAMLError, LookupError, TypeError, ValueError, OverflowError, RecursionError):
         raise BagError(f"{path}: not what rosbag2 writes; {repair}") from None
     wrong = sorted(topic for topic in counted.keys() | counts.keys() if counted.get(topic, 0) != counts[topic])
     if wrong:
@@ -190,7 +214,7 @@ def repair(path: Path) -> Verified:
         return verify(path)
     except BagError:
         pass
-    partial = file.with_suffix(".mcap.partial")
+    partial = _unused(file.with_suffix(".mcap.partial"))
     try:
         summary, run = _copy(file, partial)
         file.rename(_unused(file.with_suffix(".mcap.damaged")))
@@ -198,6 +222,8 @@ def repair(path: Path) -> Verified:
         metadata.write(file.parent, summary, {**run, "repaired": "index and metadata.yaml written anew after a crash"})
     except OSError as error:
         raise BagError(f"{file.parent}: cannot repair the bag: {in_words(error)}") from None
+    finally:
+        partial.unlink(missing_ok=True)
     return verify(path)
 
 
@@ -224,15 +250,15 @@ def _copy(file: Path, target: Path) -> tuple[BagSummary, dict[str, str]]:
             elif isinstance(record, Schema) and record.id not in schemas:
                 names[record.id] = record.name
                 schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-            elif isinstance(record, Channel) and record.id not in channels:
+            elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
                 topics[record.id] = record.topic
                 channels[record.id] = writer.register_channel(
                     record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
                 )
-                qos = yaml.safe_load(record.metadata.get("offered_qos_profiles", "")) or []
+                qos = _qos(record)
                 type_hash = record.metadata.get("topic_type_hash", "")
                 summary.topics[record.topic] = TopicSummary(record.topic, names[record.schema_id], type_hash, qos)
-            elif isinstance(record, Message):
+            elif isinstance(record, Message) and record.channel_id in channels:
                 writer.add_message(
                     channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
                 )
@@ -244,3 +270,13 @@ def _copy(file: Path, target: Path) -> tuple[BagSummary, dict[str, str]]:
                 writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
         writer.finish()  # type: ignore[no-untyped-call]
     return summary, run
+
+
+def _qos(channel: Channel) -> list[Any]:
+    """Return the offered profiles a channel lists; none where they cannot be read: those of rosbag2 then apply."""
+    text = channel.metadata.get("offered_qos_profiles", "")
+    try:
+        found = yaml.safe_load(text) if len(text) < _MOST_METADATA else None
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return []
+    return found if isinstance(found, list) else []

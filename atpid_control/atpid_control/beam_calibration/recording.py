@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import csv
 import math
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from atpid_common.errors import InputError
+from atpid_common.files import FileError, check
 from atpid_control.bags.read import open_bag
 from atpid_sim.system import Array
 
@@ -21,6 +24,8 @@ class CalibrationError(InputError):
 
 #: Sampling instants of a table may be off the even grid by this share of a step.
 UNEVEN = 0.05
+#: Size of a table at most [bytes], and values of a recording, its gaps included: some 400 MB.
+_LARGEST, _MOST_VALUES = 100_000_000, 50_000_000
 TOPIC = "/sensors/laser"
 
 
@@ -49,28 +54,46 @@ def read_recording(path: Path, support_channel: str, beam_channel: str) -> Recor
 
     Raises CalibrationError where the file has no such beam channel or is not evenly sampled, BagError for a bad bag.
     """
-    if not path.exists():
-        raise CalibrationError(f"{path}: no such file; give a bag or a .csv table")
     if path.suffix.lower() == ".csv":
         return _from_table(path, support_channel, beam_channel)
     return _from_bag(path, support_channel, beam_channel)
 
 
 def _from_table(path: Path, support_channel: str, beam_channel: str) -> Recording:
-    with path.open(newline="", encoding="utf-8") as lines:
-        rows = list(csv.reader(lines))
-    header = [name.strip() for name in rows[0]] if rows else []
-    for needed in ("time", beam_channel):
-        if needed not in header:
-            raise CalibrationError(f"{path}: columns {', '.join(header) or 'none'}; needed: {needed}")
     try:
-        data = np.array([[float(cell) if cell.strip() else math.nan for cell in row] for row in rows[1:]])
-        time = data[:, header.index("time")]
-    except (ValueError, IndexError) as error:
-        raise CalibrationError(f"{path}: not a table of numbers ({error})") from None
-    rate = _even_rate(time, path)
-    support = data[:, header.index(support_channel)] if support_channel in header else None
-    return Recording(data[:, header.index(beam_channel)], support, rate)
+        check(path, _LARGEST)
+        with path.open(newline="", encoding="utf-8-sig") as lines:
+            columns = _columns(path, csv.reader(lines), ("time", beam_channel), support_channel)
+    except FileError as error:
+        raise CalibrationError(f"{error}; give a bag or a .csv table") from None
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise CalibrationError(f"{path}: is no table in UTF-8; save it as CSV anew") from None
+    rate = _even_rate(columns["time"], path)
+    return Recording(columns[beam_channel], columns.get(support_channel), rate)
+
+
+def _columns(path: Path, rows: Iterator[list[str]], needed: tuple[str, ...], wanted: str) -> dict[str, Array]:
+    """Return the columns `needed`, and the one `wanted` where there is one; an empty cell is NaN."""
+    header = [name.strip() for name in next(rows, [])]
+    for name in needed:
+        if name not in header:
+            listed = ", ".join(header)[:200] or "none"
+            raise CalibrationError(f"{path}: columns {listed!r}; needed: {name}")
+    columns = {name: array("d") for name in (*needed, wanted) if name in header}
+    places = [(header.index(name), column) for name, column in columns.items()]
+    for number, row in enumerate(rows, 2):
+        if row and len(row) != len(header):
+            raise CalibrationError(f"{path}, row {number}: {len(row)} cells; allowed: {len(header)}, as the header has")
+        try:
+            for place, column in places if row else ():
+                column.append(float(row[place]) if row[place].strip() else math.nan)
+        except ValueError:
+            raise CalibrationError(
+                f"{path}, row {number}: {row[place][:40]!r} is no number: not a table of numbers"
+            ) from None
+    return {name: np.array(column) for name, column in columns.items()}
 
 
 def _even_rate(time: Array, path: Path) -> float:
@@ -89,7 +112,11 @@ def _from_bag(path: Path, support_channel: str, beam_channel: str) -> Recording:
         raise CalibrationError(f"{path}: {TOPIC} has channels {', '.join(channels) or 'none'}; needed: {beam_channel}")
     first, rate = int(blocks[0].first_index), float(blocks[0].rate)
     scans = [np.asarray(block.data, dtype=np.float64).reshape(-1, len(channels)) for block in blocks]
-    data = np.full((int(blocks[-1].first_index) + len(scans[-1]) - first, len(channels)), np.nan)
+    length = int(blocks[-1].first_index) + len(scans[-1]) - first
+    if length * len(channels) > _MOST_VALUES:
+        lasts = f"{length} scans of {len(channels)} channels from the first to the last, gaps included"
+        raise CalibrationError(f"{path}: {lasts}; allowed: {_MOST_VALUES} values; cut the bag")
+    data = np.full((length, len(channels)), np.nan)
     for block, values in zip(blocks, scans, strict=True):
         begin = int(block.first_index) - first
         data[begin : begin + len(values)] = values

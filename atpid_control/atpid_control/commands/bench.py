@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from atpid_common.arguments import file_path, whole
 from atpid_common.output import writing
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.bench import outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
 from atpid_control.bench.running import commands_of, run_lockstep, run_realtime, shown
 from atpid_control.graph import BenchError
-from atpid_control.graph.domain import named_domain, own_domain
+from atpid_control.graph.domain import MOST, named_domain, own_domain
 from atpid_control.graph.parts import Parameters, parameters_for, write_parameters
 from atpid_control.graph.processes import stoppable
 from atpid_control.identification import Identifier
@@ -38,13 +39,13 @@ _RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("scene", type=Path, help="scene file (docs/scenes.md)")
-    add("--out", type=Path, required=True, help="folder for bag, summary and report; an earlier run is kept")
+    add("scene", type=file_path, help="scene file (docs/scenes.md)")
+    add("--out", type=file_path, required=True, help="folder for bag, summary and report; an earlier run is kept")
     add("--real-time", action="store_true", help="every node its own process, paced by the clock")
     emulated = "real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board"
     add("--emulated-stand", action="store_true", help=emulated)
     domain = "ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one"
-    add("--domain", type=int, help=domain)
+    add("--domain", type=whole(0, MOST), help=domain)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -153,5 +154,6 @@ def _conclude(scene: Scene, out: Path, mode: str) -> int:
         made = write_report(view, out)
     print(f"{made.headline}\nbag {out / 'bag'}, summary {out / 'summary.json'}, report {made.page}")
     if view.run.duration < scene.duration - 2.0 * scene.recording.block:
-        raise BenchError(f"{out / 'bag'}: recorded {view.run.duration:g} s of {scene.duration:g} s; see its last events")
+        recorded = f"recorded {view.run.duration:g} s of {scene.duration:g} s"
+        raise BenchError(f"{out / 'bag'}: {recorded}; see its last events")
     return 0

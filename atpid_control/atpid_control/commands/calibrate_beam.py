@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from atpid_common import output
+from atpid_common.arguments import file_path, path_to, positive, real, word
 from atpid_control.beam_calibration.fit import BeamFit, fit_beam
 from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
 from atpid_control.beam_calibration.recording import CalibrationError, read_recording
@@ -17,18 +18,28 @@ from atpid_control.beam_calibration.recording import CalibrationError, read_reco
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("recording", type=Path, help="a decay or sweep with the damper closed or empty: bag or .csv (time, channels)")
-    add("--moving-mass", type=float, metavar="KG", help="the moving mass: reduced beam mass, container, grain [kg]")
-    add("--moving-mass-std", type=float, default=0.0, metavar="KG", help="its standard deviation [kg]")
+    add(
+        "recording",
+        type=file_path,
+        help="a decay or sweep with the damper closed or empty: bag or .csv (time, channels)",
+    )
+    add(
+        "--moving-mass",
+        type=positive("kg"),
+        metavar="KG",
+        help="the moving mass: reduced beam mass, container, grain [kg]",
+    )
+    add("--moving-mass-std", type=real(0.0, 1e9, "kg"), default=0.0, metavar="KG", help="its standard deviation [kg]")
     grain = "the grain's part of it; a scene's beam is without [kg]"
-    add("--grain-mass", type=float, default=0.0, metavar="KG", help=grain)
-    add("--added-mass", type=float, metavar="KG", help="mass added to the beam for the second recording [kg]")
-    add("--with-added", type=Path, metavar="RECORDING", help="the second recording")
-    add("--from", dest="begin", type=float, default=0.0, metavar="S", help="begin of the part used [s]")
-    add("--to", dest="end", type=float, default=math.inf, metavar="S", help="its end [s]")
-    add("--support-channel", default="support_displacement", help="name of the support's channel")
-    add("--beam-channel", default="beam_displacement", help="name of the beam's channel")
-    add("--out", type=Path, metavar="FILE", help="write the beam: block here")
+    add("--grain-mass", type=real(0.0, 1e9, "kg"), default=0.0, metavar="KG", help=grain)
+    add("--added-mass", type=positive("kg"), metavar="KG", help="mass added to the beam for the second recording [kg]")
+    add("--with-added", type=file_path, metavar="RECORDING", help="the second recording")
+    add("--from", dest="begin", type=real(0.0, 1e9, "s"), default=0.0, metavar="S", help="begin of the part used [s]")
+    add("--to", dest="end", type=positive("s"), default=math.inf, metavar="S", help="its end [s]")
+    add("--support-channel", type=word, default="support_displacement", help="name of the support's channel")
+    add("--beam-channel", type=word, default="beam_displacement", help="name of the beam's channel")
+    add("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help="write the beam: block here")
+    output.add_force(parser)
     add("--json", action="store_true", help="print one JSON object and nothing else")
 
 
@@ -39,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     if args.added_mass is not None and args.moving_mass is not None:
         raise CalibrationError("--moving-mass and --added-mass: given both; allowed: one of them")
     if args.out is not None:
-        output.file(args.out)
+        output.file(args.out, replace=args.force)
     fit = _fitted(args.recording, args)
     parameters = _parameters(fit, args)
     if args.out is not None:

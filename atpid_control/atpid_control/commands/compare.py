@@ -3,13 +3,13 @@
 
 import argparse
 import json
-from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
+from atpid_common.arguments import file_path, path_to
 from atpid_control.comparison import page
 from atpid_control.comparison.picture import draw
 from atpid_control.comparison.run import Compared, compare, load_scenes, steps, to_json
@@ -20,9 +20,14 @@ from atpid_sim.display import counting
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("scenes", type=Path, nargs="+", metavar="SCENE.yaml", help="the systems, and amplitudes that are held")
-    add("--out", type=Path, required=True, metavar="DIR", help="folder for methods.json and methods.png")
-    add("--page", type=Path, metavar="FILE.md", help="write the page of the documentation, its picture beside it")
+    add("scenes", type=file_path, nargs="+", metavar="SCENE.yaml", help="the systems, and amplitudes that are held")
+    add("--out", type=file_path, required=True, metavar="DIR", help="folder for methods.json and methods.png")
+    add(
+        "--page",
+        type=path_to(".md"),
+        metavar="FILE.md",
+        help="write the page of the documentation, its picture beside it",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -32,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
         raise ComparisonError(f"--page: given with {', '.join(scenes)}; its text is about {', '.join(page.SCENES)}")
     folder = output.folder(args.out)
     if args.page is not None:
-        output.folder(output.file(args.page, "--page").parent / "figures", "--page")
+        output.folder(output.page(args.page).parent / "figures", "--page")
     results = []
     for name, scene in scenes.items():
         with counting(name, steps(scene)) as count:

@@ -2,7 +2,6 @@
 """`python -m atpid_control design`: a damper for a structure of one's own, and what it promises."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -10,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
+from atpid_common.arguments import file_path, real, text
 from atpid_control.design.make import Design, design, steps_of
 from atpid_control.design.problem import DesignError, Problem, Uncertainty, problem_of
 from atpid_sim.display import counting
@@ -25,14 +25,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("gravity", "G", False), ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
         ("target-reduction", "SHARE", False), ("lever", "M", False),
     ):  # fmt: skip
-        parser.add_argument(f"--{name}", type=float, metavar=metavar, required=needed, help=_help(name, needed))
-    parser.add_argument("--amplitudes", required=True, metavar="LO:HI", help=_help("amplitudes", True))
+        parser.add_argument(
+            f"--{name}", type=real(-1e15, 1e15), metavar=metavar, required=needed, help=_help(name, needed)
+        )
+    parser.add_argument("--amplitudes", type=text, required=True, metavar="LO:HI", help=_help("amplitudes", True))
     uncertain = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
     parser.add_argument(
-        "--uncertainty", metavar="NAME=VALUE,...",
+        "--uncertainty", type=text, metavar="NAME=VALUE,...",
         help=f"how far a quantity may lie from its value to either side, relative, height in m; default: {uncertain}",
     )  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, help="folder for page, numbers, scene and height map")
+    parser.add_argument("--out", type=file_path, required=True, help="folder for page, numbers, scene and height map")
 
 
 def _help(option: str, needed: bool) -> str:

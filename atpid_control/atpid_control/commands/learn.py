@@ -3,14 +3,14 @@
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
-from atpid_control.selection.height_model import MOST_SYSTEMS, HeightModel, ModelError
+from atpid_common.arguments import file_path, whole
+from atpid_control.selection.height_model import MOST_SYSTEMS, HeightModel
 from atpid_control.studies import learning
 from atpid_sim.display import counting
 
@@ -22,14 +22,14 @@ _FILE = "heights.npz"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help=f"folder {_FILE} is written to")
-    parser.add_argument("--systems", type=int, default=1024, metavar="N", help="systems drawn; default: 1024")
+    parser.add_argument("--out", type=file_path, required=True, metavar="DIR", help=f"folder {_FILE} is written to")
+    parser.add_argument(
+        "--systems", type=whole(_FEWEST, MOST_SYSTEMS), default=1024, metavar="N", help="systems drawn; default: 1024"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train, write the model and print its errors; return 0. Raises ModelError, OutputError, NumericalFailure."""
-    if not _FEWEST <= args.systems <= MOST_SYSTEMS:
-        raise ModelError(f"--systems: given {args.systems}; allowed: {_FEWEST} to {MOST_SYSTEMS}")
+    """Train, write the model and print its errors; return 0. Raises OutputError, NumericalFailure."""
     file = output.folder(args.out) / _FILE
     inputs = learning.draw(args.systems)
     with counting("systems", len(inputs)) as count:

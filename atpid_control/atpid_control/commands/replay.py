@@ -3,30 +3,30 @@
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from atpid_common.cli import guarded
+from atpid_common.arguments import file_path, real, whole
+from atpid_common.cli import Parser, guarded
 from atpid_control.bags.playback import compare, load_playback
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.replay_files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
 from atpid_control.bench import outdir
 from atpid_control.bench.running import run_realtime, shown
-from atpid_control.graph.domain import own_domain
+from atpid_control.graph.domain import MOST, own_domain
 from atpid_control.graph.processes import stoppable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("bag", type=Path, help="folder of the bag")
-    add("--out", type=Path, required=True, help="folder for the bag of the replay; earlier ones are kept")
-    add("--rate", type=rate, default=0.0, help="speed against the recording; 0: as fast as possible")
+    add("bag", type=file_path, help="folder of the bag")
+    add("--out", type=file_path, required=True, help="folder for the bag of the replay; earlier ones are kept")
+    add("--rate", type=real(0.0, 1000.0), default=0.0, help="speed against the recording; 0: as fast as possible")
     add_files(parser)
-    add("--domain", type=int, help="ROS domain to use; default: a free one")
+    add("--domain", type=whole(0, MOST), help="ROS domain to use; default: a free one")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -72,11 +72,13 @@ HELP = "Write what a replay is started with, for replay.launch.py and for other 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the executable `replay_files`; return its exit status."""
-    parser = argparse.ArgumentParser(prog="replay_files", description=HELP)
-    parser.add_argument("bag", type=Path, help="folder of the bag")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the files")
-    parser.add_argument("--rate", type=rate, default=1.0, help="speed against the recording; 0: as fast as possible")
-    parser.add_argument("--record", type=Path, help="bag to make of the replay; not given: none")
+    parser = Parser(prog="replay_files", description=HELP)
+    parser.add_argument("bag", type=file_path, help="folder of the bag")
+    parser.add_argument("--out", type=file_path, required=True, help="folder for the files")
+    parser.add_argument(
+        "--rate", type=real(0.0, 1000.0), default=1.0, help="speed against the recording; 0: as fast as possible"
+    )
+    parser.add_argument("--record", type=file_path, help="bag to make of the replay; not given: none")
     add_files(parser)
 
     def run() -> int:
@@ -94,16 +96,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def add_files(parser: argparse.ArgumentParser) -> None:
     """Declare the files that may take the place of those kept in the bag."""
-    parser.add_argument("--scene", type=Path, help="scene to use in place of the one kept in the bag")
-    parser.add_argument("--map", type=Path, help="height map to use in place of the one kept in the bag")
-
-
-def rate(text: str) -> float:
-    """Return a speed against the recording [-]; raise argparse's error where it is none."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value <= 1000.0:
-        raise argparse.ArgumentTypeError(f"given {text}; allowed: 0 to 1000")
-    return value
+    parser.add_argument("--scene", type=file_path, help="scene to use in place of the one kept in the bag")
+    parser.add_argument("--map", type=file_path, help="height map to use in place of the one kept in the bag")

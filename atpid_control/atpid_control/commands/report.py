@@ -2,17 +2,17 @@
 """`python -m atpid_control report BAG --out DIR`."""
 
 import argparse
-from pathlib import Path
 
+from atpid_common.arguments import file_path
 from atpid_control.report.make import check_folder, report
 from atpid_sim.display import working
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("bag", type=Path, help="folder of the bag")
+    parser.add_argument("bag", type=file_path, help="folder of the bag")
     folder = "folder for report.html and the pictures: new, empty, or an earlier one"
-    parser.add_argument("--out", type=Path, required=True, help=folder)
+    parser.add_argument("--out", type=file_path, required=True, help=folder)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,14 +4,13 @@
 import argparse
 import json
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from atpid_control.graph import BenchError
+from atpid_common.arguments import file_path, real, whole
 from atpid_control.studies.seeds import SeedRun, configured, run_all
 from atpid_sim.display import counting
 
@@ -19,17 +18,19 @@ from atpid_sim.display import counting
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("scenes", type=Path, nargs="+", metavar="SCENE", help="scenes whose ceiling a controller moves")
-    add("--seeds", type=int, default=50, help="runs of each scene, each with a noise of its own")
-    add("--decibels", type=float, help="signal to noise at the smallest amplitude [dB]; default: the scene's noise")
-    add("--margin", type=float, help="standard deviations the height is safe for; default: selector.yaml")
+    add("scenes", type=file_path, nargs="+", metavar="SCENE", help="scenes whose ceiling a controller moves")
+    add("--seeds", type=whole(1, 100_000), default=50, help="runs of each scene, each with a noise of its own")
+    add(
+        "--decibels",
+        type=real(-100.0, 300.0, "dB"),
+        help="signal to noise at the smallest amplitude [dB]; default: the scene's noise",
+    )
+    add("--margin", type=real(0.0, 100.0), help="standard deviations the height is safe for; default: selector.yaml")
     add("--json", action="store_true", help="print every run as JSON instead of the table")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run all scenes with all seeds; print one row a stage."""
-    if args.seeds < 1:
-        raise BenchError(f"--seeds: given {args.seeds}; allowed: at least 1")
     parameters = configured()
     if args.margin is not None:
         parameters["selector_node"]["margin"] = args.margin

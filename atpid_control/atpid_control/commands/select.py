@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from atpid_common.arguments import file_path, real
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_control.selection.registry import make_selector, methods
 from atpid_sim.outcome import NumericalFailure
@@ -25,12 +26,18 @@ _AT_THE_END = 0.02
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("scene", metavar="SCENE.yaml", help="the system and its excitation")
+    add("scene", type=file_path, metavar="SCENE.yaml", help="the system and its excitation")
     choices = [name for name in methods() if name != "fixed"]
     add("--method", required=True, choices=choices, help="how the height is selected")
-    add("--map", type=Path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
-    add("--amplitude-std", type=float, default=0.0, metavar="S", help="of the amplitude [m]; default 0")
-    add("--margin", type=float, default=0.0, metavar="K", help="standard deviations to be safe for; default 0")
+    add("--map", type=file_path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
+    add("--amplitude-std", type=real(0.0, 1e3, "m"), default=0.0, metavar="S", help="of the amplitude [m]; default 0")
+    add(
+        "--margin",
+        type=real(0.0, 100.0),
+        default=0.0,
+        metavar="K",
+        help="standard deviations to be safe for; default 0",
+    )
     add("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
     add("--json", action="store_true", help="print one JSON object and nothing else")
 
@@ -52,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         shown = to_json(chosen) | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
         print(json.dumps(shown, allow_nan=False))
     else:
-        _show(args.scene, scene, amplitude, chosen, warnings)
+        _show(str(args.scene), scene, amplitude, chosen, warnings)
     return 0
 
 
@@ -100,10 +107,9 @@ def _selector(args: argparse.Namespace, scene: Scene) -> Any:
 
 
 def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
-    if args.map is not None:
-        return Path(args.map)
-    if args.method != "lookup":
-        return None
+    chosen: Path | None = args.map
+    if chosen is not None or args.method != "lookup":
+        return chosen
     from atpid_control.selection.map_cache import map_for
 
     closed = 2.0 * scene.grain.radius

@@ -10,6 +10,8 @@ from typing import Any
 
 import yaml
 
+from atpid_common import files
+from atpid_common.arguments import file_path
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
 from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, Part
@@ -17,18 +19,19 @@ from atpid_control.graph.processes import Processes, stoppable
 from atpid_sim.scene import load_scene
 
 TURN = 0.1  # between two checks whether all nodes run [s]
+_LARGEST = 1_000_000_000  # of a map or a parameter file; what reads it has limits of its own [bytes]
 _NI = Part("atpid_driver", "ni_node", "ni.yaml")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments, those of stand.launch.py."""
-    parser.add_argument("scene", type=Path, help="scene file: beam, grain and ceiling (docs/scenes.md)")
-    parser.add_argument("--map", type=Path, help="height map; not given: the one the scene names")
-    parser.add_argument("--bag", type=Path, help="folder of the bag to make; not given: run-<id> in this folder")
+    parser.add_argument("scene", type=file_path, help="scene file: beam, grain and ceiling (docs/scenes.md)")
+    parser.add_argument("--map", type=file_path, help="height map; not given: the one the scene names")
+    parser.add_argument("--bag", type=file_path, help="folder of the bag to make; not given: run-<id> in this folder")
     parser.add_argument("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
     for name, file in (("labjack", LABJACK), ("ni", _NI), ("motor", SERIAL_MOTOR)):
         text = f"parameter file of {file.name}; not given: {file.config} of the package"
-        parser.add_argument(f"--{name}-config", type=Path, metavar="FILE", help=text)
+        parser.add_argument(f"--{name}-config", type=file_path, metavar="FILE", help=text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,6 +40,8 @@ def run(args: argparse.Namespace) -> int:
     Raises NodeDiedError, SceneError and BagError.
     """
     load_scene(args.scene)
+    for file in filter(None, (args.map, args.labjack_config, args.ni_config, args.motor_config)):
+        files.check(file, _LARGEST)  # before a node is started
     if args.bag is not None:
         check_new(args.bag)
     with (

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
+from atpid_common.arguments import file_path, path_to, word
 from atpid_control.thesis import page
 from atpid_control.thesis.points import jobs
 from atpid_control.thesis.run import Finished, finished
@@ -18,12 +19,16 @@ from atpid_sim.display import counting
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("name", metavar="NAME", help="a study; all: every one; list: their names")
-    parser.add_argument("--out", type=Path, help="folder for rows and pictures; a finished study in it is kept")
-    parser.add_argument("--scenes", type=Path, default=Path("scenes"), help="folder of the scenes; default: scenes")
+    parser.add_argument("name", type=word, metavar="NAME", help="a study; all: every one; list: their names")
+    parser.add_argument("--out", type=file_path, help="folder for rows and pictures; a finished study in it is kept")
+    parser.add_argument(
+        "--scenes", type=file_path, default=Path("scenes"), help="folder of the scenes; default: scenes"
+    )
     scheduler = "compute on the Dask cluster of this scheduler (optional extra)"
-    parser.add_argument("--scheduler", metavar="ADDRESS", help=scheduler)
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="of all: write the page, pictures beside it")
+    parser.add_argument("--scheduler", type=word, metavar="ADDRESS", help=scheduler)
+    parser.add_argument(
+        "--page", type=path_to(".md"), metavar="FILE.md", help="of all: write the page, pictures beside it"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
     if "scene_file" in swept and not args.scenes.is_dir():
         raise StudyError(f"--scenes: given {args.scenes}, no folder; give that of the scenes")
     output.folder(args.out)
+    if args.page is not None:
+        output.page(args.page)
     done = [_one(name, args.out, args.scenes, args.scheduler) for name in chosen]
     if args.page is not None:
         for path in page.write_page(done, args.page):

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
+from atpid_common.arguments import file_path, positive, real
 from atpid_control.validation.compare import Agreement, compare, driven_scene
 from atpid_control.validation.measured import Measured, ValidationError, read_measured, scene_of
 from atpid_control.validation.picture import draw
@@ -24,13 +25,25 @@ SERIES, SCENE, PICTURE, NUMBERS = "support.csv", "scene.yaml", "agreement.png", 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("recording", type=Path, metavar="RECORDING", help="a bag, or a .csv table with time, support and beam")
-    add("--scene", type=Path, metavar="SCENE.yaml", help="beam, grain and contact; default: the scene kept in the bag")
-    add("--height", type=float, metavar="H", help="a ceiling that stands still [m]; default: as recorded")
-    add("--from", dest="begin", type=float, default=0.0, metavar="S", help="begin of the part compared [s]")
-    add("--to", dest="end", type=float, default=math.inf, metavar="S", help="its end [s]")
+    add("recording", type=file_path, metavar="RECORDING", help="a bag, or a .csv table with time, support and beam")
+    add(
+        "--scene",
+        type=file_path,
+        metavar="SCENE.yaml",
+        help="beam, grain and contact; default: the scene kept in the bag",
+    )
+    add("--height", type=positive("m"), metavar="H", help="a ceiling that stands still [m]; default: as recorded")
+    add(
+        "--from",
+        dest="begin",
+        type=real(0.0, 1e9, "s"),
+        default=0.0,
+        metavar="S",
+        help="begin of the part compared [s]",
+    )
+    add("--to", dest="end", type=positive("s"), default=math.inf, metavar="S", help="its end [s]")
     add("--fidelity", default="auto", choices=["auto", *FIDELITIES], help="fidelity level; default: auto")
-    add("--out", type=Path, required=True, metavar="DIR", help="new folder for scene, series, numbers and picture")
+    add("--out", type=file_path, required=True, metavar="DIR", help="new folder for scene, series, numbers and picture")
     add("--json", action="store_true", help="print one JSON object and nothing else")
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
 from atpid_common.errors import InputError
@@ -91,11 +92,11 @@ class HeightModel:
         try:
             stored = read_arrays(Path(path), _LARGEST)
             about = json.loads(str(stored["about"]))
-            inputs, clearances, remaining, drawn_from = (np.asarray(stored[name], dtype=float) for name in _GRIDS)
+            inputs, clearances, remaining, drawn_from = (_real(stored[name]) for name in _GRIDS)
             version, errors = (about["format"], about["share"]), tuple(about["errors"])
         except FileError as error:
             raise ModelError(f"{error}; {_MAKE}") from None
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
             raise ModelError(f"{path}: is not a learned model; {_MAKE}") from None
         if version != (FORMAT, SHARE):
             raise ModelError(f"{path}: a model of another version; {_MAKE}")
@@ -106,7 +107,7 @@ class HeightModel:
 
     def _sound(self) -> bool:
         """Whether shapes and numbers can be right."""
-        count, width = len(self.inputs), len(INPUTS)
+        count, width = (self.inputs.shape or (0,))[0], len(INPUTS)
         wanted = [(count, width), (count,), (count,), (2, width)]
         grids = [getattr(self, name) for name in _GRIDS]
         fits = [grid.shape for grid in grids] == wanted and width < count <= MOST_SYSTEMS
@@ -125,6 +126,13 @@ class HeightModel:
         points = (_axes(self.inputs) - self._middle) / self._spread
         values = np.log(np.column_stack([self.clearances, self.remaining]))
         return RBFInterpolator(points, values, smoothing=_SMOOTHING, kernel="thin_plate_spline")
+
+
+def _real(stored: NDArray[np.generic]) -> Array:
+    """Return numbers as float64; raise TypeError for anything else, complex ones too."""
+    if stored.dtype.kind not in "fiu":
+        raise TypeError(f"of type {stored.dtype}")
+    return stored.astype(np.float64)
 
 
 def inputs_of(scene: Scene, damper: DamperResponse, amplitude: float) -> Array:

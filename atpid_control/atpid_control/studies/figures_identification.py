@@ -3,7 +3,6 @@
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -12,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from atpid_common import output
+from atpid_common.arguments import file_path
 from atpid_control.identification import Estimate, Quality
 from atpid_control.studies import identification as data
 from atpid_sim.display import working
@@ -31,7 +31,7 @@ STYLE: Any = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare where the pictures go."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the pictures")
+    parser.add_argument("--out", type=file_path, required=True, metavar="DIR", help="folder for the pictures")
 
 
 def run(args: argparse.Namespace) -> int:

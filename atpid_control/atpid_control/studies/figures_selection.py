@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from atpid_common import output
+from atpid_common.arguments import file_path
 from atpid_common.folders import share_folder
 from atpid_control.selection.direct import DirectSelector, with_stiffness
 from atpid_control.selection.pca import PcaSelector
@@ -31,8 +32,8 @@ _RTOL, _MASS_FRACTION = 1e-5, 0.1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this figure's arguments."""
-    parser.add_argument("--out", type=Path, default=Path("docs/figures"), help="folder the pictures go to")
-    parser.add_argument("--map", type=Path, help="height map to draw; default: the shipped one")
+    parser.add_argument("--out", type=file_path, default=Path("docs/figures"), help="folder the pictures go to")
+    parser.add_argument("--map", type=file_path, help="height map to draw; default: the shipped one")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -3,30 +3,44 @@
 
 import argparse
 import datetime
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
 from atpid_common import output
+from atpid_common.arguments import file_path, path_to, real, refuse, whole, word
 from atpid_driver.calibration.fit import Fit, fit, read_readings
 from atpid_driver.calibration.model import Calibration, CalibrationError, save
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("readings", type=Path, help="CSV file with the columns position (SI) and volts")
-    parser.add_argument("--channel", required=True, help="name in the messages, for example support_displacement")
-    parser.add_argument("--sensor", required=True, help="make and model")
-    parser.add_argument("--serial", required=True, help="serial number on the sensor")
-    parser.add_argument("--unit", default="m", help="SI unit of the positions (default: m)")
-    parser.add_argument("--degree", type=int, default=1, help="degree of the polynomial (default: 1)")
-    parser.add_argument("--limits", type=float, nargs=2, metavar=("LOW", "HIGH"), help="valid volts (default: as read)")
-    parser.add_argument("--broken-loop", type=float, metavar="VOLTS", help="below this a 4-20 mA loop is broken")
-    parser.add_argument("--date", type=datetime.date.fromisoformat, default=None, help="YYYY-MM-DD (default: today)")
-    parser.add_argument("--out", type=Path, required=True, help="calibration file to write (YAML)")
-    parser.add_argument("--picture", type=Path, help="picture to write (default: beside --out, .png)")
-    parser.add_argument("--force", action="store_true", help="replace --out if it exists")
+    parser.add_argument("readings", type=file_path, help="CSV file with the columns position (SI) and volts")
+    parser.add_argument(
+        "--channel", type=word, required=True, help="name in the messages, for example support_displacement"
+    )
+    parser.add_argument("--sensor", type=word, required=True, help="make and model")
+    parser.add_argument("--serial", type=word, required=True, help="serial number on the sensor")
+    parser.add_argument("--unit", type=word, default="m", help="SI unit of the positions (default: m)")
+    parser.add_argument("--degree", type=whole(1, 5), default=1, help="degree of the polynomial (default: 1)")
+    parser.add_argument(
+        "--limits", type=real(-1e3, 1e3, "V"), nargs=2, metavar=("LOW", "HIGH"), help="valid volts (default: as read)"
+    )
+    parser.add_argument(
+        "--broken-loop", type=real(-1e3, 1e3, "V"), metavar="VOLTS", help="below this a 4-20 mA loop is broken"
+    )
+    parser.add_argument("--date", type=_date, default=None, help="YYYY-MM-DD (default: today)")
+    parser.add_argument("--out", type=path_to(".yaml", ".yml"), required=True, help="calibration file to write (YAML)")
+    parser.add_argument("--picture", type=path_to(".png"), help="picture to write (default: beside --out, .png)")
+    parser.add_argument("--force", action="store_true", help="replace --out and --picture where they exist")
+
+
+def _date(text: str) -> datetime.date:
+    with suppress(ValueError):
+        return datetime.date.fromisoformat(text)
+    return refuse(text, "a date YYYY-MM-DD")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out.exists() and not arguments.force:
         raise CalibrationError(f"{out} exists: a calibration is kept; name another file or pass --force")
     output.file(out)
-    picture = output.file(arguments.picture or out.with_suffix(".png"), "--picture")
+    picture = output.file(arguments.picture or out.with_suffix(".png"), "--picture", replace=arguments.force)
     positions, volts = read_readings(arguments.readings)
     result = fit(positions, volts, arguments.degree)
     calibration = calibration_of(result, arguments)

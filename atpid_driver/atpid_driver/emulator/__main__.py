@@ -5,9 +5,11 @@ import argparse
 import signal
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
-from atpid_common.cli import run_parsed
+from atpid_common.arguments import MOST_SEED, file_path, real, whole
+from atpid_common.cli import Parser, run_parsed
 from atpid_common.errors import DONE
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.fuzz import fuzz
@@ -46,20 +48,20 @@ def _fuzz(arguments: argparse.Namespace) -> int:
     return MOVED if result.moved_um or result.switched or result.resets else DONE
 
 
-def main() -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status, 3 where the motor moved."""
-    parser = argparse.ArgumentParser(prog="python -m atpid_driver.emulator", description=__doc__)
+    parser = Parser(prog="python -m atpid_driver.emulator", description=__doc__)
     commands = parser.add_subparsers(required=True)
     run = commands.add_parser("run", help="serve the emulated board in real time")
-    run.add_argument("--link", type=Path, required=True, help="where its serial port shall appear")
-    run.add_argument("--eeprom", type=Path, help="file that keeps the board's EEPROM")
-    run.add_argument("--height", type=float, default=0.3, help="where the ceiling is at first [m]")
+    run.add_argument("--link", type=file_path, required=True, help="where its serial port shall appear")
+    run.add_argument("--eeprom", type=file_path, help="file that keeps the board's EEPROM")
+    run.add_argument("--height", type=real(0.0, 10.0, "m"), default=0.3, help="where the ceiling is at first [m]")
     run.set_defaults(run=_run)
     long = commands.add_parser("fuzz", help="corrupted, truncated and duplicated frames")
-    long.add_argument("--frames", type=int, default=1_000_000)
-    long.add_argument("--seed", type=int, default=1)
+    long.add_argument("--frames", type=whole(1, 10**9), default=1_000_000)
+    long.add_argument("--seed", type=whole(0, MOST_SEED), default=1)
     long.set_defaults(run=_fuzz)
-    return run_parsed(lambda: parser)
+    return run_parsed(lambda: parser, argv)
 
 
 if __name__ == "__main__":

@@ -69,4 +69,4 @@ def _make(source: Path, build: Path, *variables: str) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX)  # two test runs at once must not build into each other
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise EmulatorUnavailableError(f"make in {source} failed:\n{done.stdout}{done.stderr}")
+        raise EmulatorUnavailableError(f"make in {source} failed: {(done.stderr or done.stdout).strip()}")

@@ -24,6 +24,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from atpid_common.arguments import file_path, real
 from atpid_common.nodes.handshake import PERIOD, empty
 from atpid_common.nodes.messages import BLOCKS, STATUS
 from atpid_driver.nodes.load_processes import DRIVERS, INNER_STATUS, RECORDER, Processes
@@ -144,13 +145,17 @@ class Result:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--seconds", type=float, default=60.0, help="how long to stream (default: 60)")
-    parser.add_argument("--bag", type=Path, help="also record to this new folder, with atpid_control's recorder")
+    parser.add_argument(
+        "--seconds", type=real(0.0, 1e6, "s", above=True), default=60.0, help="how long to stream (default: 60)"
+    )
+    parser.add_argument("--bag", type=file_path, help="also record to this new folder, with atpid_control's recorder")
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Stream, print the table, return 1 if a scan was lost."""
+    if arguments.bag is not None and os.path.lexists(arguments.bag):
+        raise StandinError(f"--bag: given {arguments.bag}, which exists already; give a new folder")
     result = measure(arguments.seconds, arguments.bag)
     if arguments.json:
         tallies = {topic: asdict(tally) | {"lost": tally.lost} for topic, tally in result.tallies.items()}

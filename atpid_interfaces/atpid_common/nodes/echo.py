@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_common.nodes.echo TOPIC`: prints messages, as `ros2 topic echo` does where there is one."""
 
-import argparse
 import importlib
 import sys
 from collections.abc import Sequence
@@ -11,7 +10,8 @@ import yaml
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from atpid_common.cli import run_parsed
+from atpid_common.arguments import graph_name, text
+from atpid_common.cli import Parser, run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.node_main import command_node
@@ -79,9 +79,9 @@ def echo(topic: str, field: str, once: bool) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m atpid_common.nodes.echo", description=__doc__)
-    parser.add_argument("topic", help="name of the topic")
-    parser.add_argument("--field", default="", help="a field of the message, a.b for one inside another")
+    parser = Parser(prog="python -m atpid_common.nodes.echo", description=__doc__)
+    parser.add_argument("topic", type=graph_name, help="name of the topic")
+    parser.add_argument("--field", type=text, default="", help="a field of the message, a.b for one inside another")
     parser.add_argument("--once", action="store_true", help="end after the first message")
     parser.set_defaults(run=lambda given: echo(given.topic, given.field, given.once))
     return run_parsed(lambda: parser, argv)

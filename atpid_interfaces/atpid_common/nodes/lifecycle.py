@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m atpid_common.nodes.lifecycle NODE TRANSITION`: what `ros2 lifecycle set` does where there is one."""
 
-import argparse
 import math
 import sys
 import time
@@ -13,7 +12,8 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from atpid_common.cli import run_parsed
+from atpid_common.arguments import graph_name
+from atpid_common.cli import Parser, run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.node_main import command_node
@@ -89,8 +89,8 @@ def change(name: str, transition: str) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m atpid_common.nodes.lifecycle", description=__doc__)
-    parser.add_argument("node", help="name of the lifecycle node, for example /motor_node")
+    parser = Parser(prog="python -m atpid_common.nodes.lifecycle", description=__doc__)
+    parser.add_argument("node", type=graph_name, help="name of the lifecycle node, for example /motor_node")
     parser.add_argument("transition", choices=tuple(TRANSITIONS), help="what it shall do")
     parser.set_defaults(run=lambda given: change(given.node, given.transition))
     return run_parsed(lambda: parser, argv)

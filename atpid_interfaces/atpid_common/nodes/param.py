@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
-from atpid_common.cli import run_parsed
+from atpid_common.arguments import graph_name, word
+from atpid_common.cli import Parser, run_parsed
 from atpid_common.errors import DONE, InputError
 from atpid_common.nodes.node_main import command_node
 
@@ -91,13 +92,13 @@ VERBS: dict[str, tuple[Callable[..., None], tuple[str, ...], str]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m atpid_common.nodes.param", description=__doc__)
+    parser = Parser(prog="python -m atpid_common.nodes.param", description=__doc__)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for verb, (act, arguments, text) in VERBS.items():
         command = verbs.add_parser(verb, help=text)
-        command.add_argument("node", help="name of the node, for example /selector_node")
+        command.add_argument("node", type=graph_name, help="name of the node, for example /selector_node")
         for argument in arguments:
-            command.add_argument(argument)
+            command.add_argument(argument, type=word)
         command.set_defaults(run=_run, act=act, arguments=arguments)
     return run_parsed(lambda: parser, argv)
 

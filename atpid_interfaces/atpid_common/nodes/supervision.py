@@ -50,7 +50,7 @@ class Supervision:
             subscribe(self._node, Event, "events", self.on_event, EVENTS)
 
     def on_event(self, event: Event) -> None:
-        """Expect no further messages after the end of a run, which counts from a source that has announced its begin."""
+        """Expect no further messages after the end of a run, which counts from a source that announced its begin."""
         source = event.header.frame_id
         if event.kind == Event.STARTED:
             self._sources.add(source)

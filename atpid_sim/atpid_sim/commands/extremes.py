@@ -4,15 +4,16 @@
 import argparse
 import json
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from atpid_common import output
+from atpid_common.arguments import MOST_SEED, file_path, refuse, whole
 from atpid_sim.display import counting
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.integration import FIDELITIES
 from atpid_sim.studies.extremes import TOLERANCE, Case, broken, fidelities_for, run_case
 
 _QUANTILES = (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))
@@ -20,21 +21,34 @@ _QUANTILES = (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--systems", type=int, default=1000, metavar="N", help="how many systems; default 1000")
-    parser.add_argument("--first", type=int, default=0, metavar="I", help="index of the first; default 0")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="which sequence of systems; default 1")
-    parser.add_argument("--fidelities", default="soft,impact", metavar="F,F", help="levels to run; default soft,impact")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for extremes.json and extremes.md")
+    parser.add_argument(
+        "--systems", type=whole(1, 1_000_000), default=1000, metavar="N", help="how many systems; default 1000"
+    )
+    parser.add_argument("--first", type=whole(0, 10**9), default=0, metavar="I", help="index of the first; default 0")
+    parser.add_argument(
+        "--seed", type=whole(0, MOST_SEED), default=1, metavar="S", help="which sequence of systems; default 1"
+    )
+    levels = "levels to run; default soft,impact"
+    parser.add_argument("--fidelities", type=_fidelities, default="soft,impact", metavar="F,F", help=levels)
+    parser.add_argument(
+        "--out", type=file_path, required=True, metavar="DIR", help="folder for extremes.json and extremes.md"
+    )
+
+
+def _fidelities(text: str) -> list[str]:
+    found = text.split(",")
+    if not set(found) <= set(FIDELITIES) or len(set(found)) < len(found):
+        refuse(text, f"each once, separated by commas, of {', '.join(FIDELITIES)}")
+    return found
 
 
 def run(args: argparse.Namespace) -> int:
     """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a guarantee."""
-    folder = output.folder(Path(args.out))
-    asked = args.fidelities.split(",")
+    folder = output.folder(args.out)
     jobs = [
         (index, fidelity)
         for index in range(args.first, args.first + args.systems)
-        for fidelity in fidelities_for(args.seed, index, asked)
+        for fidelity in fidelities_for(args.seed, index, args.fidelities)
     ]
     cases: list[Case] = []
     with counting("extreme systems", len(jobs)) as count:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common import output
+from atpid_common.arguments import file_path, path_to, refuse, whole, word
 from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
 from atpid_sim.scene import Scene, load_scene
@@ -17,28 +18,51 @@ from atpid_sim.scene.plausibility import LARGEST_AMPLITUDE, Quantity
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
-        "scene", metavar="SCENE.yaml", help="the system: beam, grain radius, contact, gravity, frequency"
-    )
-    parser.add_argument("--amplitudes", required=True, metavar="A0:A1:N", help="N support amplitudes from A0 to A1 [m]")
-    parser.add_argument("--mass-fractions", required=True, metavar="m1,m2,...", help="grain mass over total mass [-]")
-    parser.add_argument("--out", required=True, metavar="MAP.npz", help="file to write")
-    parser.add_argument(
-        "--header", metavar="FILE.h", help="also write a table for the motor's firmware, one mass fraction"
+        "scene",
+        type=file_path,
+        metavar="SCENE.yaml",
+        help="the system: beam, grain radius, contact, gravity, frequency",
     )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="compute on the Dask cluster of this scheduler (optional extra)"
+        "--amplitudes",
+        type=amplitudes_of,
+        required=True,
+        metavar="A0:A1:N",
+        help="N support amplitudes from A0 to A1 [m]",
     )
-    parser.add_argument("--workers", type=int, default=None, metavar="K", help="threads; default: all cores")
+    parser.add_argument(
+        "--mass-fractions",
+        type=mass_fractions_of,
+        required=True,
+        metavar="m1,m2,...",
+        help="grain mass over total mass [-]",
+    )
+    parser.add_argument("--out", type=path_to(".npz"), required=True, metavar="MAP.npz", help="file to write")
+    parser.add_argument(
+        "--header",
+        type=path_to(".h"),
+        metavar="FILE.h",
+        help="also write a table for the motor's firmware, one mass fraction",
+    )
+    parser.add_argument(
+        "--scheduler",
+        type=word,
+        metavar="ADDRESS",
+        help="compute on the Dask cluster of this scheduler (optional extra)",
+    )
+    output.add_force(parser)
+    parser.add_argument("--workers", type=whole(1, 1000), default=None, metavar="K", help="threads; default: all cores")
 
 
 def run(args: argparse.Namespace) -> int:
     """Make the map; return 0. Raises SceneError, MapError, NumericalFailure."""
     scene = load_scene(args.scene)
-    amplitudes, fractions = amplitudes_of(args.amplitudes), mass_fractions_of(args.mass_fractions)
+    amplitudes, fractions = args.amplitudes, args.mass_fractions
     if args.header and len(fractions) != 1:
         raise MapError(f"--header: given {len(fractions)} mass fractions; a firmware table holds one, so map one")
+    output.file(args.out, replace=args.force)
     if args.header:
-        output.file(Path(args.header), "--header")
+        output.file(args.header, "--header", replace=args.force)
     _warn(scene, amplitudes, fractions)
     with counting("height map", len(amplitudes) * len(fractions), kept=True) as count:
         made = build_map(
@@ -51,27 +75,27 @@ def run(args: argparse.Namespace) -> int:
 
 
 def amplitudes_of(text: str) -> list[float]:
-    """Return the amplitudes of `A0:A1:N` [m]; raise MapError where it does not read so."""
+    """Return the amplitudes of `A0:A1:N` [m]; raise argparse's error where it does not read so."""
     parts = text.split(":")
     try:
         first, last, count = float(parts[0]), float(parts[1]), int(parts[2])
-        sound = len(parts) == 3 and 0.0 < first < last and 2 <= count <= 100_000
+        sound = len(parts) == 3 and 0.0 < first < last <= 1e3 and 2 <= count <= 100_000
     except (ValueError, IndexError):
         sound = False
     if not sound:
-        raise MapError(f"--amplitudes: given {text}; allowed is A0:A1:N with 0 < A0 < A1 [m] and N of at least 2")
+        refuse(text, "A0:A1:N with 0 < A0 < A1, at most 1000 m, and N from 2 to 100000")
     # rounded to a nanometre, so that the same grid written another way finds its points in the journal
     return [float(a) for a in np.round(np.linspace(first, last, count), 9)]
 
 
 def mass_fractions_of(text: str) -> list[float]:
-    """Return the mass fractions of `m1,m2,...`, sorted; raise MapError where it does not read so."""
+    """Return the mass fractions of `m1,m2,...`, sorted; raise argparse's error where it does not read so."""
     try:
         fractions = sorted({float(part) for part in text.split(",")})
     except ValueError:
         fractions = []
     if not fractions or not all(0.0 < fraction < 1.0 for fraction in fractions):
-        raise MapError(f"--mass-fractions: given {text}; allowed are numbers between 0 and 1, separated by commas")
+        refuse(text, "numbers between 0 and 1, separated by commas")
     return fractions
 
 
@@ -84,7 +108,7 @@ def _warn(scene: Scene, amplitudes: list[float], fractions: list[float]) -> None
         print(f"warning: {line}", file=sys.stderr)
 
 
-def _print_summary(made: HeightMap, out: str) -> None:
+def _print_summary(made: HeightMap, out: Path) -> None:
     computed = made.heights.size - len(made.failures)
     irregular = computed - int(np.count_nonzero(made.reproducible))
     print(

@@ -3,15 +3,13 @@
 
 import argparse
 import json
-from collections.abc import Callable
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
+from atpid_common.arguments import file_path, path_to, positive, real
 from atpid_sim.display import working
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
@@ -31,34 +29,31 @@ _DECAY = (
 )  # fmt: skip
 
 
-def number(parse: Callable[[str], Any], low: float, high: float, allowed: str) -> Callable[[str], Any]:
-    """Return the type of an argument: a number from `low` to `high`, which are `allowed` in words."""
-
-    def read(text: str) -> Any:
-        with suppress(ValueError):
-            if low <= (value := parse(text)) <= high:
-                return value
-        raise argparse.ArgumentTypeError(f"given {text}; allowed is {allowed}")
-
-    return read
-
-
-#: Type of an argument that is a relative tolerance.
-tolerance = number(float, 1e-13, 1e-1, "a number from 1e-13 to 0.1")
+#: Samples of a series at most: 80 MB a column.
+_MOST_SAMPLES = 10_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("scene", metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
+    parser.add_argument("scene", type=file_path, metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
     parser.add_argument(
         "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="fidelity level; default: cheapest that fits"
     )
-    parser.add_argument("--rtol", type=tolerance, metavar="R", help="relative tolerance of the integration")
-    parser.add_argument("--height", type=float, metavar="H", help="a fixed ceiling at H [m] in place of the scene's")
-    parser.add_argument("--series", type=Path, metavar="FILE", help="write the motion here: .csv, or .npz with impacts")
-    rate = number(float, 1e-3, 1e7, "a number of hertz from 0.001 to 1e7")
-    parser.add_argument("--rate", type=rate, metavar="HZ", help="of --series; default: the scene's laser, or 1000 Hz")
-    parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw beam, ceiling and grain here")
+    parser.add_argument("--rtol", type=real(1e-13, 0.1), metavar="R", help="relative tolerance of the integration")
+    parser.add_argument(
+        "--height", type=positive("m"), metavar="H", help="a fixed ceiling at H [m] in place of the scene's"
+    )
+    parser.add_argument(
+        "--series",
+        type=path_to(".csv", ".npz"),
+        metavar="FILE",
+        help="write the motion here: .csv, or .npz with impacts",
+    )
+    help_rate = "of --series; default: the scene's laser, or 1000 Hz"
+    parser.add_argument("--rate", type=real(1e-3, 1e7, "Hz"), metavar="HZ", help=help_rate)
+    help_picture = "draw beam, ceiling and grain here"
+    parser.add_argument("--picture", type=path_to(".png"), metavar="FILE.png", help=help_picture)
+    output.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
 
@@ -67,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     if args.height is not None:
         scene = scene.with_(height=args.height)
-    _check_files(args)
+    _check_files(args, scene)
     with working("simulating (the first time the kernels are compiled, a minute or two)"):
         try:
             result = simulate(scene, args.fidelity, args.rtol)
@@ -82,16 +77,18 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(result.to_json(), allow_nan=False))
     else:
-        _show(args.scene, scene, result)
+        _show(str(args.scene), scene, result)
     return 0
 
 
-def _check_files(args: argparse.Namespace) -> None:
-    if args.series is not None and args.series.suffix.lower() not in (".csv", ".npz"):
-        raise output.OutputError(f"--series: given {args.series}; allowed: a file that ends in .csv or .npz")
+def _check_files(args: argparse.Namespace, scene: Scene) -> None:
+    if args.series is None and args.rate is not None:
+        raise output.OutputError(f"--rate: given {args.rate:g} without --series, whose rate it is; give both")
+    if args.series is not None and scene.duration * (args.rate or scene.sensors.laser.rate) > _MOST_SAMPLES:
+        raise output.OutputError(f"--rate: more than {_MOST_SAMPLES} samples in {scene.duration:g} s; give a lower one")
     for option in ("series", "picture"):
         if getattr(args, option) is not None:
-            output.file(getattr(args, option), f"--{option}")
+            output.file(getattr(args, option), f"--{option}", replace=args.force)
 
 
 def _write_files(args: argparse.Namespace, scene: Scene) -> None:

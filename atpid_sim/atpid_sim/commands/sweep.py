@@ -4,7 +4,7 @@
 import argparse
 import json
 
-from atpid_sim.commands.simulate import number, tolerance
+from atpid_common.arguments import real, whole
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import cores
 from atpid_sim.studies.sweep import standard_task, sweep
@@ -15,10 +15,13 @@ _MOST_POINTS = 100_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    count = number(int, 1, _MOST_POINTS, f"a whole number from 1 to {_MOST_POINTS}")
     span = "heights from 0.02 to 0.4 m"
-    parser.add_argument("--points", type=count, default=2000, metavar="N", help=f"{span}; default 2000")
-    parser.add_argument("--rtol", type=tolerance, default=1e-6, metavar="R", help="relative tolerance; default 1e-6")
+    parser.add_argument(
+        "--points", type=whole(1, _MOST_POINTS), default=2000, metavar="N", help=f"{span}; default 2000"
+    )
+    parser.add_argument(
+        "--rtol", type=real(1e-13, 0.1), default=1e-6, metavar="R", help="relative tolerance; default 1e-6"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

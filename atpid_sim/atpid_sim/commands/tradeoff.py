@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 
 from atpid_common import output
+from atpid_common.arguments import file_path, positive
 from atpid_sim.figure_numbers import drawn
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.simulate import finite
@@ -27,11 +28,11 @@ _NAMES = {"lsoda": "scipy LSODA", "odeint": "odeint"}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("scene", metavar="SCENE.yaml", help="what to measure on (docs/scenes.md)")
+    parser.add_argument("scene", type=file_path, metavar="SCENE.yaml", help="what to measure on (docs/scenes.md)")
     help_out = "folder for tradeoff.json, tradeoff.md, tradeoff.png"
-    parser.add_argument("--out", required=True, metavar="DIR", help=help_out)
+    parser.add_argument("--out", type=file_path, required=True, metavar="DIR", help=help_out)
     help_limit = "a method slower than this [s] stops getting finer"
-    parser.add_argument("--patience", type=float, default=study.TIME_LIMIT, metavar="S", help=help_limit)
+    parser.add_argument("--patience", type=positive("s"), default=study.TIME_LIMIT, metavar="S", help=help_limit)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     scene.require_prescribed_ceiling()
     console = Console(stderr=True)
-    folder = output.folder(Path(args.out))
+    folder = output.folder(args.out)
     with console.status("reference") as status:
         reference = study.reference_of(scene)
         points: list[study.Point] = []
@@ -48,9 +49,9 @@ def run(args: argparse.Namespace) -> int:
             status.update(f"{point.method} {point.tolerance:g}: {1e3 * point.time_s:.2f} ms")
     points = study.with_front(points)
     found, finest = ([], []) if reference.spread else (study.answers(points), study.tightest(points))
-    text = _markdown(Path(args.scene).name, reference, points, found + finest)
+    text = _markdown(args.scene.name, reference, points, found + finest)
     plain = {
-        "scene": Path(args.scene).name,
+        "scene": args.scene.name,
         "reference": {name: getattr(reference, name) for name in ("amplitude", "agreement", "spread")},
         "points": [finite(asdict(point)) for point in points],
         "answers": found,
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     with output.writing(folder):
         (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")
         (folder / "tradeoff.md").write_text(text, encoding="utf-8")
-        _draw(Path(args.scene).stem, reference, points, folder / "tradeoff.png")
+        _draw(args.scene.stem, reference, points, folder / "tradeoff.png")
     print(text)
     return 0
 

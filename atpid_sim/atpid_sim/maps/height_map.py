@@ -165,7 +165,7 @@ class HeightMap:
 
     def validate(self) -> None:
         """Raise MapError where shapes, order or numbers cannot be right."""
-        shape = (len(self.mass_fractions), len(self.amplitudes))
+        shape = (self.mass_fractions.size, self.amplitudes.size)
         sound = (
             self.amplitudes.ndim == self.mass_fractions.ndim == 1
             and shape[0] >= 1
@@ -214,10 +214,7 @@ class HeightMap:
             if curve.first <= amplitude <= curve.last:
                 return np.asarray(curve.values(amplitude))
         fraction = float(self.mass_fractions[row])
-        near = min(
-            (failure for failure in self.failures if failure.mass_fraction == fraction),
-            key=lambda failure: abs(failure.amplitude - amplitude),
-        )
+        near = min(self.failures, key=lambda one: (abs(one.mass_fraction - fraction), abs(one.amplitude - amplitude)))
         raise MapError(
             f"{self.source}: no height at amplitude {amplitude:g} m: its point at {near.amplitude:g} m, mass fraction "
             f"{fraction:g}, could not be computed ({near.reason})"

@@ -15,6 +15,10 @@ from atpid_sim.maps.height_map import MapError
 Point = tuple[float, ...]
 
 
+#: Size of a journal at most [bytes]: a map of 100 000 amplitudes has 30 MB.
+_MOST_BYTES = 500_000_000
+
+
 class Journal:
     """A file beside the map. Its first line identifies system and settings; an incomplete last line is dropped."""
 
@@ -51,20 +55,20 @@ class Journal:
 
     def _resume(self, purpose: dict[str, Any]) -> None:
         self._file.seek(0)
+        if os.fstat(self._file.fileno()).st_size > _MOST_BYTES:
+            raise MapError(f"{self.path}: is not the journal of a map; remove it or choose another --out")
         whole = self._file.read().rpartition(b"\n")[0]
-        self._file.truncate(len(whole) + 1 if whole else 0)
         lines = whole.splitlines()
+        try:
+            first, rest = (json.loads(lines[0]), [_point(line) for line in lines[1:]]) if lines else (None, [])
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            raise MapError(f"{self.path}: is not the journal of a map; remove it or choose another --out") from None
+        if lines and first != json.loads(json.dumps(purpose)):
+            raise MapError(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
+        self._file.truncate(len(whole) + 1 if whole else 0)  # only now: until here it may be another's file
+        self.points.update(rest)
         if not lines:
             self._append(purpose)
-            return
-        try:
-            first, *rest = [json.loads(line) for line in lines]
-        except ValueError:
-            raise MapError(f"{self.path}: is not the journal of a map; remove it or choose another --out") from None
-        if first != json.loads(json.dumps(purpose)):
-            raise MapError(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
-        for line in rest:
-            self.points[tuple(line.pop("point"))] = line
 
     def _append(self, line: Mapping[str, Any]) -> None:
         try:
@@ -78,3 +82,9 @@ class Journal:
                 f"{self.path}: cannot be written: {error.strerror}; make room and give the same command: it goes on "
                 "from the points that are in it"
             ) from None
+
+
+def _point(line: bytes) -> tuple[Point, dict[str, Any]]:
+    """Return a point and what was computed there; raise ValueError, TypeError or KeyError for another line."""
+    values = dict(json.loads(line))
+    return tuple(float(value) for value in values.pop("point")), values

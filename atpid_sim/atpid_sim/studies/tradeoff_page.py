@@ -4,12 +4,12 @@
 python -m atpid_sim.studies.tradeoff_page --regular DIR --sticking DIR --irregular DIR --out docs
 """
 
-import argparse
 import shutil
 from pathlib import Path
 
 from atpid_common import output
-from atpid_common.cli import guarded
+from atpid_common.arguments import file_path
+from atpid_common.cli import Parser, guarded
 from atpid_common.errors import InputError
 
 _HEAD = """# Speed against accuracy
@@ -32,10 +32,10 @@ _TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irr
 
 def _run() -> int:
     """Assemble the page and copy the pictures beside it."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = Parser(description=__doc__)
     for kind in _TITLES:
-        parser.add_argument(f"--{kind}", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
+        parser.add_argument(f"--{kind}", type=file_path, required=True)
+    parser.add_argument("--out", type=file_path, required=True)
     args = parser.parse_args()
     parts = [_HEAD]
     output.folder(args.out / "figures")
