@@ -8,6 +8,7 @@ the others may need ROS, matplotlib or a compiler. Its errors are `AtpidError`s,
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import io
 import os
@@ -70,7 +71,9 @@ def guarded(command: Callable[[], int]) -> int:
         sys.stdout.flush()
         sys.stderr.flush()
     except OSError as error:
-        if not _discard_closed():
+        # unbuffered, nothing is kept that would fail again; files of the commands have `output.writing`
+        full = error.errno == errno.ENOSPC and error.filename is None
+        if not _discard_closed() and not full:
             raise
         if not isinstance(error, BrokenPipeError):
             print(f"error: standard output cannot be written: {error.strerror}", file=sys.stderr)

@@ -158,9 +158,11 @@ def test_a_line_that_is_valid_is_not_refused(tmp_path: Path, capsys: pytest.Capt
 
 
 @pytest.mark.slow
-def test_standard_output_on_a_full_disk_is_one_line() -> None:
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_standard_output_on_a_full_disk_is_one_line(unbuffered: str) -> None:
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
     with open("/dev/full", "wb") as full:
         command = [sys.executable, "-m", "atpid_control", "study", "list"]
-        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=environment)
     assert ended.returncode == 1
     assert ended.stderr == "error: standard output cannot be written: No space left on device\n"
