@@ -108,6 +108,12 @@ RUN = {
         r"python -m atpid_control\.recording repair": "test_what_is_no_bag_is_one_line",
         r"python -m atpid_control\.recording extract": "test_what_a_bag_keeps_can_be_taken_out",
     },
+    "atpid_control/test/test_recording_check.py": {
+        r"python -m atpid_control\.recording check": "test_a_sound_run_is_one_line_and_status_0"
+    },
+    "atpid_control/test/test_soak.py": {
+        r"python -m atpid_control soak ": "test_a_short_soak_runs_its_legs_and_leaves_nothing"
+    },
     "atpid_driver/test/test_calibration.py": {
         r"python -m atpid_driver calibrate ": "test_the_command_makes_a_file_and_a_picture",
         r"python -m atpid_driver reading ": "test_readings_are_taken_from_the_device",
@@ -157,7 +163,7 @@ MADE_OR_GIVEN = {
     "tradeoff.md", "tradeoff.png", "rows.json", "rows.csv", "support.csv", "agreement.json", "agreement.png",
     "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
-    "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml",
+    "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"

@@ -8,6 +8,7 @@ from atpid_common.cli import run_commands
 #: Command: (module, what it does).
 COMMANDS = {
     "bench": ("atpid_control.commands.bench", "run a scene through the whole node graph: bag, summary and report"),
+    "soak": ("atpid_control.commands.soak", "run the bench for hours: what grows, what is lost, which rule is broken"),
     "stand": ("atpid_control.commands.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
     "seeds": ("atpid_control.commands.seeds", "run scenes through the loop with many noises, without the node graph"),
     "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),

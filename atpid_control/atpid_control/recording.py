@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control.recording verify|repair|extract BAG`: is it whole, make it so, and what was it made with."""
+"""`python -m atpid_control.recording verify|check|repair|extract BAG`.
+
+Is the file whole; did the run in it keep its rules; make the file whole; what was it made with.
+"""
 
 import argparse
 import math
@@ -11,17 +14,20 @@ from pathlib import Path
 from atpid_common.arguments import file_path, rising
 from atpid_common.cli import Parser, run_parsed
 from atpid_common.errors import DONE
+from atpid_control.bags.check import check
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.support import write_support
 from atpid_control.bags.verify import repair, verify
 
+FOUND = 1
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Verify or repair a bag, or write the files kept in it or its support's motion; return the exit status."""
+    """Verify, check or repair a bag, or write the files kept in it or its support's motion; return the exit status."""
     parser = Parser(prog="python -m atpid_control.recording", description=__doc__)
     add = parser.add_argument
-    add("action", choices=("verify", "repair", "extract"))
+    add("action", choices=("verify", "check", "repair", "extract"))
     add("bag", type=file_path, help="folder of the bag")
     add("--out", type=file_path, default=Path(), help="extract: folder for scene, parameters, map (default: here)")
     support = "extract: instead of those, the support's motion as support.csv for a scene; a part of it, in s"
@@ -38,6 +44,8 @@ def _run(given: argparse.Namespace) -> int:
         print(write_support(open_bag(given.bag), given.out, *given.support))
     elif given.action == "extract":
         _extract(given.bag, given.out)
+    elif given.action == "check":
+        return _check(given.bag)
     else:
         found = repair(given.bag) if given.action == "repair" else verify(given.bag)
         for topic, count in sorted(found.by_topic.items()):
@@ -46,6 +54,17 @@ def _run(given: argparse.Namespace) -> int:
         read = f"{found.messages} messages over {seconds:.3f} s, {size:.2f} MB, every one read and decoded"
         print(f"{found.folder}: {read}")
     return DONE
+
+
+def _check(bag: Path) -> int:
+    """Print what the check of a bag shows; return 0, or 1 where it breaks a rule."""
+    found = check(bag)
+    for line in found.findings:
+        print(line)
+    for line in found.events:
+        print(f"reported: {line}")
+    print(found.line)
+    return FOUND if found.findings else 0
 
 
 def _extract(bag: Path, out: Path) -> None:

@@ -11,7 +11,9 @@ from atpid_control.bags import Qos, new_run
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.session import Session
 from atpid_control.bags.topics import DEFAULT, parse
-from atpid_control.bench.summary import STAGES, latency_of, summary_line
+from atpid_control.report.latency import STAGES, latency_of, summary_line
+from atpid_control.report.make import page
+from atpid_control.report.view import view_of
 
 START, RATE, SCANS = 1_700_000_000_123_456_789, 1000.0, 50
 MS = 1_000_000
@@ -20,7 +22,7 @@ MS = 1_000_000
 def recorded(folder: Path, delays: list[tuple[int, int, int]]) -> Path:
     """Record blocks whose messages arrive so many ns after the last sample, the block and the estimate."""
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, False)]
-    session = Session(folder, new_run(None), topics, lockstep=False, offered=lambda _topic: (Qos(),))
+    session = Session(folder, new_run(None, clock="real time"), topics, lockstep=False, offered=lambda _topic: (Qos(),))
     for k, (to_block, to_estimate, to_command) in enumerate(delays):
         last = START + round((k * SCANS + SCANS - 1) / RATE * 1e9)
         now = last + to_block
@@ -48,3 +50,10 @@ def test_a_run_without_commands_has_no_latency(tmp_path: Path) -> None:
     latency = latency_of(open_bag(recorded(tmp_path / "bag", [])))
     assert latency == {}
     assert summary_line(latency) == ""
+
+
+def test_the_report_of_a_run_in_real_time_shows_it(tmp_path: Path) -> None:
+    delays = [(2 * MS, 3 * MS, 1 * MS)] * 99 + [(2 * MS, 40 * MS, 1 * MS)]
+    text = page(view_of(recorded(tmp_path / "bag", delays)))
+    assert "<h2>Latency</h2>" in text
+    assert "<td>block to estimate</td><td>3.0</td><td>3.0</td><td>40.0</td>" in text

@@ -5,6 +5,7 @@ import errno
 import os
 import subprocess
 import sys
+import tracemalloc
 from itertools import pairwise
 from pathlib import Path
 
@@ -392,3 +393,23 @@ def test_reading_needs_no_ros(bag: Path) -> None:
 def test_verify_prints_what_it_read(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["verify", str(bag)]) == 0
     assert "every one read and decoded" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_index_of_a_day_of_chunks_takes_little_memory(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", new_run(run_id="small", commit="none"), chunk=1)
+    writer.add_topic("/events", "atpid_interfaces/msg/Event")
+    message = make("Event", text="x")
+
+    def write(first: int, count: int) -> None:
+        for number in range(first, first + count):
+            writer.write("/events", message, number, number)
+
+    write(0, 100)
+    tracemalloc.start()
+    write(100, 2000)
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    writer.close()
+    assert held < 2000 * 250
+    assert verify(tmp_path / "bag").messages == 2100  # by their index, too

@@ -24,6 +24,7 @@ from atpid_control.report.comparison import closed_by_simulation, corners
 from atpid_control.report.picture import DARK, LIGHT, Palette, rounded_up
 from atpid_control.report.sections import number
 from atpid_control.report.stages import beside, intervals, measured_decrement
+from atpid_control.report.thinning import extremes
 from atpid_control.report.view import headline, view_of
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.simulation.decay import largest_decrement, peaks
@@ -401,3 +402,13 @@ def test_text_stands_out_of_the_paper(palette: Palette) -> None:
     for name in ("ink", "muted", "given_text", "own", "accent"):
         light, dark = sorted((luminance(getattr(palette, name)), luminance(palette.paper)), reverse=True)
         assert (light + 0.05) / (dark + 0.05) >= 4.5, name
+
+
+def test_a_picture_of_hours_keeps_the_extremes_of_its_curves() -> None:
+    value = np.random.default_rng(1).normal(size=3_600_000)
+    value[[7, 2_000_003, 3_599_999]] = 50.0, -60.0, 3.0
+    chosen = extremes(value, 20_000)
+    assert len(chosen) <= 20_002
+    assert (np.diff(chosen) > 0).all()
+    assert {7, 2_000_003, 3_599_999} <= set(chosen.tolist())
+    assert (extremes(value[:100], 100) == np.arange(100)).all()

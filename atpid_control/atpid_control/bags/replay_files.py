@@ -21,7 +21,7 @@ REPLAY = Part("atpid_control", "replay_node", "")
 #: Parameters that name a file, or how messages are queued; a replay sets them itself.
 OF_THE_RUN = ("scene", "map", "lockstep")
 #: Parameters that a parameter file of the package leaves open, beside those.
-_LEFT_OPEN = ("method",)
+_LEFT_OPEN = ("method", "real_time_priority", "lock_memory")
 #: Longest parameter file that is read from a bag [bytes]; ours have some thousand.
 _MOST_BYTES = 200_000
 

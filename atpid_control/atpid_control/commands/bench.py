@@ -44,12 +44,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--real-time", action="store_true", help="every node its own process, paced by the clock")
     emulated = "real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board"
     add("--emulated-stand", action="store_true", help=emulated)
+    priority = "real time: SCHED_FIFO priority of every node, 1 to 99, with its memory locked, where that is allowed"
+    add("--priority", type=whole(0, 99), default=0, help=priority)
     domain = "ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one"
     add("--domain", type=whole(0, MOST), help=domain)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the bench; return 0. Raises AtpidError."""
+    if not 0 <= args.priority <= 99 or (args.priority and not (args.real_time or args.emulated_stand)):
+        raise BenchError(f"--priority: given {args.priority}; allowed: 1 to 99, with --real-time or --emulated-stand")
     scene = load_scene(args.scene)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
@@ -87,6 +91,9 @@ def _run_nodes(
     # the map is stored in the bag, which has to replay the same commands after the map has changed
     chosen = parameters["selector_node"]["map"]
     parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
+    if args.priority:
+        for values in parameters.values():
+            values |= {"real_time_priority": args.priority, "lock_memory": True}
     with writing(parameter_file):
         write_parameters(parameters, parameter_file)
     _rehearse(scene, parameters["identifier_node"])

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.report.picture import apart, beam_title, estimate_errors, grain_lines, moved, rounded_up
+from atpid_control.report.thinning import extremes
 from atpid_control.report.view import View
 from atpid_sim.system import Array
 
@@ -19,14 +20,8 @@ _GAP = 0.07
 
 def thinned(time: Array, value: Array, points: int = _POINTS) -> tuple[list[float], list[float | None]]:
     """Return a curve with at most `points` points that keeps every extreme; NaN as None."""
-    if len(time) > points:
-        width = -(-len(time) // (points // 2))
-        starts = np.arange(0, len(time), width)
-        blocks = [value[start : start + width] for start in starts]
-        filled = [np.where(np.isfinite(block), block, 0.0) for block in blocks]
-        low, high = (starts + [int(place(block)) for block in filled] for place in (np.argmin, np.argmax))
-        chosen = np.unique(np.concatenate([low, high, [len(time) - 1]]))
-        time, value = time[chosen], value[chosen]
+    chosen = extremes(value, points)
+    time, value = time[chosen], value[chosen]
     return [round(float(t), 5) for t in time], [round(float(v), 7) if np.isfinite(v) else None for v in value]
 
 
@@ -158,6 +153,8 @@ def _error(figure: Figure, view: View, axis: str, top: float) -> None:
         return
     time, error, width = found
     limit = rounded_up(float(np.nanmax(np.abs(error) + width)))
+    chosen = extremes(error, _POINTS)
+    time, error, width = time[chosen], error[chosen], width[chosen]
     figure["layout"][f"yaxis{axis[1:]}"] |= {"range": [-limit, limit], "tickvals": [-limit, 0.0, limit]}
     figure["data"].append(
         {"type": "scatter", "mode": "markers", "x": [round(float(t), 5) for t in time], "yaxis": axis, "name": "error",

@@ -26,7 +26,15 @@ def page(view: View) -> str:
     colours = f":root{{{_colours(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{_colours(DARK)}}}}}\n"
     # a closing tag inside the text would end the script element
     data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    first = (sections.header, sections.tiles, sections.overview, table, sections.grain, sections.energy)
+    first = (
+        sections.header,
+        sections.tiles,
+        sections.overview,
+        table,
+        sections.grain,
+        sections.energy,
+        sections.latency,
+    )
     parts = [*(make(view) for make in first), sections.events(view.run.events), sections.facts(view)]
     return "\n".join(
         [

@@ -11,8 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from atpid_control.report.thinning import extremes
 from atpid_control.report.view import View
 from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.system import Array
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ SCHEMES = {"light": LIGHT, "dark": DARK}
 
 _DPI = 160
 _SIZE = 9.5
+#: A curve longer than this is drawn with so many of its points.
+_LONG, _POINTS = 200_000, 20_000
 
 
 def save_pictures(view: View, folder: Path) -> list[Path]:
@@ -116,13 +120,19 @@ def _beside(axes: Any, height: float, text: str, colour: str, shift: float = 0.0
     )  # fmt: skip
 
 
+def _curve(axes: Any, time: Array, value: Array, **style: Any) -> None:
+    """Draw a curve; of a run of hours only its extremes, since matplotlib needs 100 bytes a point and more."""
+    chosen = extremes(value, _POINTS) if len(value) > _LONG else slice(None)
+    axes.plot(time[chosen], value[chosen], **style)
+
+
 def _beam(axes: Any, view: View, palette: Palette) -> None:
     time = view.run.motion.time
     alone = view.always_closed or view.closed is None
     _title(axes, beam_title(view, alone), "m", palette)
-    if not alone:
-        axes.plot(time, view.closed, color=palette.given, lw=0.6)
-    axes.plot(time, view.beam, color=palette.given_text if view.always_closed else palette.own, lw=0.7)
+    if not alone and view.closed is not None:
+        _curve(axes, time, view.closed, color=palette.given, lw=0.6)
+    _curve(axes, time, view.beam, color=palette.given_text if view.always_closed else palette.own, lw=0.7)
     reach = view.reach
     axes.set_ylim(-1.08 * reach, 1.34 * reach if view.stages else 1.08 * reach)
     last = time > 0.9 * time[-1]
@@ -148,7 +158,7 @@ def _excitation(axes: Any, view: View, palette: Palette) -> None:
     _title(axes, "Support amplitude", "mm", palette)
     top = 0.0
     if view.true_amplitude is not None:
-        axes.plot(view.run.motion.time, 1e3 * view.true_amplitude, color=palette.given, lw=4.0)
+        _curve(axes, view.run.motion.time, 1e3 * view.true_amplitude, color=palette.given, lw=4.0)
         top = 1e3 * float(view.true_amplitude.max())
         _beside(axes, 1e3 * float(view.true_amplitude[-1]), "true", palette.given_text, 7.0)
     steady = estimates.steady
@@ -167,6 +177,8 @@ def _error(axes: Any, view: View, palette: Palette) -> None:
     if found is None:
         return
     time, error, width = found
+    chosen = extremes(error, _POINTS)
+    time, error, width = time[chosen], error[chosen], width[chosen]
     axes.vlines(time, error - width, error + width, color=palette.soft, lw=1.8)
     axes.plot(time, error, ".", color=palette.own, ms=3.0, mew=0.0)
     axes.axhline(0.0, color=palette.given, lw=0.8, zorder=1)
@@ -209,7 +221,7 @@ def _ceiling(axes: Any, view: View, palette: Palette) -> None:
     time, height = moved(view)
     top = float(np.nanmax(np.append(height, ceiling.commanded)))
     if len(height):
-        axes.plot(time, height, color=palette.own, lw=1.6)
+        _curve(axes, time, height, color=palette.own, lw=1.6)
         _beside(axes, float(height[-1]), "moved", palette.own, -7.0 if sent.any() else 0.0)
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)

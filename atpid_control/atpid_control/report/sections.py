@@ -4,6 +4,7 @@
 import math
 from html import escape
 
+from atpid_control.report.latency import latency_of
 from atpid_control.report.run import Ledger, RunEvent
 from atpid_control.report.stages import Printed, Stage, measured_decrement
 from atpid_control.report.view import View, headline, not_arrived
@@ -147,6 +148,21 @@ def _supplied(ledger: Ledger) -> str:
     if ledger.stored < 0.0:
         supplied.append(f"{-ledger.stored:.4g} J were stored at the start")
     return ", ".join(supplied)
+
+
+def latency(view: View) -> str:
+    """Return how long each stage of the loop took, of a run in real time."""
+    if view.run.bag.run.get("clock") != "real time":
+        return ""
+    found = latency_of(view.run.bag)
+    rows = "".join(
+        f"<tr><td>{name.replace('_', ' ')}</td>"
+        + "".join(f"<td>{1e3 * values[key]:.1f}</td>" for key in ("p50", "p99", "max"))
+        + "</tr>"
+        for name, values in found.items()
+    )
+    head = "<tr><th>ms</th><th>median</th><th>99 %</th><th>largest</th></tr>"
+    return f"<h2>Latency</h2><table><thead>{head}</thead><tbody>{rows}</tbody></table>" if found else ""
 
 
 def events(events: list[RunEvent]) -> str:

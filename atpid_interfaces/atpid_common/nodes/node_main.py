@@ -22,11 +22,18 @@ from rclpy.task import Future
 from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt
 from atpid_common.nodes.clock_step import ClockStepWatch
+from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import claim
+from atpid_common.real_time import request
 
 N = TypeVar("N", bound=Node)
 #: How soon a signal is noticed at the latest [s].
 TURN = 0.1
+#: Of every node that is a process of its own.
+PARAMETERS = (
+    Row("real_time_priority", 0, "priority of the process, SCHED_FIFO; 0: as any other program", "", 0, 99),
+    Row("lock_memory", False, "keep the process in memory, so that no page has to be fetched"),
+)
 
 
 def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -48,7 +55,10 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
                 )
             node = make()
             interrupt.defer()
+            wanted = declare(node, PARAMETERS)
             with claim(node.get_fully_qualified_name()):
+                for line in request(wanted["real_time_priority"], wanted["lock_memory"]):
+                    node.get_logger().info(line)
                 return _spin(node, interrupt)
         except (KeyboardInterrupt, ExternalShutdownException):
             return DONE

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The soak: the bench for hours with a random schedule, its memory, handles, segments, delay and losses over time."""

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The delay from a block's last sample to its command, minute by minute, read from a bag of a run in real time."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.records import Channel, Message, Schema
+
+from atpid_common.latency import percentile
+from atpid_control.bags.cdr import header
+from atpid_control.bags.verify import find_file, records
+
+_COMMAND = "atpid_interfaces/msg/CeilingCommand"
+_MINUTE = 60_000_000_000  # [ns]
+
+
+class Delay(NamedTuple):
+    """One minute."""
+
+    time: float  # begin, since the first command [s]
+    median: float  # [s]
+    p99: float  # [s]
+    largest: float  # [s]
+
+
+def delays(bag: Path) -> Iterator[Delay]:
+    """Yield the delays of each minute: from a command's stamp, the block's last sample, to when it was recorded."""
+    commands: set[int] = set()
+    schemas: set[int] = set()
+    first, minute, values = 0, 0, list[float]()
+    for record in records(find_file(bag)):
+        if isinstance(record, Schema) and record.name == _COMMAND:
+            schemas.add(record.id)
+        elif isinstance(record, Channel) and record.schema_id in schemas:
+            commands.add(record.id)
+        elif isinstance(record, Message) and record.channel_id in commands:
+            stamp = header(record.data).stamp_ns
+            first = first or stamp
+            if (stamp - first) // _MINUTE != minute and values:
+                yield _of(minute, values)
+                minute, values = (stamp - first) // _MINUTE, []
+            values.append((record.log_time - stamp) * 1e-9)
+    if values:
+        yield _of(minute, values)
+
+
+def _of(minute: int, values: list[float]) -> Delay:
+    return Delay(60.0 * minute, percentile(values, 0.5), percentile(values, 0.99), max(values))
