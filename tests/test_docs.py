@@ -22,6 +22,7 @@ RUN = {
         r"make setup$": "test_a_second_run_does_nothing",
     },
     "tests/test_docs.py": {r"python -m atpid_control report ": "test_the_report_of_the_recorded_bag"},
+    "tests/test_faults.py": {r"python -m atpid_control faults ": "test_the_command_runs_a_part_of_the_matrix"},
     "tests/test_figures.py": {
         r"make (bench|figures)$": "test_a_picture_shows_what_is_computed_now",
         r"python -m atpid_control bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",

@@ -270,3 +270,29 @@ def test_a_plant_reports_itself_on_the_absolute_diagnostics(graph: Start) -> Non
     assert status.message.startswith("waiting for ")
     assert status.level == DiagnosticStatus.OK
     assert {value.key: value.value for value in status.values}["scene"] == "scene.yaml"
+
+
+def test_faults_are_injected_into_a_running_plant_by_its_parameter(graph: Start) -> None:
+    plant, peer, spin = graph(Oscillator, lockstep=False, duration=20.0)
+    spin(lambda: len(peer.blocks) > 2)
+
+    def given(*faults: str) -> Any:
+        return plant.set_parameters([Parameter("faults", value=list(faults))])[0]
+
+    refused = given("motor off 0 9")
+    assert not refused.successful
+    assert refused.reason == (
+        "faults: given motor; allowed: support_laser, beam_laser, accelerometer, clock, which the plant acts"
+    )
+    assert "cannot be acted" in given("recorder off 0 9").reason
+    assert "the scene has none" in given("accelerometer off 0 9").reason
+    assert given("support_laser off 0 1000").successful
+    before = len(peer.blocks)
+    spin(lambda: len(peer.blocks) > before + 2)
+    assert np.isnan(np.array(peer.blocks[-1].data).reshape(-1, 2)).all(axis=0).tolist() == [True, False]
+    assert given("").successful
+    before = len(peer.blocks)
+    spin(lambda: len(peer.blocks) > before + 2)
+    assert np.isfinite(peer.blocks[-1].data).all()
+    change = next(event for event in peer.events if event.kind == Event.PARAMETER)
+    assert change.text == "parameter faults: [''] -> ['support_laser off 0 1000']"

@@ -23,6 +23,7 @@ COMMANDS = {
     ),
     "validate": ("atpid_control.commands.validate", "simulate a recording with its measured support, and compare"),
     "study": ("atpid_control.commands.study", "compute the figures and tables of the thesis beside its own numbers"),
+    "faults": ("atpid_control.commands.faults", "run the fault matrix through the graph, and make its page"),
     "figures": ("atpid_control.commands.figures", "make the figures of the documentation"),
 }
 

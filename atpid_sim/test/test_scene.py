@@ -273,7 +273,7 @@ def test_defaults_are_visible() -> None:
     assert keys == [
         "contact.wall_young_modulus", "contact.wall_poisson_ratio", "initial", "steady_window", "sensors.laser.rate",
         "sensors.laser.noise", "sensors.laser.saturation", "sensors.accelerometer", "recording.block",
-        "recording.chunk", "seed",
+        "recording.chunk", "seed", "faults",
     ]  # fmt: skip
     assert "steady_window = [14.0, 16.0]" in "\n".join(scene.defaults())
     full = load_scene(SCENES / "thesis_4_3.yaml")

@@ -42,6 +42,7 @@ LINES: dict[str, tuple[Main, str]] = {
     "soak": (control.main, "soak SCENE --hours 1 --leg 1 --seed 1 --out DIR"),
     "stand": (control.main, "stand SCENE --map MAP --labjack-config YAML"),
     "seeds": (control.main, "seeds SCENE --seeds 1 --decibels 20 --margin 1"),
+    "faults": (control.main, "faults --out DIR --part clock --domain 7"),
     "replay": (control.main, "replay BAG --out DIR --rate 0 --domain 7"),
     "report": (control.main, "report BAG --out DIR"),
     "select": (control.main, "select SCENE --method lookup --map MAP --amplitude-std 0.001 --margin 1"),

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from atpid_common.injected_faults import CEILING
 from atpid_control.graph import BenchError
 from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, Parameters, Part, ceiling_parameters, parameters_for
 from atpid_sim.scene import ControlledCeiling, Scene
@@ -41,6 +42,9 @@ def parameters_emulated(
     """
     if not isinstance(scene.ceiling, ControlledCeiling):
         raise BenchError("the emulated stand moves the ceiling by its motor: the scene's ceiling needs a controller")
+    scene.refuse_faults(
+        "the emulated stand", ("clock", *CEILING)
+    )  # its device has a clock, and the firmware a motor, of its own
     parameters = parameters_for(scene, scene_file, height_map, bag, lockstep=False)
     motor = SERIAL_MOTOR.configured()
     ceiling = ceiling_parameters(scene)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -50,15 +51,19 @@ _LOOP_TIMEOUT = 20.0
 _FAILED = 3
 
 
-def run_lockstep(parameters: Parameters, progress: Callable[[float], None]) -> None:
+def run_lockstep(
+    parameters: Parameters, progress: Callable[[float], None], follow: Callable[[float, Any], None] | None = None,
+    calls: Sequence[tuple[float, str]] = (),
+) -> None:  # fmt: skip
     """Run the graph until the plant has finished; `progress` is called with the simulated time [s].
 
-    The next block follows as soon as the loop has answered the last. Raises PlantFailedError where the plant fails,
+    The next block follows as soon as the loop has answered the last. `follow` and `calls`: see
+    `atpid_control.nodes.composition.run_lockstep`. Raises PlantFailedError where the plant fails,
     BenchError where the loop stops.
     """
     from atpid_control.nodes import composition
 
-    composition.run_lockstep([(part.package, part.name) for part in PARTS], parameters, progress)
+    composition.run_lockstep([(part.package, part.name) for part in PARTS], parameters, progress, follow, calls)
 
 
 def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises NodeDiedError, SceneError and BagError.
     """
-    load_scene(args.scene)
+    load_scene(args.scene).refuse_faults("the stand")
     for file in filter(None, (args.map, args.labjack_config, args.ni_config, args.motor_config)):
         files.check(file, _LARGEST)  # before a node is started
     if args.bag is not None:

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
+from atpid_common.injected_faults import CEILING
 from atpid_control.graph import BenchError
 from atpid_sim.scene import ControlledCeiling, Scene
 
@@ -75,6 +76,7 @@ def parameters_in(document: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, *, lockstep: bool) -> Parameters:
     """Return each node's parameters: those of its file, with the values of this scene and this run."""
+    scene.require_faults_fit()
     parameters = {part.name: part.configured() for part in PARTS}
     parameters["plant_node"] |= {"scene": str(scene_file), "lockstep": lockstep, "expect_recorder": True}
     parameters["identifier_node"] |= {"lockstep": lockstep}
@@ -82,6 +84,8 @@ def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag:
     motor = {"backend": "simulated", "lockstep": lockstep}
     # the ceiling stands where the plant's does, also for a motor node that is started again in mid-run
     parameters["motor_node"] |= motor | ceiling_parameters(scene) | {"initial_height": math.nan}
+    if injected := [str(fault) for fault in scene.injected if fault.part in CEILING]:
+        parameters["motor_node"] |= {"faults": injected}
     parameters["recorder_node"] |= {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
     return parameters
 

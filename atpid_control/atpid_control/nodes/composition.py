@@ -11,13 +11,15 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import rclpy
-from atpid_interfaces.msg import Event, Excitation
+from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
 from rcl_interfaces.msg import Log
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
@@ -85,10 +87,19 @@ class Composition:
             signal.signal(signal.SIGINT, before)
 
 
+#: Called with the simulated time [s] and a message.
+Follow = Callable[[float, Any], None]
+FOLLOWED = {"events": Event, "ceiling/command": CeilingCommand, "ceiling/state": CeilingState}
+
+
 def run_lockstep(
-    parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]], progress: Progress
-) -> None:
+    parts: Sequence[tuple[str, str]], parameters: Mapping[str, Mapping[str, Any]], progress: Progress,
+    follow: Follow | None = None, calls: Sequence[tuple[float, str]] = (),
+) -> None:  # fmt: skip
     """Run the graph until the plant is done; `progress` is called with the simulated time [s].
+
+    follow: is called with each message of `FOLLOWED`, and with the time the plant has reached when it came.
+    calls: services (std_srvs/Trigger) that are called once the plant has reached their time [s], in rising order.
 
     Raises PlantFailedError where the plant fails, NodeDiedError where another node ends, BenchError where handshake
     or loop stops, with what is missing.
@@ -97,6 +108,7 @@ def run_lockstep(
         with announced(COMPILING):
             graph = stack.enter_context(Composition(parts, parameters))
         plant: Any = graph.nodes["plant_node"]
+        waiting = _follow(plant, follow, calls)
         others = {name: node for name, node in graph.nodes.items() if node is not plant and hasattr(node, "done")}
         computed, since, reported = -1, time.monotonic(), False
         while not plant.done.done():
@@ -105,6 +117,8 @@ def run_lockstep(
             if plant.stream.computed_ticks != computed:
                 computed, since = plant.stream.computed_ticks, time.monotonic()
                 progress(computed / plant.stream.rate)
+                while waiting and waiting[0][0] <= computed / plant.stream.rate:
+                    waiting.pop(0)[1].call_async(Trigger.Request())
             elif computed <= 0 and not reported and time.monotonic() - since > ANNOUNCE_AFTER:
                 reported = True
                 to_stderr(f"no samples yet: waiting for {plant.waiting_for()}")
@@ -112,6 +126,19 @@ def run_lockstep(
                 raise BenchError(_stopped(plant, computed))
         if plant.failure:
             raise PlantFailedError(plant.failure)
+
+
+def _follow(plant: Any, follow: Follow | None, calls: Sequence[tuple[float, str]]) -> list[tuple[float, Any]]:
+    """Subscribe `follow`; return the time and the client of each call."""
+    bare = SubscriptionEventCallbacks(use_default_callbacks=False)
+    for topic, kind in FOLLOWED.items() if follow else ():
+
+        def received(message: Any) -> None:
+            assert follow is not None
+            follow(plant.stream.computed_ticks / plant.stream.rate, message)
+
+        plant.create_subscription(kind, topic, received, EVENTS, event_callbacks=bare)
+    return [(time, plant.create_client(Trigger, service)) for time, service in calls]
 
 
 def _check(nodes: Mapping[str, Any]) -> None:

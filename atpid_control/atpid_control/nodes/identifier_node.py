@@ -30,9 +30,15 @@ from atpid_control.identification import Estimate, IdentificationError, Identifi
 from atpid_control.identification.identifier import last_stamp_ns
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
 from atpid_control.loop.settings import identification_settings, rumble_settings
+from atpid_control.loop.signal_watch import SignalSettings
 from atpid_control.nodes.parameter_tables import IDENTIFIER, inverse_of
+from atpid_control.nodes.signal_faults import SignalFaults
 
-LASER = "sensors/laser"
+LASER, ACCELEROMETER = "sensors/laser", "sensors/accelerometer"
+
+
+#: What may change while the node runs.
+Live = tuple[Settings, RumbleSettings, float, tuple[SignalSettings, float]]
 
 
 class IdentifierNode(Node):
@@ -47,7 +53,7 @@ class IdentifierNode(Node):
         self.parameters = LiveParameters(self, IDENTIFIER)
         self._names = (self.parameters["support_channel"], self.parameters["beam_channel"])
         inverse = inverse_of(self.parameters.__getitem__)
-        settings, rumble, timeout = _settings(self.parameters.__getitem__)
+        settings, rumble, timeout, signals = _settings(self.parameters.__getitem__)
         self.identifier = Identifier(settings, inverse)
         with announced(COMPILING, self.get_logger().info):
             warm_up()
@@ -57,12 +63,13 @@ class IdentifierNode(Node):
         self._progress = _Progress()
         self.last_error = ""  # last error of a block, one sentence
         self._make_topics(timeout, from_beam=inverse is not None)
+        self._signals = SignalFaults(self, self._events, *signals)
         self.parameters.follow(_settings, self._configure, self._events.publish)
 
     def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
         self._supervision = Supervision(
-            self, self._events.publish, lambda: [self._progress.status(self, self.last_error)], timeout,
+            self, self._events.publish, self._statuses, timeout,
             enabled=not self.parameters["lockstep"],
         )  # fmt: skip
         self._supervision.stale.watch(LASER, "the excitation is not identified")
@@ -72,17 +79,27 @@ class IdentifierNode(Node):
             Excitation, "excitation", EVENTS, event_callbacks=qos.publisher("excitation")
         )
         subscribe(self, SampleBlock, LASER, self._on_block, BLOCKS, event_callbacks=qos.subscription(LASER))
+        # no controller reads it: it is only watched here
+        subscribe(self, SampleBlock, ACCELEROMETER, self._on_accelerometer, BLOCKS)
         if from_beam:
             subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _configure(self, settings: tuple[Settings, RumbleSettings, float]) -> None:
+    def _statuses(self) -> list[DiagnosticStatus]:
+        return [self._progress.status(self, self.last_error), *self._signals.statuses()]
+
+    def _configure(self, settings: Live) -> None:
         self.identifier.configure(settings[0])
         self._rumble.settings = settings[1]
         self._supervision.stale.timeout = settings[2]
+        self._signals.configure(*settings[3])
 
     def _on_state(self, state: CeilingState) -> None:
         self._height = state.height
+
+    def _on_accelerometer(self, block: SampleBlock) -> None:
+        if not block.handshake:
+            self._signals.take(block, last_stamp(block))
 
     def _on_block(self, block: SampleBlock) -> None:
         if block.handshake:
@@ -92,6 +109,7 @@ class IdentifierNode(Node):
         last_ns = last_stamp(block)
         self._supervision.stale.received(LASER, last_ns, scans / block.rate if block.rate > 0.0 else 0.0)
         received_ns = self.get_clock().now().nanoseconds
+        self._signals.take(block, last_ns)
         try:
             estimate, self.last_error = self._identify(block, last_ns), ""
         except IdentificationError as error:
@@ -184,9 +202,11 @@ class _Progress:
         return status(node, "identification", level, last_error or text, values | latency, self._device or "none")
 
 
-def _settings(value: Value) -> tuple[Settings, RumbleSettings, float]:
+def _settings(value: Value) -> Live:
     """Return what may change while the node runs; raise InputError where it contradicts itself."""
-    return identification_settings(value), rumble_settings(value), float(value("stale_timeout"))
+    names = ("dead_time", "frozen_time", "largest_velocity", "recovery_time", "invalid_share")
+    signals = SignalSettings(*(float(value(name)) for name in names)), float(value("clock_tolerance"))
+    return identification_settings(value), rumble_settings(value), float(value("stale_timeout")), signals
 
 
 def scans_of(block: SampleBlock) -> int:

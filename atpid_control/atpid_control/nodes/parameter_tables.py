@@ -44,6 +44,12 @@ IDENTIFIER = (
     _live("rumble_calm_periods", 3, "consecutive calm periods that end the rumble", "", 1, 1000),
     _live("rumble_least_amplitude", 0.002, "a smaller response of the beam is not judged", "m", 0.0, 10.0),
     _live("stale_timeout", 0.4, "silence of sensors/laser after which an event is published", "s", 0.1, 60.0),
+    _live("dead_time", 0.2, "a channel without one valid reading for so long is dead", "s", 0.01, 60.0),
+    _live("frozen_time", 0.2, "a channel that stops in mid-motion for so long is frozen", "s", 0.01, 60.0),
+    _live("largest_velocity", 30.0, "faster steps of a displacement are impossible; 0: not judged", "m/s", 0.0, 1e6),
+    _live("invalid_share", 0.2, "share of invalid readings of a second that is intermittent", "-", 0.001, 1.0),
+    _live("recovery_time", 0.5, "a channel plausible for so long works again", "s", 0.0, 60.0),
+    _live("clock_tolerance", 0.1, "how far stamps may move away from the indices; 0: not judged", "s", 0.0, 3600.0),
 )  # fmt: skip
 
 SELECTOR = (

@@ -7,6 +7,7 @@ from atpid_driver.motor.ceiling_actuator import CeilingActuator
 from atpid_driver.motor.errors import SettingsError
 from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
+from atpid_driver.motor.simulated_faults import FaultyActuator
 
 BACKENDS: Final = ("simulated", "serial")
 
@@ -15,6 +16,8 @@ def actuator_of(settings: MotorSettings) -> CeilingActuator:
     """Return the backend named in `settings`; raises `SettingsError` for an unknown name."""
     if settings.backend not in BACKENDS:
         raise SettingsError(f"backend {settings.backend!r}: allowed {', '.join(BACKENDS)}")
+    if settings.backend == "simulated" and settings.injected:
+        return FaultyActuator(settings.limits, settings.initial_height, settings.injected)
     if settings.backend == "simulated":
         return SimulatedActuator(settings.limits, settings.initial_height)
     from atpid_driver.motor.serial_actuator import SerialActuator  # here: a simulated bench does not need pyserial

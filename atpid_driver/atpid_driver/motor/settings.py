@@ -4,9 +4,11 @@
 Limits and speed have no defaults: they belong into the parameter file.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
 
+from atpid_common.injected_faults import CEILING, Injected, parsed
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.errors import SettingsError
 
@@ -28,11 +30,16 @@ class MotorSettings:
     port: str = ""
     baud: int = 250000
     identify_timeout: float = 5.0
+    faults: Sequence[str] = ()  # to act: PART KIND FROM TO [VALUE]
     limits: Limits = field(init=False)
+    injected: tuple[Injected, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         """Raise `SettingsError` or a subclass for a value that cannot be."""
         object.__setattr__(self, "limits", Limits(self.lowest, self.highest, self.speed))
+        object.__setattr__(self, "injected", parsed(self.faults, CEILING, "the simulated motor"))
+        if self.injected and self.backend != "simulated":
+            raise SettingsError("faults: a real motor's cannot be acted; set backend simulated, or leave them out")
         if isfinite(self.initial_height):
             self.limits.check(self.initial_height)
         for name in ("rate", "command_timeout", "stale_timeout", "identify_timeout", "baud"):

@@ -37,6 +37,7 @@ TABLE = (
         "stale_timeout", 0.4, "silence of ceiling/command after which the ceiling is stopped; not used in lockstep",
         "s", 0.1, 60.0,
     ),
+    Row("faults", [""], "faults a simulated ceiling acts: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none"),
     Row("port", "", "serial port of the board by its stable name, /dev/serial/by-id/..."),
     Row("baud", 250_000, "baud rate of the serial port"),
     Row(

@@ -9,6 +9,7 @@ and a ceiling that gets no more commands is stopped where it is.
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from math import isfinite, isnan, nan
 from typing import Any
@@ -32,6 +33,7 @@ from atpid_driver.motor.ceiling_actuator import Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.simulated import SimulatedActuator
+from atpid_driver.motor.simulated_faults import FaultyActuator
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
 from atpid_driver.nodes.motor_interface import settings_of, state_of, status_of
@@ -41,7 +43,7 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 RETRY = 1.0
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
-COMMANDS, STATE = "ceiling/command", "ceiling/state"
+COMMANDS, STATE, TRUTH = "ceiling/command", "ceiling/state", "ceiling/truth"
 #: What leads from a lifecycle state to an active node.
 REMEDIES = {
     "unconfigured": "configure and activate it",
@@ -76,7 +78,7 @@ class MotorNode(DeviceNode):
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
         actuator = self._actuator
-        if isinstance(actuator, SimulatedActuator) and not actuator.placed:
+        if isinstance(actuator, SimulatedActuator | FaultyActuator) and not actuator.placed:
             self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
 
     def _open_topics(self) -> None:
@@ -88,6 +90,8 @@ class MotorNode(DeviceNode):
         self._supervision.follow_events()
         qos = self._supervision.qos
         self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
+        if isinstance(self._actuator, FaultyActuator):  # whose reading is not where the ceiling is
+            self._truth = self.create_publisher(CeilingState, TRUTH, 100)
         depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
         subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
         self.create_service(Trigger, "~/rearm", self._on_rearm)
@@ -202,6 +206,10 @@ class MotorNode(DeviceNode):
     def _publish(self, reading: Reading, stamp: Time, *, handshake: bool = False) -> None:
         header = Header(stamp=stamp, frame_id=self.get_name())
         self._states.publish(state_of(reading, header, handshake=handshake))
+        if isinstance(self._actuator, FaultyActuator) and self._actuator.placed:
+            height = self._actuator.true_height
+            true = replace(reading, mode=Mode.MOVING, height=height, target=height)
+            self._truth.publish(state_of(true, header, handshake=handshake))
 
     def _on_silence(self) -> None:
         """Stop a moving ceiling: its target may be out of date. The next command moves it again."""

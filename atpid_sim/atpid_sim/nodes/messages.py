@@ -5,14 +5,16 @@ import numpy as np
 from atpid_interfaces.msg import PlantTruth, SampleBlock
 
 from atpid_common.nodes.handshake import empty
-from atpid_common.nodes.messages import doubles, time_of
+from atpid_common.nodes.messages import doubles, nanoseconds_of, time_of
 from atpid_sim.plant.stream import Reading, StreamBlock, stamp_ns
 
 
-def sample_block(reading: Reading, start_ns: int, frame_id: str) -> SampleBlock:
-    """Return one device's readings as its message."""
+def sample_block(reading: Reading, start_ns: int, frame_id: str, shift_ns: int = 0) -> SampleBlock:
+    """Return one device's readings as its message; `shift_ns`: by how much a faulty clock's stamp is off."""
     message = SampleBlock()
     _stamp(message, reading, start_ns, frame_id)
+    if shift_ns:
+        message.header.stamp = time_of(max(0, nanoseconds_of(message.header.stamp) + shift_ns))
     message.channels = list(reading.instrument.channels)
     message.units = list(reading.instrument.units)
     message.skew = doubles(np.zeros(len(reading.instrument.channels)))

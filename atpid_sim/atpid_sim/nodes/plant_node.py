@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.errors import BAD_INPUT, DONE, NUMERICAL_FAILURE
+from atpid_common.injected_faults import CEILING, SENSORS, FaultError, Injected, overlapping, parsed
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
@@ -23,7 +24,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
 from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import LiveParameters, Row, Value
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import is_alone, started_twice
 from atpid_common.waiting import COMPILING, announced
@@ -31,7 +32,8 @@ from atpid_sim.nodes.messages import handshake_truth, sample_block, truth_messag
 from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant.plant import Plant
-from atpid_sim.plant.stream import PlantLike, Stream, stamp_ns
+from atpid_sim.plant.sensor_faults import StampFaults
+from atpid_sim.plant.stream import PlantLike, Reading, Stream, StreamBlock, stamp_ns
 from atpid_sim.scene import Scene
 
 #: Between two blocks that are late: the ceiling's answers are received in between [s].
@@ -41,7 +43,13 @@ PARAMETERS = (
     Row("scene", "", "scene file (docs/scenes.md)"),
     Row("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
     Row("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
-)
+    Row(
+        "faults", [""], "faults to act beside the scene's: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
+        live=True,
+    ),
+)  # fmt: skip
+#: The parts whose faults the plant acts.
+ACTED = (*SENSORS, "clock")
 
 
 class PlantNode(Node):
@@ -56,7 +64,7 @@ class PlantNode(Node):
     ) -> None:
         """Read the scene; raise SceneError or StreamError where it cannot be run. `done` receives the exit status."""
         super().__init__("plant_node", parameter_overrides=parameter_overrides, **node_options)
-        values = declare(self, PARAMETERS)
+        values = LiveParameters(self, PARAMETERS)
         scene = scene_given(self)
         self._scene_name = Path(values["scene"]).name
         self._lockstep, expect_recorder = bool(values["lockstep"]), bool(values["expect_recorder"])
@@ -64,6 +72,8 @@ class PlantNode(Node):
             # a block that is not used: loading the kernels must not fall into the first block's time
             Stream(scene, make_plant(scene)).advance(scene.ceiling.heights[0][1], 0.0)
         self.stream = Stream(scene, make_plant(scene))
+        self._scene_faults, self._stamps = scene.injected, StampFaults(scene.seed)
+        self.stream.faults = self._faults(values.__getitem__)
         self.failure = ""  # what went wrong with the plant, one sentence
         self._ceiling: CeilingState | None = None
         self._awaited: int | None = None  # stamp whose answer lets the next block start [ns], lockstep only
@@ -87,6 +97,7 @@ class PlantNode(Node):
         self._pace_timer = self.create_timer(self.stream.block_seconds, self._pace, clock=steady)
         self._pace_timer.cancel()
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
+        values.follow(self._faults, self._set_faults, self._events.publish)
 
     def _make_topics(self) -> None:
         self._sensors = {
@@ -95,7 +106,25 @@ class PlantNode(Node):
         }
         self._truth = self.create_publisher(PlantTruth, "plant/truth", BLOCKS)
         self._events = EventPublisher(self)
-        subscribe(self, CeilingState, "ceiling/state", self._on_ceiling, STATES)
+        # a motor or height sensor that fails reports another height than the ceiling has
+        differs = any(fault.part in CEILING for fault in self._scene_faults)
+        topic = "ceiling/truth" if differs else "ceiling/state"
+        subscribe(self, CeilingState, topic, self._on_ceiling, STATES)
+
+    # faults
+
+    def _faults(self, value: Value) -> tuple[Injected, ...]:
+        """Return the faults of scene and parameter. Raises FaultError for what cannot be, or cannot be acted here."""
+        faults = (*self._scene_faults, *parsed(value("faults"), ACTED, "the plant"))
+        devices = [item.device for item in self.stream.instruments]
+        if "accelerometer" not in devices and any(fault.part == "accelerometer" for fault in faults):
+            raise FaultError("faults: given accelerometer; the scene has none; add sensors.accelerometer to it")
+        if both := overlapping(faults):
+            raise FaultError(f"faults: given {both[0]} and {both[1]}; allowed: one fault of a part at a time")
+        return faults
+
+    def _set_faults(self, faults: tuple[Injected, ...]) -> None:
+        self.stream.faults = faults
 
     def _outgoing(self) -> list[Any]:
         return [*self._sensors.values(), self._truth, self._events.publisher]
@@ -186,11 +215,10 @@ class PlantNode(Node):
             return
         if self._lockstep:
             # before publishing: in one process the answer may come back at once
-            self._awaited = self._last_stamp()
+            self._awaited = self._answered_stamp(block)
         for reading in block.readings:
-            self._sensors[reading.instrument.device].publish(
-                sample_block(reading, self._start_ns, f"plant:{reading.instrument.device}")
-            )
+            device, shift = reading.instrument.device, self._shift(reading)
+            self._sensors[device].publish(sample_block(reading, self._start_ns, f"plant:{device}", shift))
         self._truth.publish(truth_message(block, self._start_ns, "plant"))
         if self.stream.finished and not self._lockstep:
             self._end(Event.INFO, DONE, self._summary())
@@ -203,6 +231,17 @@ class PlantNode(Node):
         target = state.target if state.mode == CeilingState.MOVING else state.height
         known = math.isfinite(target) and math.isfinite(state.speed)
         return (target, abs(state.speed)) if known else (self.stream.height, 0.0)
+
+    def _shift(self, reading: Reading) -> int:
+        """By how much a faulty clock's stamp of a reading is off [ns]."""
+        first_ns = stamp_ns(self._start_ns, reading.first_index, reading.rate)
+        shift = self._stamps.shift(self.stream.faults, reading.first_index / reading.rate, first_ns)
+        return max(-first_ns, shift)
+
+    def _answered_stamp(self, block: StreamBlock) -> int:
+        """Stamp of the block's last laser sample, as a faulty clock has it too [ns]: that of the answer to it."""
+        laser = block.readings[0]
+        return stamp_ns(self._start_ns, laser.first_index + len(laser.data) - 1, laser.rate) + self._shift(laser)
 
     def _last_stamp(self) -> int:
         """Stamp of the last laser sample computed so far [ns]."""

@@ -12,6 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from atpid_common.errors import InputError
+from atpid_common.injected_faults import Injected
+from atpid_sim.plant.sensor_faults import PART_OF, ChannelFaults
 from atpid_sim.scene import Scene
 from atpid_sim.scene.sensors import Sensor
 from atpid_sim.system import Array
@@ -114,6 +116,9 @@ class Stream:
         second = accelerometer_of(scene)
         self.instruments = (self.laser, second) if second else (self.laser,)
         self.rate = common_rate([item.sensor.rate for item in self.instruments])
+        self.faults: tuple[Injected, ...] = scene.injected
+        self._channels = {item.device: [ChannelFaults(PART_OF[name], item.sensor.rate, scene.seed)
+                                        for name in item.channels] for item in self.instruments}  # fmt: skip
         self._strides = {item.device: round(self.rate / item.sensor.rate) for item in self.instruments}
         stride = self._strides["laser"]
         self.ticks_per_block = max(1, round(scene.recording.block * scene.sensors.laser.rate)) * stride
@@ -174,7 +179,10 @@ class Stream:
         stride = self._strides[instrument.device]
         names = {"laser": ("support", "beam"), "accelerometer": ("beam_acceleration",)}[instrument.device]
         signals = np.stack([np.asarray(getattr(truth, name))[::stride] for name in names], axis=1)
-        return Reading(instrument, instrument.sensor.rate, first // stride, instrument.read(number, signals))
+        index, readings = first // stride, instrument.read(number, signals)
+        for column, channel in enumerate(self._channels[instrument.device]):
+            readings[:, column] = channel.act(self.faults, index, readings[:, column])
+        return Reading(instrument, instrument.sensor.rate, index, readings)
 
 
 def common_rate(rates: list[float]) -> float:

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Discriminator, Field, Strict, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from atpid_common.injected_faults import CEILING, PARTS, Injected, overlapping
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
 from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation, FreeExcitation, HarmonicExcitation
+from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.initial import Initial
 from atpid_sim.scene.sensors import Recording, Sensors
 from atpid_sim.scene.structure import Beam, Grain
@@ -25,6 +27,8 @@ from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
 _STEADY_SHARE = 0.125
+#: Faults of one run at most.
+_MOST_FAULTS = 1000
 #: Samples a block at most: what one message can hold without filling the memory.
 _MOST_A_BLOCK = 1_000_000
 
@@ -72,6 +76,9 @@ class SceneValues(Block):
     sensors: Sensors = Field(default=Sensors(), description="what the bench's sensors read")
     recording: Recording = Field(default=Recording(), description="how the bench records")
     seed: Annotated[int, Strict(), Field(ge=0)] = Field(default=0, description="seed of all noise [-]")
+    faults: tuple[Fault, ...] | None = Field(
+        default=None, max_length=_MOST_FAULTS, description="faults acted on the bench (docs/faults.md)"
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> SceneValues:
@@ -79,7 +86,7 @@ class SceneValues(Block):
         if not 0.0 <= first < last <= self.duration:
             allowed = f"two rising times between 0 and duration ({self.duration:g} s)"
             raise impossible("steady_window", list(self.steady_window), allowed)
-        for error in (*_height_errors(self), *_initial_errors(self), *_block_errors(self)):
+        for error in (*_height_errors(self), *_initial_errors(self), *_block_errors(self), *_fault_errors(self)):
             raise error
         return self
 
@@ -104,6 +111,33 @@ class SceneValues(Block):
         if isinstance(self.excitation, HarmonicExcitation) and self.excitation.frequency != "resonance":
             return self.excitation.frequency
         return self.natural_frequency_hz
+
+    @property
+    def injected(self) -> tuple[Injected, ...]:
+        """The faults of the run as nodes take them."""
+        return tuple(fault.injected for fault in self.faults or ())
+
+    def require_faults_fit(self) -> None:
+        """Raise SceneError for a fault the run would not have: after its end, or of a motor where none moves.
+
+        Not a rule of the scene: simulations are derived from it with other ceilings and durations.
+        """
+        for fault in self.injected:
+            if fault.begin >= self.duration:
+                allowed = f"faults that begin before the run's end, duration {self.duration:g} s"
+                raise SceneError(f"faults: given {fault}; allowed: {allowed}")
+            if fault.part in CEILING and not isinstance(self.ceiling, ControlledCeiling):
+                allowed = "a fault of motor or height sensor only where a controller moves the ceiling"
+                raise SceneError(f"faults: given {fault}; allowed: {allowed}")
+
+    def refuse_faults(self, where: str, parts: tuple[str, ...] = PARTS) -> None:
+        """Raise SceneError where the scene has a fault of `parts`, which `where` cannot act."""
+        for fault in self.injected:
+            if fault.part in parts:
+                raise SceneError(
+                    f"faults: given {fault}; {where} cannot act faults of {fault.part}; leave it out, or run it by "
+                    "`python -m atpid_control bench SCENE.yaml --out DIR`"
+                )
 
     @property
     def static_deflection(self) -> float:
@@ -174,6 +208,16 @@ def _block_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
                 f" (sensors.{name}.rate x recording.block is {count:g})"
             )
             yield impossible("recording.block", scene.recording.block, allowed)
+
+
+def _fault_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
+    faults = scene.injected
+    for number, fault in enumerate(faults):
+        key, given = f"faults[{number}]", str(fault)
+        if fault.part == "accelerometer" and scene.sensors.accelerometer is None:
+            yield impossible(key, given, "an accelerometer's fault only where sensors.accelerometer is given")
+    if both := overlapping(faults):
+        yield impossible("faults", f"{both[0]} and {both[1]}", "one fault of a part at a time")
 
 
 def _defaults(block: Block, prefix: str) -> Iterator[tuple[str, Any, str]]:

@@ -8,6 +8,7 @@ from atpid_sim.fields import Block, variants_of
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
+from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.initial import Initial
 from atpid_sim.scene.model import ContactBlock
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
@@ -23,6 +24,7 @@ _PARTS: dict[str, list[type[Block]]] = {
     "`initial`": [Initial],
     "`sensors`": [Sensors, Sensor],
     "`recording`": [Recording],
+    "`faults`: a list of": [Fault],
 }
 
 

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults that are injected on purpose: which part, what kind, from when to when; `faults` of a scene and of nodes.
+
+As text, one fault is `PART KIND FROM TO [VALUE]` with times in seconds of the run: `support_laser stuck 4 6`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from atpid_common.errors import InputError
+
+SENSORS = ("support_laser", "beam_laser", "accelerometer")
+CEILING = ("height_sensor", "motor")
+PARTS = (*SENSORS, *CEILING, "serial_link", "recorder", "clock")
+KINDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
+#: The latest time of a fault [s].
+_LATEST = 1e9
+
+
+class FaultError(InputError):
+    """A fault that cannot be, or that cannot be acted where it is given."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a kind does to a part: in words, its `value` where it has one, and what that is where none is given."""
+
+    text: str
+    unit: str = ""  # of the value; empty: it has none
+    default: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+
+
+def _sensor(unit: str, garbage: float) -> dict[str, Meaning]:
+    return {
+        "off": Meaning("no valid reading (NaN)"),
+        "stuck": Meaning("the last reading again and again"),
+        "garbage": Meaning("random readings between -value and value", unit, garbage, 1e-9, 1e6),
+        "wrong": Meaning("readings times value", "-", 0.7, 0.01, 100.0),
+        "slow": Meaning("a first-order lag with the time constant value", "s", 0.05, 1e-3, 100.0),
+        "delayed": Meaning("readings of the time value before", "s", 0.1, 1e-3, 10.0),
+        "intermittent": Meaning("no valid reading in the second half of each period value", "s", 0.1, 2e-3, 100.0),
+    }
+
+
+MEANINGS: dict[str, dict[str, Meaning]] = {
+    "support_laser": _sensor("m", 0.15),
+    "beam_laser": _sensor("m", 0.15),
+    "accelerometer": _sensor("m/s^2", 500.0),
+    "height_sensor": {
+        "off": Meaning("no reading: a broken wire"),
+        "stuck": Meaning("the last reading again and again"),
+        "garbage": Meaning("random readings over the ceiling's range"),
+        "wrong": Meaning("readings plus value", "m", 0.01, -1.0, 1.0),
+        "slow": Meaning("a first-order lag with the time constant value", "s", 0.5, 1e-3, 100.0),
+        "delayed": Meaning("readings of the time value before", "s", 0.2, 1e-3, 10.0),
+        "intermittent": Meaning("no reading in the second half of each period value", "s", 0.1, 2e-3, 100.0),
+    },
+    "motor": {
+        "off": Meaning("no motor power: it does not move"),
+        "stuck": Meaning("once it runs it cannot be switched off, as by a welded contact"),
+        "garbage": Meaning("it runs in a random direction, chosen every 0.1 s"),
+        "wrong": Meaning("it runs against its command: leads swapped"),
+        "slow": Meaning("its speed times value", "-", 0.25, 1e-3, 1.0),
+        "delayed": Meaning("it starts the time value after its command", "s", 0.2, 1e-3, 10.0),
+        "intermittent": Meaning("it stands in the second half of each period value", "s", 0.2, 2e-3, 100.0),
+    },
+    "clock": {
+        "off": Meaning("stamps are zero: no source of time"),
+        "stuck": Meaning("the last stamp again and again"),
+        "garbage": Meaning("stamps off by a random time up to value", "s", 1.0, 1e-3, 1e6),
+        "wrong": Meaning("stamps ahead by value: a clock that was set", "s", 3600.0, -1e8, 1e8),
+        "slow": Meaning("it loses the share value of the time: drift", "-", 0.05, 1e-6, 0.99),
+        "delayed": Meaning("stamps behind by value", "s", 0.5, 1e-3, 1e6),
+        "intermittent": Meaning("behind by 0.5 s in the second half of each period value", "s", 0.4, 0.01, 100.0),
+    },
+}
+#: What no graph can act yet, and why: refused by name.
+NOT_ACTED = {
+    "serial_link": "the simulated bench has no serial link; it is the emulated stand's (docs/stand.md)",
+    "recorder": "a fault of the recorder's disk is acted on its file system: a full disk, or SIGSTOP and SIGKILL of "
+    "recorder_node (docs/recording.md)",
+}
+
+
+@dataclass(frozen=True)
+class Injected:
+    """One fault: part, kind, from `begin` to `end` [s of the run], and its value (`MEANINGS`)."""
+
+    part: str
+    kind: str
+    begin: float
+    end: float
+    value: float = math.nan
+
+    def __post_init__(self) -> None:
+        """Raise FaultError where part, kind, times or value cannot be; a NaN value becomes the kind's default."""
+        if reason := problem(self.part, self.kind, self.begin, self.end, self.value):
+            raise FaultError(reason)
+        if math.isnan(self.value):
+            object.__setattr__(self, "value", MEANINGS[self.part][self.kind].default)
+
+    def active(self, time: float) -> bool:
+        """Whether the fault is there at `time` [s]."""
+        return self.begin <= time < self.end
+
+    def __str__(self) -> str:
+        value = "" if math.isnan(self.value) else f" {self.value!r}"
+        return f"{self.part} {self.kind} {self.begin!r} {self.end!r}{value}"
+
+
+def problem(part: str, kind: str, begin: float, end: float, value: float) -> str:
+    """Return in one line why such a fault cannot be; empty: it can."""
+    if part not in PARTS:
+        return f"part: given {part!r}; allowed: {', '.join(PARTS)}"
+    if kind not in KINDS:
+        return f"kind: given {kind!r}; allowed: {', '.join(KINDS)}"
+    if part in NOT_ACTED:
+        return f"{part} {kind} cannot be acted: {NOT_ACTED[part]}"
+    if not (0.0 <= begin < end <= _LATEST):
+        return f"{part} {kind}: given from {begin:g} to {end:g} s; allowed: rising times from 0 to {_LATEST:g} s"
+    meaning = MEANINGS[part][kind]
+    if math.isnan(value):
+        return ""
+    if not meaning.unit:
+        return f"{part} {kind}: given the value {value:g}; allowed: none, this kind has no value"
+    if not meaning.low <= value <= meaning.high:
+        return f"{part} {kind}: given the value {value:g} {meaning.unit}; allowed: {meaning.low:g} to {meaning.high:g}"
+    return ""
+
+
+def overlapping(faults: Sequence[Injected]) -> tuple[Injected, Injected] | None:
+    """Return two faults of one part that are there at the same time; None: none are."""
+    for part in {fault.part for fault in faults}:
+        ordered = sorted((fault for fault in faults if fault.part == part), key=lambda fault: fault.begin)
+        for first, second in pairwise(ordered):
+            if second.begin < first.end:
+                return first, second
+    return None
+
+
+def parsed(lines: Sequence[str], parts: Sequence[str], where: str) -> tuple[Injected, ...]:
+    """Return the faults in `lines` (`PART KIND FROM TO [VALUE]`), empty lines left out.
+
+    Raises FaultError for what cannot be, and for a part that is not one of `parts`, which `where` acts.
+    """
+    found = tuple(_of_line(line) for line in lines if line)
+    for fault in found:
+        if fault.part not in parts:
+            raise FaultError(f"faults: given {fault.part}; allowed: {', '.join(parts)}, which {where} acts")
+    return found
+
+
+def _of_line(line: str) -> Injected:
+    words = line.split()
+    allowed = "allowed: PART KIND FROM TO [VALUE] with times in s, such as 'support_laser stuck 4 6'"
+    if len(words) not in (4, 5):
+        raise FaultError(f"faults: given {line!r}; {allowed}")
+    try:
+        numbers = [float(word) for word in words[2:]]
+    except ValueError:
+        raise FaultError(f"faults: given {line!r}; {allowed}") from None
+    return Injected(words[0], words[1], *numbers)

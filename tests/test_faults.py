@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults injected into the real graph are felt, end in their documented states, and cost nothing of the record."""
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from atpid_common.injected_faults import KINDS, NOT_ACTED, PARTS, FaultError, Injected, parsed
+from atpid_control.cli import main
+from atpid_control.fault_matrix.page import page, remarks
+from atpid_control.fault_matrix.run import BEGIN, END, Finished, Row, acted, problems, reference_of, row_of, rows, run
+from atpid_control.graph.domain import own_domain
+from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalState, SignalWatch
+from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
+from atpid_sim.scene import SceneError, standard_bench
+
+#: A representative of each kind and part; `python -m atpid_control faults` runs all. Part, kind, event, latest [s].
+ROWS = [
+    ("support_laser", "off", "fault", 0.25),
+    ("support_laser", "stuck", "fault", 0.25),
+    ("support_laser", "garbage", "fault", 0.1),
+    ("support_laser", "wrong", "drift", 3.0),
+    ("beam_laser", "slow", "drift", 3.0),
+    ("beam_laser", "intermittent", "fault", 1.1),
+    ("accelerometer", "stuck", "fault", 0.25),
+    ("accelerometer", "wrong", "", math.nan),
+    ("height_sensor", "off", "fault", 0.1),
+    ("height_sensor", "stuck", "fault", 4.0),
+    ("motor", "off", "fault", 4.0),
+    ("motor", "wrong", "fault", 3.5),
+    ("motor", "stuck", "fault", 5.0),
+    ("clock", "wrong", "fault", 0.1),
+    ("clock", "off", "fault", 0.1),
+]
+SETTINGS = SignalSettings(dead_time=0.2, frozen_time=0.2, largest_velocity=30.0, recovery_time=0.5, invalid_share=0.2)
+RATE = 1000.0
+TONE = 0.03 * np.sin(2.0 * np.pi * 5.47 * np.arange(6000) / RATE)
+
+
+@pytest.fixture(scope="module")
+def without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable[[str], Finished], Path]]:
+    """The runs without a fault, by the part that is compared with them, and a folder."""
+    folder = tmp_path_factory.mktemp("faults")
+
+    @functools.cache
+    def reference(usual: tuple[Injected, ...]) -> Finished:
+        return run(usual, folder, f"without-{len(usual)}")
+
+    with own_domain(None):
+        yield lambda part: reference(reference_of(part)), folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("part", "kind", "event", "latest"), ROWS)
+def test_a_fault_is_felt_and_ends_as_documented(
+    part: str, kind: str, event: str, latest: float, without: tuple[Callable[[str], Finished], Path]
+) -> None:
+    reference, folder = without
+    fault = Injected(part, kind, BEGIN, END)
+    row = row_of(fault, run((fault,), folder, f"{part}-{kind}"), reference(part))
+    assert problems(row) == []
+    if not event:
+        assert row.detected is None
+    else:
+        assert row.detected is not None
+        assert row.detected.kind == event
+        assert row.detected.time - BEGIN <= latest
+    assert math.isfinite(row.recovery)
+
+
+@pytest.mark.slow
+def test_a_fault_that_is_not_acted_is_noticed(without: tuple[Callable[[str], Finished], Path]) -> None:
+    usual = without[0]("support_laser")
+    row = row_of(Injected("support_laser", "off", BEGIN, END), usual, usual)
+    assert problems(row) == ["support_laser off: the fault was not felt"]
+
+
+@pytest.mark.slow
+def test_the_command_runs_a_part_of_the_matrix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["faults", "--out", str(tmp_path / "out"), "--part", "accelerometer"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[1] for line in lines[:7]] == list(KINDS)
+    assert main(["faults", "--out", str(tmp_path / "out"), "--part", "clock"]) == 2
+
+
+def test_what_cannot_be_acted_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for part in NOT_ACTED:
+        with pytest.raises(SceneError, match=f"{part} off cannot be acted: "):
+            standard_bench(faults=[{"part": part, "kind": "off", "from": 1.0, "to": 2.0}])
+        assert main(["faults", "--out", str(tmp_path / "out"), "--part", part]) == 2
+        assert "cannot be acted" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ({"part": "accelerometer"}, "only where sensors.accelerometer is given"),
+        ({"from": 2.0, "to": 1.0}, "rising times"),
+        ({"value": 1.0}, "none, this kind has no value"),
+        ({"kind": "broken"}, "allowed"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_one_line(fault: dict[str, object], reason: str) -> None:
+    given = {"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0} | fault
+    with pytest.raises(SceneError, match=reason) as refused:
+        standard_bench(faults=[given])
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [({"from": 100.0, "to": 101.0}, "before the run's end"), ({"part": "motor"}, "where a controller moves")],
+)
+def test_a_fault_that_the_run_would_not_have_is_refused(fault: dict[str, object], reason: str) -> None:
+    given = {"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0} | fault
+    with pytest.raises(SceneError, match=reason):
+        standard_bench(faults=[given]).require_faults_fit()
+
+
+def test_one_fault_of_a_part_at_a_time() -> None:
+    first = {"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0}
+    with pytest.raises(SceneError, match="one fault of a part at a time"):
+        standard_bench(faults=[first, first | {"from": 1.5, "to": 3.0}])
+    assert len(standard_bench(faults=[first, first | {"from": 2.0, "to": 3.0}]).injected) == 2
+
+
+def test_the_text_of_a_fault_is_read_back() -> None:
+    for part, kind in rows():
+        if acted(part):
+            fault = Injected(part, kind, 1.5, 2.25)
+            again = parsed([str(fault)], PARTS, "a test")
+            assert str(again[0]) == str(fault)
+    for line in ("support_laser off", "support_laser off a b", "support_laser off 1 nan", "x off 1 2"):
+        with pytest.raises(FaultError):
+            parsed([line], PARTS, "a test")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_channel_is_as_without_the_fault_before_and_after(kind: str) -> None:
+    fault, faults = Injected("support_laser", kind, 2.0, 3.0), ChannelFaults("support_laser", RATE, 1)
+    out = np.concatenate([faults.act([fault], first, TONE[first : first + 70]) for first in range(0, TONE.size, 70)])
+    assert np.array_equal(out[:2000], TONE[:2000])
+    assert np.array_equal(out[3000:], TONE[3000:])
+    assert not np.array_equal(out[2000:3000], TONE[2000:3000], equal_nan=True)
+
+
+def test_closed_forms_of_the_kinds() -> None:
+    def acted_on(kind: str, value: float = math.nan) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+        faults = ChannelFaults("support_laser", RATE, 1)
+        fault = Injected("support_laser", kind, 2.0, 5.0, value)
+        parts = [faults.act([fault], first, TONE[first : first + 50]) for first in range(0, TONE.size, 50)]
+        return np.concatenate(parts)
+
+    assert np.all(np.isnan(acted_on("off")[2000:5000]))
+    assert np.all(acted_on("stuck")[2000:5000] == TONE[1999])
+    assert np.array_equal(acted_on("delayed", 0.1)[2000:5000], TONE[1900:4900])
+    assert np.array_equal(acted_on("wrong", 0.5)[2000:5000], 0.5 * TONE[2000:5000])
+    # a first-order lag passes 1 / sqrt(1 + (omega tau)^2) of a tone
+    lagging = acted_on("slow", 0.05)[4000:5000]
+    assert np.ptp(lagging) / np.ptp(TONE) == pytest.approx(1.0 / math.hypot(1.0, 2.0 * math.pi * 5.47 * 0.05), rel=0.01)
+    assert np.isnan(acted_on("intermittent", 0.1)[2000:5000]).mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_stamps_of_a_faulty_clock() -> None:
+    stamps = StampFaults(1)
+    assert stamps.shift([Injected("clock", "wrong", 1.0, 2.0)], 0.5, 500_000_000) == 0
+    assert stamps.shift([Injected("clock", "wrong", 1.0, 2.0)], 1.5, 1_500_000_000) == 3600 * 10**9
+    assert stamps.shift([Injected("clock", "off", 1.0, 2.0)], 1.5, 1_500_000_000) == -1_500_000_000
+    assert stamps.shift([Injected("clock", "slow", 1.0, 2.0, 0.1)], 1.5, 1_500_000_000) == -50_000_000
+
+
+def states(readings: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[tuple[int, SignalState]]:
+    watch, found = SignalWatch(SETTINGS), []
+    for first in range(0, readings.size, 50):
+        changed = watch.push(RATE, readings[first : first + 50])
+        if changed is not None:
+            found.append((first + 50, changed))
+    return found
+
+
+def test_a_tone_is_plausible_and_so_is_a_structure_that_comes_to_rest() -> None:
+    assert states(TONE) == []
+    ended = TONE * np.clip(np.linspace(3.0, -2.0, TONE.size), 0.0, 1.0)  # constant at zero for the last 2.4 s
+    assert np.ptp(ended[-2000:]) == 0.0
+    assert states(ended) == []
+    assert states(np.zeros(3000)) == []  # a support that never moves
+
+
+@pytest.mark.parametrize("phase", range(2000, 2190, 13))
+def test_a_stop_in_mid_motion_is_found_whatever_its_phase(phase: int) -> None:
+    stuck = TONE.copy()
+    stuck[phase:4000] = TONE[phase]
+    (at, found), (again, ended) = states(stuck)
+    assert found is SignalState.FROZEN
+    assert at <= phase + 250
+    assert ended is SignalState.PLAUSIBLE
+    assert 4500 <= again <= 4600
+
+
+def test_dead_impossible_and_intermittent_channels() -> None:
+    dead, jumping, gaps = TONE.copy(), TONE.copy(), TONE.copy()
+    dead[2000:3000] = np.nan
+    jumping[2000:3000] = np.random.default_rng(1).uniform(-0.15, 0.15, 1000)
+    gaps[2000:4000].reshape(-1, 100)[:, 50:] = np.nan
+    assert [state for _, state in states(dead)] == [SignalState.DEAD, SignalState.PLAUSIBLE]
+    assert [state for _, state in states(jumping)] == [SignalState.IMPOSSIBLE, SignalState.PLAUSIBLE]
+    assert [state for _, state in states(gaps)] == [SignalState.INTERMITTENT, SignalState.PLAUSIBLE]
+
+
+def test_stamps_and_indices_count_the_same_time() -> None:
+    watch = ClockWatch(0.1)
+    assert [watch.push(100.0 + index / RATE, index, RATE) for index in range(0, 500, 50)] == [None] * 10
+    assert watch.push(200.0, 500, RATE) is True
+    assert watch.push(100.55, 550, RATE) is False
+    assert watch.push(300.0, 0, RATE) is None  # another stream begins
+
+
+def test_the_page_names_all_56_rows_and_what_bounds_the_undetected_ones() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "faults.md").read_text(encoding="utf-8")
+    for part in PARTS:
+        section = text.partition(f"## {part.replace('_', ' ').capitalize()}\n")[2].partition("\n## ")[0]
+        for kind in KINDS:
+            assert kind in section, f"{part} {kind}"
+    assert "is not detected: not detected" not in text
+    assert set(remarks()) - {"undetected"} == {part for part in PARTS if acted(part)}
+
+
+def test_a_page_is_made_of_rows() -> None:
+    row = Row("clock", "off", True, None, None, math.inf, 0.1, 0.2, 0.3, 1.0, 0.0, True, True, "")
+    assert "| off | stamps are zero: no source of time | no |" in page([row])
+
+
+def test_the_stand_refuses_injected_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = standard_bench(faults=[{"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0}])
+    (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
+    assert main(["stand", str(tmp_path / "scene.yaml")]) == 2
+    assert "the stand cannot act faults of support_laser" in capsys.readouterr().err
