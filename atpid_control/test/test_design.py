@@ -251,7 +251,7 @@ def test_a_target_that_no_grain_keeps_is_named() -> None:
         (["--damping", "2"], "--damping: given 2.0; allowed: from 0.0005 to 0.2"),
         (["--amplitudes", "0.004:0.001"], "--amplitudes: given 0.004:0.001; allowed: LO:HI, two rising"),
         (["--amplitudes", "0.004"], "--amplitudes: given 0.004; allowed: LO:HI, two rising"),
-        (["--frequency", "nan"], "--frequency: given nan; allowed: a finite number"),
+        (["--frequency", "nan"], "--frequency: given nan; allowed: -1e+15 to 1e+15"),
         (["--target-reduction", "80"], "--target-reduction: given 80.0; allowed: from 0.01 to 0.99 (a share: 80 %"),
         (["--max-mass-fraction", "0.9"], "--max-mass-fraction: given 0.9; allowed: from 0.01 to 0.6"),
         (["--uncertainty", "weight=0.1"], "--uncertainty: given weight=0.1; allowed: NAME=VALUE"),

@@ -153,7 +153,7 @@ def test_the_command_trains_a_model_that_selects(tmp_path: Path, capsys: pytest.
 
 def test_too_few_systems_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["learn", "--out", str(tmp_path), "--systems", "5"]) == 2
-    assert "--systems: given 5; allowed: 32 to 4096" in capsys.readouterr().err
+    assert "--systems: given 5; allowed: a whole number from 32 to 4096" in capsys.readouterr().err
 
 
 def test_a_file_that_is_no_model_is_one_line(model: HeightModel, tmp_path: Path) -> None:

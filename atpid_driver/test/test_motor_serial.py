@@ -133,7 +133,8 @@ def test_unplugged_in_motion_and_plugged_in_again(rig: Rig) -> None:
     assert rig.read().faults == Fault.LINK_LOST
     rig.emulator.do("plug")
     rig.wait(Mode.FAULT)
-    assert any("is gone" in text for text in rig.reports)
+    # on a busy machine a heartbeat is missed before the port is read
+    assert any("is gone" in text or "no answer to" in text for text in rig.reports)
     assert any("found again" in text and "motor off until ~/rearm: the connection" in text for text in rig.reports)
     rig.stays_off(Fault.LINK_LOST, Fault.RESTARTED)
     rig.rearm()

@@ -3,6 +3,7 @@
 
 import argparse
 import json
+import sys
 from typing import Any
 
 from rich.console import Console
@@ -62,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
     scene = load_scene(args.scene)
     if args.height is not None:
         scene = scene.with_(height=args.height)
+    if scene.injected:
+        print("faults: left out, a single run has neither sensors nor a motor; the bench acts them", file=sys.stderr)
     _check_files(args, scene)
     with working("simulating (the first time the kernels are compiled, a minute or two)"):
         try:
