@@ -51,6 +51,7 @@ class Rig:
 
     def stays_off(self, *faults: Fault) -> None:
         """Command fresh heights for a second, as the selector does: `faults` stay named and nothing moves."""
+        wait_for(lambda: all(fault in self.read().faults for fault in faults), f"{faults} named")
         before = self.emulator.state()
         while self.emulator.state().ms < before.ms + 1000.0:
             with pytest.raises(NotReadyError, match="remove the cause, then call ~/rearm"):
@@ -192,9 +193,12 @@ def test_a_board_lost_while_disarmed_comes_back_disarmed(rig: Rig) -> None:
         rig.move(0.95)
 
 
-@pytest.mark.parametrize(("bootloader", "faults"), [(0.3, Fault.RESTARTED), (1.6, Fault.LINK_LOST)])
-def test_a_hung_firmware_stays_off_until_a_person_arms_it(tmp_path: Path, bootloader: float, faults: Fault) -> None:
-    """Where the restart takes longer than a lost link is noticed, the port is opened again, which resets the board."""
+@pytest.mark.parametrize("bootloader", [0.3, 1.6])
+def test_a_hung_firmware_stays_off_until_a_person_arms_it(tmp_path: Path, bootloader: float) -> None:
+    """Where the restart takes longer than a lost link is noticed, the port is opened again, which resets the board.
+
+    That is so with the slow bootloader, and with the fast one where this machine is busy.
+    """
     with board(tmp_path, height=0.99, bootloader=bootloader, reset_on_open=True) as emulator:
         emulator.pace(1.0)
         rig = Rig(tmp_path, emulator)
@@ -203,7 +207,8 @@ def test_a_hung_firmware_stays_off_until_a_person_arms_it(tmp_path: Path, bootlo
             rig.start_down()
             emulator.do("hang")
             rig.wait(Mode.FAULT)
-            rig.stays_off(Fault.WATCHDOG, faults)
+            rig.stays_off(Fault.WATCHDOG)
+            assert rig.read().faults & (Fault.RESTARTED | Fault.LINK_LOST)
             rig.rearm()
 
 
