@@ -18,6 +18,7 @@ import pytest
 import rclpy
 from colcon_workspace import PACKAGES, ROOT, clone, differences, environment, run, sourced
 from graph_runs import scene_file, wait_until
+from rclpy.node import Node
 
 from atpid_driver.emulator import missing_tools
 
@@ -125,7 +126,7 @@ def test_every_module_is_there(removed: Path, shell: dict[str, str], tmp_path: P
 
 
 @pytest.fixture
-def graph() -> Iterator[rclpy.node.Node]:
+def graph() -> Iterator[Node]:
     """A node that sees which others are there."""
     context = rclpy.Context()
     context.init()
@@ -136,7 +137,7 @@ def graph() -> Iterator[rclpy.node.Node]:
 
 
 def test_every_executable_starts_and_ends(
-    removed: Path, shell: dict[str, str], inputs: Path, recorded: Path, tmp_path: Path, graph: rclpy.node.Node
+    removed: Path, shell: dict[str, str], inputs: Path, recorded: Path, tmp_path: Path, graph: Node
 ) -> None:
     install = removed / "install"
     found = {(path.parent.name, path.name) for path in install.glob("*/lib/atpid_*/*")}
