@@ -123,7 +123,7 @@ def _readings(path: Path) -> None:
 def _recording(path: Path) -> None:
     made = read_recording(path, "support_displacement", "beam_displacement")
     assert np.isfinite(made.rate)
-    read_measured(path, 0.0, 9.0)
+    read_measured(path, None, 0.0, 9.0)
 
 
 def _in_folder(path: Path) -> Path:
@@ -145,7 +145,8 @@ def _all_of(folder: Path) -> None:
     for topic in bag.types:
         with suppress(AtpidError):
             list(bag.messages(topic))
-    for use in (lambda: view_of(folder), lambda: read_measured(folder, 0.0, 9.0), lambda: scene_of(folder, None)):
+    measured, scene = lambda: read_measured(folder, bag, 0.0, 9.0), lambda: scene_of(folder, bag, None)
+    for use in (lambda: view_of(folder), measured, scene):
         with suppress(AtpidError):
             use()
     with suppress(AtpidError):

@@ -14,7 +14,7 @@ import numpy as np
 
 from atpid_common.errors import InputError
 from atpid_common.files import FileError, check
-from atpid_control.bags.read import open_bag
+from atpid_control.bags.read import Bag, open_bag
 from atpid_sim.system import Array
 
 
@@ -56,7 +56,7 @@ def read_recording(path: Path, support_channel: str, beam_channel: str) -> Recor
     """
     if path.suffix.lower() == ".csv":
         return _from_table(path, support_channel, beam_channel)
-    return _from_bag(path, support_channel, beam_channel)
+    return recording_in(open_bag(path), support_channel, beam_channel)
 
 
 def _from_table(path: Path, support_channel: str, beam_channel: str) -> Recording:
@@ -105,8 +105,9 @@ def _even_rate(time: Array, path: Path) -> float:
     return float(1.0 / step)
 
 
-def _from_bag(path: Path, support_channel: str, beam_channel: str) -> Recording:
-    blocks = list(open_bag(path).stream(TOPIC))
+def recording_in(bag: Bag, support_channel: str, beam_channel: str) -> Recording:
+    """Return the recording in an open bag. Raises as `read_recording`."""
+    path, blocks = bag.path, list(bag.stream(TOPIC))
     channels = list(blocks[0].channels) if blocks else []
     if beam_channel not in channels:
         raise CalibrationError(f"{path}: {TOPIC} has channels {', '.join(channels) or 'none'}; needed: {beam_channel}")

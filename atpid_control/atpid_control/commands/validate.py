@@ -14,7 +14,7 @@ from rich.table import Table
 from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
 from atpid_control.validation.compare import Agreement, compare, driven_scene
-from atpid_control.validation.measured import Measured, ValidationError, read_measured, scene_of
+from atpid_control.validation.measured import Measured, ValidationError, opened, read_measured, scene_of
 from atpid_control.validation.picture import draw
 from atpid_sim.display import working
 from atpid_sim.simulation.integration import FIDELITIES
@@ -49,8 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, compare, print; return 0. Raises ValidationError, SceneError, BagError, NumericalFailure."""
-    measured = read_measured(args.recording, args.begin, args.end)
-    scene = scene_of(args.recording, args.scene)
+    bag = opened(args.recording)
+    measured = read_measured(args.recording, bag, args.begin, args.end)
+    scene = scene_of(args.recording, bag, args.scene)
     output.folder(args.out)
     for name in (SERIES, SCENE, PICTURE, NUMBERS):
         if (args.out / name).exists():

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.validation.measured import Measured, ValidationError
-from atpid_sim.analysis.agreement import aligned, lag_of
+from atpid_sim.analysis.agreement import aligned, lag_of, relative_rmse
 from atpid_sim.analysis.damping import amplitudes_per_period
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import simulate, trajectory
@@ -64,7 +64,7 @@ class Agreement:
     @property
     def rmse(self) -> float:
         """Root mean square of `errors` [-] (Eq. 3.46)."""
-        return float(np.sqrt(np.mean(self.errors**2)))
+        return relative_rmse(self.measured_amplitude[self.compared], self.simulated_amplitude[self.compared])
 
     @property
     def displacement_error(self) -> float:
@@ -132,9 +132,8 @@ def compare(scene: Scene, measured: Measured, fidelity: str = "auto") -> Agreeme
     size = min(len(motion.beam), len(measured.beam))
     samples = measured.rate / scene.natural_frequency_hz
     experiment, simulation = measured.beam[first:size], motion.beam[first:size]
-    most = int(0.5 * samples)
-    lag = lag_of(experiment, simulation, most)
-    one, other = aligned(experiment, simulation, most)
+    lag = lag_of(experiment, simulation, int(0.5 * samples))
+    one, other = aligned(experiment, simulation, lag)
     begin = first + max(-lag, 0)  # of the simulation
     ours, theirs = (amplitudes_per_period(series, samples) for series in (one, other))
     compared = ours > _STILL * ours.max()

@@ -8,11 +8,13 @@ import numpy as np
 
 from atpid_common.errors import InputError
 from atpid_control.bags.read import Bag, open_bag, stamp_of
-from atpid_control.beam_calibration.recording import TOPIC, read_recording
+from atpid_control.beam_calibration.recording import TOPIC, read_recording, recording_in
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.system import Array
 
+#: Channels compared.
+SUPPORT, BEAM = "support_displacement", "beam_displacement"
 #: Samples below which nothing is compared: a cubic spline and an initial velocity need more.
 _FEWEST = 100
 
@@ -36,27 +38,32 @@ class Measured:
         return (len(self.beam) - 1) / self.rate
 
 
-def read_measured(path: Path, begin: float, end: float) -> Measured:
+def opened(path: Path) -> Bag | None:
+    """Return the bag at `path`, read once for all below; None for a table. Raises BagError."""
+    return None if path.suffix.lower() == ".csv" else open_bag(path)
+
+
+def read_measured(path: Path, bag: Bag | None, begin: float, end: float) -> Measured:
     """Return the part from `begin` to `end` [s] of a bag or a table; raise ValidationError where it has gaps."""
-    part = read_recording(path, "support_displacement", "beam_displacement").between(begin, end)
+    whole = read_recording(path, SUPPORT, BEAM) if bag is None else recording_in(bag, SUPPORT, BEAM)
+    part = whole.between(begin, end)
     if part.support is None:
-        raise ValidationError(f"{path}: support_displacement was not recorded, so nothing can drive the scene")
+        raise ValidationError(f"{path}: {SUPPORT} was not recorded, so nothing can drive the scene")
     if len(part.beam) < _FEWEST:
         raise ValidationError(f"{path}: {len(part.beam)} samples in that part; needed: {_FEWEST}")
-    for name, series in (("support_displacement", part.support), ("beam_displacement", part.beam)):
+    for name, series in ((SUPPORT, part.support), (BEAM, part.beam)):
         gaps = np.flatnonzero(~np.isfinite(series))
         if len(gaps):
             at = begin + gaps[0] / part.rate
             raise ValidationError(f"{path}: {name} is missing or invalid at {at:g} s; choose a part with --from, --to")
     first = np.ceil(begin * part.rate) / part.rate
-    return Measured(part.rate, part.support, part.beam, None if path.suffix == ".csv" else _ceiling(path, float(first)))
+    return Measured(part.rate, part.support, part.beam, None if bag is None else _ceiling(bag, float(first)))
 
 
-def scene_of(path: Path, given: Path | None) -> Scene:
-    """Return the scene in `given`, else the one kept in the bag at `path`; raise SceneError or ValidationError."""
+def scene_of(path: Path, bag: Bag | None, given: Path | None) -> Scene:
+    """Return the scene in `given`, else the one kept in the bag; raise SceneError or ValidationError."""
     if given is not None:
         return load_scene(given)
-    bag = None if path.suffix == ".csv" else open_bag(path)
     if bag is None or bag.scene_text is None:
         raise ValidationError(f"{path}: no scene was recorded; give one with --scene")
     try:
@@ -65,9 +72,8 @@ def scene_of(path: Path, given: Path | None) -> Scene:
         raise SceneError(f"{error}; give a scene with --scene") from None
 
 
-def _ceiling(path: Path, begin: float) -> Array | None:
+def _ceiling(bag: Bag, begin: float) -> Array | None:
     """Return times since `begin` [s] and heights (k, 2) of the ceiling; None where its state was not recorded."""
-    bag = open_bag(path)
     start = _first_stamp(bag)
     found = [((stamp_of(state) - start) * 1e-9 - begin, state.height) for _, state in bag.of_kind("CeilingState")]
     heights = np.array(found, dtype=np.float64).reshape(-1, 2)

@@ -8,7 +8,6 @@ of less than a period changes little.
 
 import numpy as np
 
-from atpid_sim.analysis.damping import amplitudes_per_period
 from atpid_sim.system import Array
 
 
@@ -26,18 +25,16 @@ def lag_of(measured: Array, simulated: Array, most: int) -> int:
     return max(range(-most, most + 1), key=correlation)
 
 
-def aligned(measured: Array, simulated: Array, most: int) -> tuple[Array, Array]:
-    """Return both series (k,) [m] over their common time, the lag (at most `most` samples) and the offset removed."""
-    lag = lag_of(measured, simulated, most)
+def aligned(measured: Array, simulated: Array, lag: int) -> tuple[Array, Array]:
+    """Return both series (k,) [m] over their common time, the lag [samples] and the offset removed."""
     size = len(measured)
     one, other = measured[max(lag, 0) : size + min(lag, 0)], simulated[max(-lag, 0) : size - max(lag, 0)]
     return one - one.mean() + other.mean(), other
 
 
-def relative_rmse(measured: Array, simulated: Array, samples: float) -> float:
+def relative_rmse(experiment: Array, simulation: Array) -> float:
     """Return the root mean square of (X_Exp - X_Sim) / X_Exp [-] over the amplitudes of whole periods (Eq. 3.46).
 
-    measured, simulated: (n,) [m] at the same instants, `samples` a period.
+    experiment, simulation: (k,) [m], as `analysis.damping.amplitudes_per_period` gives them.
     """
-    experiment, simulation = (amplitudes_per_period(series, samples) for series in (measured, simulated))
     return float(np.sqrt(np.mean(((experiment - simulation) / experiment) ** 2)))
