@@ -14,6 +14,7 @@ from graph_runs import in_real_time, scene_file, started, wait_until
 from atpid_common.nodes.messages import nanoseconds_of
 from atpid_control.bags.verify import verify
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
+from atpid_control.graph import segments
 from atpid_control.graph.domain import own_domain
 from atpid_control.graph.parts import PARTS, write_parameters
 
@@ -96,8 +97,12 @@ def test_the_domain_is_printed_and_ctrl_c_before_the_recording_leaves_no_bag(sce
 
 def test_a_node_that_dies_stops_the_run_with_its_name(running: tuple[subprocess.Popen[str], Path]) -> None:
     process, out = running
-    os.kill(children(process.pid)["motor_node"], signal.SIGKILL)
+    motor = children(process.pid)["motor_node"]
+    memory = segments.used_by(motor)
+    os.kill(motor, signal.SIGKILL)
     _, printed = process.communicate()
+    assert memory
+    assert not memory & segments.present().keys()
     assert process.returncode == 2
     assert printed.strip().splitlines()[-1].startswith("error: motor_node ended with status -9: ")
     assert verify(out / "bag").by_topic["/sensors/laser"] > 0

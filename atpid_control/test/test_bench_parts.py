@@ -162,9 +162,13 @@ def test_nodes_are_interrupted_before_they_are_killed(tmp_path: Path) -> None:
     # as a node does: it handles the signals itself, which are blocked until then
     asks = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     asks += "signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT, signal.SIGTERM])\n"
-    text = asks + "try:\n    print('up', flush=True); signal.pause()\nexcept KeyboardInterrupt:\n    print('closed')"
-    with Processes([("recorder_node", script(text))], tmp_path) as nodes:
-        while "up" not in (tmp_path / "recorder_node.log").read_text():
+    # one write a line, whose end is waited for: `print` to an unbuffered file may be interrupted before the line's end
+    text = (
+        asks
+        + "import os\ntry:\n    os.write(1, b'up\\n'); signal.pause()\nexcept KeyboardInterrupt:\n    print('closed')"
+    )
+    with Processes([("recorder_node", script(asks + text))], tmp_path) as nodes:
+        while "up\n" not in (tmp_path / "recorder_node.log").read_text():
             assert nodes["recorder_node"].status is None
     assert nodes["recorder_node"].reason() == "up / closed"
     assert nodes["recorder_node"].status == 0

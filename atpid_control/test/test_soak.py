@@ -166,7 +166,7 @@ def memory(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_what_belongs_to_nobody_is_removed_and_nothing_else(memory: Path) -> None:
+def test_what_no_process_uses_is_removed_and_nothing_else(memory: Path) -> None:
     assert len(segments.present(memory)) == 2
     assert segments.clean(memory) == 2
     assert sorted(path.name for path in memory.iterdir()) == ["fastrtps_of_others", "psm_1"]

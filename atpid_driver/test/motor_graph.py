@@ -89,7 +89,7 @@ class Stand:
         return self.states[-1]
 
     def until_quiet(self) -> None:
-        """Take in what is still on its way from the handshake."""
+        """Take in what is still on its way from the handshake, in lockstep: otherwise the motor publishes on."""
         count = -1
         while count != len(self.states):
             count = len(self.states)

@@ -30,6 +30,10 @@ def kinds(stand: Stand) -> list[str]:
     return [event.kind for event in stand.events]
 
 
+def refusals(stand: Stand, words: str) -> list[Event]:
+    return [event for event in stand.events if event.kind == "refused" and words in event.text]
+
+
 def in_mode(stand: Stand, mode: int) -> bool:
     return bool(stand.states) and bool(stand.states[-1].mode == mode)
 
@@ -58,7 +62,8 @@ def test_waits_for_its_board_then_homes_and_answers_the_handshake_at_its_first_h
     ("lose", "back", "words"),
     [
         ("unplug", "plug", "the connection to the board was lost while the motor was armed"),
-        ("hang", "state", "the firmware was restarted by its watchdog"),
+        # by its watchdog or, where the node opens the port again before that, by the port
+        ("hang", "state", "was restarted"),
     ],
 )
 def test_interrupted_it_stays_off_under_fresh_commands_until_it_is_armed_again(
@@ -95,15 +100,15 @@ def test_a_jam_is_reported_and_armed_again_on_request(stand: Stand, tmp_path: Pa
         stand.until_at(0.97)
         emulator.set("jam", 1)
         stand.until(lambda: in_mode(stand, CeilingState.FAULT), lambda: stand.command(0.5, 1.0, 2))
-        for k in range(20):  # a ramp
-            stand.command(0.5 + 0.01 * k, 1.1 + 0.05 * k, 3)
         assert stand.states[-1].fault.startswith("motor on but the ceiling does not move")
         stand.until(lambda: "fault" in kinds(stand))
         alarm = next(event for event in stand.events if event.kind == "fault")
         assert alarm.severity == Event.ALARM
-        stand.until(lambda: stand.events[-1].kind == "refused")
-        stand.until_quiet()
-        assert kinds(stand).count("refused") == 1
+        ramp = [0.5 + 0.01 * k for k in range(20)]
+        stand.until(lambda: not ramp, lambda: stand.command(ramp.pop(0), 1.1, 3))
+        # the height outside the limits is refused by itself, and after the ramp: its event ends the wait
+        stand.until(lambda: refusals(stand, "9 m"), lambda: stand.command(9.0, 3.0, 4))
+        assert len(refusals(stand, "does not move")) == 1
         emulator.set("jam", 0)
         answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
         assert (answer.success, answer.message) == (True, "armed; homing if its height is lost")

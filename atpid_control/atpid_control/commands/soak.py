@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     with outdir.of_run(out, args.scene.resolve()), stoppable():
         soak = run_legs(plan, _print_leg)
         if soak.cleaned:
-            print(f"removed at the begin: {soak.cleaned} shared-memory segments of nobody", file=sys.stderr)
+            print(f"removed at the start: {soak.cleaned} shared-memory segments that no process uses", file=sys.stderr)
         trends = page.trends_of(soak)
         write(results(soak, page.as_json(trends)), out / "soak.json")
         if soak.sampler.samples:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 
 from atpid_common.interrupt import ENDING_SIGNALS
-from atpid_control.graph import BenchError, NodeDiedError
+from atpid_control.graph import BenchError, NodeDiedError, segments
 
 #: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].
 _TIMEOUT = 10.0
@@ -96,10 +96,14 @@ class Processes:
         self.stop()
 
     def stop(self) -> None:
-        """Stop one after the other; a second Ctrl-C must not leave half of them running."""
+        """Stop one after the other; a second Ctrl-C must not leave half of them running.
+
+        The shared memory of a node that was killed is removed; nodes that close a port at the same time leave it, too.
+        """
         with _handled(signal.SIG_IGN):
             for node in self.nodes:
                 node.stop()
+            segments.clean(age=0.0)
 
     def check(self, except_for: str) -> None:
         """Raise NodeDiedError, with its name and the reason, if any node but `except_for` has ended."""

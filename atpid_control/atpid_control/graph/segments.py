@@ -31,7 +31,7 @@ def present(folder: Path = FOLDER) -> dict[str, list[Path]]:
 
 
 def orphans(folder: Path = FOLDER, age: float = _AGE) -> dict[str, list[Path]]:
-    """Return those of `present` that belong to nobody: mapped or held open by no process, locked by none.
+    """Return those of `present` that no process has mapped, open or locked.
 
     age: younger ones, which may be in the making, are left out [s].
     """
@@ -44,9 +44,9 @@ def orphans(folder: Path = FOLDER, age: float = _AGE) -> dict[str, list[Path]]:
     }
 
 
-def clean(folder: Path = FOLDER) -> int:
-    """Remove what belongs to nobody; return how many segments and ports that were."""
-    found = orphans(folder)
+def clean(folder: Path = FOLDER, age: float = _AGE) -> int:
+    """Remove the `orphans`; return how many segments and ports that were."""
+    found = orphans(folder, age)
     for files in found.values():
         for path in files:
             path.unlink(missing_ok=True)
@@ -62,16 +62,17 @@ def used_by(process: int | str, folder: Path = FOLDER) -> set[str]:
 def _held(process: Path, prefix: str) -> Iterator[str]:
     """Yield the files below `prefix` that a process has mapped or open; those removed since too."""
     with suppress(OSError):
-        for line in (process / "maps").read_text(errors="replace").splitlines():
-            place = line.find(prefix)
-            if place >= 0:
-                yield line[place:].removesuffix(" (deleted)")
-    with suppress(OSError):
+        # open files first: what is closed in between has been mapped before
         for handle in os.scandir(process / "fd"):
             with suppress(OSError):
                 target = os.readlink(handle.path)
                 if target.startswith(prefix):
                     yield target.removesuffix(" (deleted)")
+    with suppress(OSError):
+        for line in (process / "maps").read_text(errors="replace").splitlines():
+            place = line.find(prefix)
+            if place >= 0:
+                yield line[place:].removesuffix(" (deleted)")
 
 
 def _young(path: Path, age: float) -> bool:

@@ -69,7 +69,7 @@ class Soak:
     sampler: Sampler
     legs: list[Leg] = field(default_factory=list)
     cleaned: int = 0  # segments of programs before, removed at the begin
-    left: int = 0  # segments that belong to nobody at the end
+    left: int = 0  # segments that no process uses at the end
     stopped: str = ""  # why it ended early
 
     @property
