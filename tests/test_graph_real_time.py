@@ -16,7 +16,7 @@ from atpid_control.bags.verify import verify
 from atpid_control.bench.summary import lost_scans, unanswered_blocks
 from atpid_control.graph import segments
 from atpid_control.graph.domain import own_domain
-from atpid_control.graph.parts import PARTS, write_parameters
+from atpid_control.graph.parts import PARTS, REAL_TIME_PARTS, write_parameters
 
 pytestmark = pytest.mark.slow
 
@@ -67,7 +67,7 @@ def test_nothing_is_lost_in_real_time(scenes: Path, tmp_path: Path) -> None:
 def test_ctrl_c_twice_stops_every_node_and_closes_the_bag(running: tuple[subprocess.Popen[str], Path]) -> None:
     process, out = running
     nodes = children(process.pid)
-    assert set(nodes) == {part.name for part in PARTS}
+    assert set(nodes) == {part.name for part in REAL_TIME_PARTS}
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
     _, printed = process.communicate()

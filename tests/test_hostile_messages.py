@@ -33,11 +33,12 @@ from atpid_common.nodes.dropped import Dropped
 from atpid_control.nodes.identifier_node import IdentifierNode
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.nodes.selector_node import SelectorNode
+from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.motor_node import MotorNode
 from atpid_sim.nodes.plant_node import PlantNode
 
 NODES = {"identifier_node": IdentifierNode, "selector_node": SelectorNode, "recorder_node": RecorderNode,
-         "motor_node": MotorNode, "plant_node": PlantNode}  # fmt: skip
+         "motor_node": MotorNode, "plant_node": PlantNode, "supervisor_node": SupervisorNode}  # fmt: skip
 NUMBERS = [0.0, -1.0, 1.0, 0.3, 1e-300, 1e9, 1e308, -1e308, math.nan, math.inf, -math.inf, 5.49, 0.015, 1000.0]
 TEXTS = [
     "",

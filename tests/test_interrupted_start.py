@@ -24,6 +24,7 @@ NODES: dict[str, list[Path | str]] = {
     "atpid_sim/plant_node": [f"scene:={SCENE}"],
     "atpid_control/identifier_node": [CONTROL / "identifier.yaml"],
     "atpid_control/selector_node": [CONTROL / "selector.yaml", f"scene:={SCENE}", f"map:={MAP}"],
+    "atpid_control/supervisor_node": [CONTROL / "supervisor.yaml"],
     "atpid_control/recorder_node": ["bag:={folder}/bag"],
     "atpid_control/replay_node": [f"bag:={ROOT / 'bags' / 'thesis_4_3_short'}"],
     "atpid_driver/motor_node": [DRIVER / "motor.yaml"],

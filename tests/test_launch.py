@@ -36,11 +36,14 @@ ARGUMENTS = {"bench": BENCH, "stand": STAND, "replay": REPLAY}
 HEIGHT_MAP = ROOT / "atpid_control/config/maps/standard.npz"
 SCENE = ROOT / "scenes/stand_realtime.yaml"
 BAG = ROOT / "bags/thesis_4_3_short"
-BENCH_NODES = {"plant_node", "identifier_node", "selector_node", "motor_node", "recorder_node"}
+BENCH_NODES = {"plant_node", "identifier_node", "selector_node", "motor_node", "recorder_node", "supervisor_node"}
 STAND_NODES = BENCH_NODES - {"plant_node"} | {"labjack_node"}
 NODES = [
     *(("atpid_driver", node) for node in ("motor_node", "labjack_node", "ni_node")),
-    *(("atpid_control", node) for node in ("identifier_node", "selector_node", "recorder_node", "replay_node")),
+    *(
+        ("atpid_control", node)
+        for node in ("identifier_node", "selector_node", "recorder_node", "replay_node", "supervisor_node")
+    ),
     ("atpid_sim", "plant_node"),
 ]
 

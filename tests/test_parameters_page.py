@@ -9,7 +9,7 @@ import yaml
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row
-from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR
+from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import motor_interface
 from atpid_driver.nodes.acquisition_parameters import COMMON, own_rows, rows_of
@@ -18,6 +18,7 @@ from atpid_driver.nodes.channel_watch import THRESHOLDS
 CONFIGURED = {
     "identifier_node": (IDENTIFIER, "atpid_control/config/identifier.yaml"),
     "selector_node": (SELECTOR, "atpid_control/config/selector.yaml"),
+    "supervisor_node": (SUPERVISOR, "atpid_control/config/supervisor.yaml"),
 }
 
 

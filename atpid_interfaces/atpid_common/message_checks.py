@@ -19,8 +19,8 @@ Check = Callable[[Any], str]
 _END_OF_TIME = 2**31 - 1  # last second a stamp can hold [s]
 #: No displacement, energy or amplitude is larger, in SI units; sums and squares of such numbers stay finite.
 _LARGEST = 1e100
-#: Last values of Excitation's quality and origin, CeilingState's mode and Event's severity.
-_QUALITIES, _ORIGINS, _MODES, _SEVERITIES = 3, 1, 5, 2
+#: Last values of Excitation's quality and origin, CeilingState's mode, Event's severity, SupervisorState's state.
+_QUALITIES, _ORIGINS, _MODES, _SEVERITIES, _SUPERVISOR_STATES = 3, 1, 5, 2, 5
 _STEADY = 1
 
 
@@ -107,6 +107,16 @@ def _recorder(status: Any) -> str:
     return "" if len(set(lengths)) == 1 else f"{lengths[0]} topics, {lengths[1]} and {lengths[2]} counts"
 
 
+def _supervisor(message: Any) -> str:
+    if message.state > _SUPERVISOR_STATES:
+        return f"its state is {message.state}; see SupervisorState.msg"
+    if message.permit and message.stop:
+        return "it permits motion and stops it"
+    if len(message.nodes) != len(message.silence):
+        return f"{len(message.nodes)} nodes and {len(message.silence)} times"
+    return ""
+
+
 def _command(_command: Any) -> str:
     return ""  # whatever its height is: the motor's node refuses what is outside its limits, with an event
 
@@ -119,4 +129,5 @@ CHECKS: Mapping[str, Check] = {
     "CeilingState": _state,
     "Event": _event,
     "RecorderStatus": _recorder,
+    "SupervisorState": _supervisor,
 }

@@ -9,8 +9,9 @@ from atpid_control.bags.errors import BagError
 BLOCK, TRUTH = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/PlantTruth"
 EVENT, DIAGNOSTICS = "atpid_interfaces/msg/Event", "diagnostic_msgs/msg/DiagnosticArray"
 LOG, TRANSITION = "rcl_interfaces/msg/Log", "lifecycle_msgs/msg/TransitionEvent"
+SUPERVISOR = "atpid_interfaces/msg/SupervisorState"
 #: Types of what is paced and stamped by the machine's clock and not by the run: left out in lockstep.
-BY_CLOCK = (DIAGNOSTICS, LOG, TRANSITION)
+BY_CLOCK = (DIAGNOSTICS, LOG, TRANSITION, SUPERVISOR)
 #: Everything the graph publishes, in the order in which messages of one stamp are written.
 DEFAULT = (
     f"sensors/laser {BLOCK}",
@@ -22,6 +23,7 @@ DEFAULT = (
     f"events {EVENT} transient_local",
     f"/diagnostics {DIAGNOSTICS}",
     f"/rosout {LOG} transient_local",
+    f"supervisor/state {SUPERVISOR}",
     f"motor_node/transition_event {TRANSITION}",
     f"labjack_node/transition_event {TRANSITION}",
     f"ni_node/transition_event {TRANSITION}",
@@ -51,7 +53,7 @@ class Topic:
     @property
     def in_loop(self) -> bool:
         """Whether it carries every stamp of a run, unlike events, diagnostics and the log."""
-        return self.type.startswith("atpid_interfaces/") and self.type != EVENT
+        return self.type.startswith("atpid_interfaces/") and self.type not in (EVENT, SUPERVISOR)
 
 
 def parse(entries: list[str] | tuple[str, ...], lockstep: bool) -> list[Topic]:

@@ -13,7 +13,18 @@ from pathlib import Path
 
 from atpid_common.injected_faults import CEILING
 from atpid_control.graph import BenchError
-from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, Parameters, Part, ceiling_parameters, parameters_for
+from atpid_control.graph.parts import (
+    LABJACK,
+    NODES,
+    PARTS,
+    SERIAL_MOTOR,
+    SUPERVISOR,
+    Parameters,
+    Part,
+    ceiling_parameters,
+    parameters_for,
+    supervised,
+)
 from atpid_sim.scene import ControlledCeiling, Scene
 
 Commands = list[tuple[str, list[str]]]
@@ -54,12 +65,13 @@ def parameters_emulated(
             "change the scene, or firmware/config.h and motor_serial.yaml"
         )
     if board:
-        parameters["motor_node"] = motor | ceiling | {"port": str(place / "board")}
+        parameters["motor_node"] = motor | ceiling | {"port": str(place / "board"), "supervised": True}
     rate = scene.sensors.laser.rate
     sampled = {"rate": rate, "calibrations": list(_CALIBRATIONS)}
     blocks = {"blocks_per_second": 1.0 / scene.recording.block}
     parameters["labjack_node"] = LABJACK.configured() | sampled | blocks
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
+    parameters[SUPERVISOR.name] = supervised((*PARTS, LABJACK, _FEED))
     return parameters
 
 
@@ -72,12 +84,14 @@ def commands_emulated(parameter_file: Path, place: Path, *, board: bool) -> Comm
 
     name, labjack = node(LABJACK)
     commands = [
+        # the motor first, so that Ctrl-C switches it off at once
+        node(NODES["motor_node"]),
+        node(SUPERVISOR),
         node(NODES["plant_node"], "-r", f"sensors/laser:={_BEHIND}"),
         (name, ["env", *_device_environment(place), *labjack]),
         node(_FEED),
         node(NODES["identifier_node"]),
         node(NODES["selector_node"]),
-        node(NODES["motor_node"]),
         node(NODES["recorder_node"]),
     ]
     emulator = [sys.executable, "-m", "atpid_driver.emulator", "run", "--link", str(place / "board")]

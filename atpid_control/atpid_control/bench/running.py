@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from atpid_common.waiting import to_stderr
 from atpid_control.graph import BenchError, PlantFailedError
-from atpid_control.graph.parts import PARTS, Parameters
+from atpid_control.graph.parts import PARTS, REAL_TIME_PARTS, Parameters
 from atpid_control.graph.processes import Processes
 
 
@@ -67,8 +67,9 @@ def run_lockstep(
 
 
 def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
-    """Return (name, command) of every node of the simulated stand, in the order of stopping."""
-    return [(part.name, [str(part.executable), "--ros-args", "--params-file", str(parameter_file)]) for part in PARTS]
+    """Return (name, command) of every node of the simulated stand, in the order of stopping: the motor first."""
+    ros = ["--ros-args", "--params-file", str(parameter_file)]
+    return [(part.name, [str(part.executable), *ros]) for part in REAL_TIME_PARTS]
 
 
 def run_realtime(

@@ -14,13 +14,14 @@ from atpid_common import files
 from atpid_common.arguments import file_path
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
-from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, Part
+from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, Part
 from atpid_control.graph.processes import Processes, stoppable
 from atpid_sim.scene import load_scene
 
 TURN = 0.1  # between two checks whether all nodes run [s]
 _LARGEST = 1_000_000_000  # of a map or a parameter file; what reads it has limits of its own [bytes]
 _NI = Part("atpid_driver", "ni_node", "ni.yaml")
+_LOOP = [NODES[name] for name in ("identifier_node", "selector_node", "recorder_node")]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,8 +60,10 @@ def run(args: argparse.Namespace) -> int:
 def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[str]]]:
     """Return (name, command) of each node, in the order of stopping: the motor first, the recorder last."""
     scene = {"scene": str(args.scene.absolute())}
+    supervised = [part.name for part in (SERIAL_MOTOR, LABJACK, *([_NI] if args.ni else []), *_LOOP)]
     nodes: list[tuple[Part, Path | None, dict[str, Any]]] = [
-        (SERIAL_MOTOR, args.motor_config, {}),
+        (SERIAL_MOTOR, args.motor_config, {"supervised": True}),
+        (SUPERVISOR, None, {"nodes": supervised}),
         (LABJACK, args.labjack_config, {}),
         *([(_NI, args.ni_config, {})] if args.ni else []),
         (NODES["identifier_node"], None, {}),

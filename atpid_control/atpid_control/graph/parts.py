@@ -2,7 +2,7 @@
 """Which nodes the bench consists of, and the parameters each starts with."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -60,6 +60,9 @@ PARTS = (
     Part("atpid_control", "recorder_node", "recorder.yaml"),
 )
 NODES = {part.name: part for part in PARTS}
+#: What supervises them in real time; in lockstep nothing depends on a clock, and nothing is supervised.
+SUPERVISOR = Part("atpid_control", "supervisor_node", "supervisor.yaml")
+REAL_TIME_PARTS = (NODES["motor_node"], SUPERVISOR, *(part for part in PARTS if part.name != "motor_node"))
 #: Those of the stand.
 LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
 SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
@@ -87,7 +90,15 @@ def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag:
     if injected := [str(fault) for fault in scene.injected if fault.part in CEILING]:
         parameters["motor_node"] |= {"faults": injected}
     parameters["recorder_node"] |= {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
+    if not lockstep:
+        parameters["motor_node"]["supervised"] = True
+        parameters[SUPERVISOR.name] = supervised(PARTS)
     return parameters
+
+
+def supervised(parts: Iterable[Part]) -> dict[str, Any]:
+    """Return the supervisor's parameters for the nodes of a run: all of them have to answer."""
+    return SUPERVISOR.configured() | {"nodes": [part.name for part in parts]}
 
 
 def ceiling_parameters(scene: Scene) -> dict[str, float]:

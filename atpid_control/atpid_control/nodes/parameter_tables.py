@@ -9,6 +9,7 @@ from atpid_common.nodes.parameters import Row, Value
 from atpid_control.identification import IdentificationError
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.selection.registry import METHODS, plug_ins
+from atpid_control.supervision.limits import QUANTITIES
 from atpid_sim.scene import load_scene
 
 #: A parameter that may change while the node runs.
@@ -92,6 +93,24 @@ SELECTOR = (
         "stale_timeout", 0.4, "silence of excitation or ceiling/state after which an event is published", "s", 0.1,
         60.0,
     ),
+)  # fmt: skip
+
+_NODES = ["identifier_node", "selector_node", "motor_node", "recorder_node"]
+SUPERVISOR = (
+    Row("nodes", _NODES, "nodes that have to answer"),
+    Row(
+        "needed", ["identifier_node", "selector_node", "recorder_node"],
+        "those of them without whose answers the ceiling is held and the motor gets no heartbeat",
+    ),
+    Row("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
+    Row("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
+    *(
+        Row(f"{name}_{level}", math.inf, f"{level} level of its magnitude; .inf: none [{unit}]")
+        for name, unit in QUANTITIES.items()
+        for level in ("warning", "abort")
+    ),
+    Row("contact_acceleration", 50.0, "a pulse of beam_acceleration above it is a contact", "m/s^2", 0.0, 1e6),
+    Row("contact_dead_time", 0.005, "a pulse this soon after the last one is the same contact", "s", 0.0, 1.0),
 )  # fmt: skip
 
 

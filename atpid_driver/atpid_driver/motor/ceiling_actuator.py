@@ -109,6 +109,9 @@ class CeilingActuator(Protocol):
     def read(self, now: int) -> Reading:
         """Return the state at `now`. Reading keeps the heartbeat alive: without it the motor is switched off."""
 
+    def observe(self, now: int) -> Reading:
+        """Return the state at `now` without keeping the heartbeat alive: 500 ms after the last `read` it is a fault."""
+
     def reports(self) -> list[str]:
         """Return the events of the link since the last call, one line each: lost, restored, a late refusal."""
 

@@ -29,6 +29,8 @@ class Fault(IntFlag):
 
 
 NO_FAULT: Final = Fault(0)
+#: Without a heartbeat for so long a motor that is armed is switched off [ns].
+HEARTBEAT_TIME: Final = 500_000_000
 
 WORDS: Final[dict[Fault, str]] = {
     Fault.HEARTBEAT: "no heartbeat from the host for 500 ms",

@@ -69,6 +69,10 @@ class SerialActuator:
         self._link.keep_alive()
         return self._link.reading
 
+    def observe(self, now: int) -> Reading:
+        """Return the last state the board reported; the heartbeat ends unless `read` is called as well."""
+        return self._link.reading
+
     def close(self) -> None:
         """Disarm if the board still answers, and release the port."""
         self._link.heartbeat = False

@@ -31,6 +31,8 @@ class MotorSettings:
     baud: int = 250000
     identify_timeout: float = 5.0
     faults: Sequence[str] = ()  # to act: PART KIND FROM TO [VALUE]
+    supervised: bool = False
+    supervision_timeout: float = 0.3
     limits: Limits = field(init=False)
     injected: tuple[Injected, ...] = field(init=False)
 
@@ -42,7 +44,7 @@ class MotorSettings:
             raise SettingsError("faults: a real motor's cannot be acted; set backend simulated, or leave them out")
         if isfinite(self.initial_height):
             self.limits.check(self.initial_height)
-        for name in ("rate", "command_timeout", "stale_timeout", "identify_timeout", "baud"):
+        for name in ("rate", "command_timeout", "stale_timeout", "identify_timeout", "supervision_timeout", "baud"):
             value = float(getattr(self, name))
             if not (isfinite(value) and value > 0.0):
                 raise SettingsError(f"{name} {value:g}: must be a number above 0")

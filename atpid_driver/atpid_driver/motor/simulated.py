@@ -9,6 +9,7 @@ from math import copysign, isnan, nan
 
 from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
 from atpid_driver.motor.errors import NotReadyError
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault
 
 NANO = 1e-9
 
@@ -42,6 +43,7 @@ class SimulatedActuator:
         self.limits = limits
         self._travel = self._rest(nan if isnan(initial_height) else limits.check(initial_height), 0)
         self._mode, self._sequence = Mode.UNCONFIGURED, 0
+        self._alive = 0  # the last heartbeat [ns]
 
     @property
     def placed(self) -> bool:
@@ -61,6 +63,7 @@ class SimulatedActuator:
         """Arm; the height is known, so there is nothing to home."""
         if self._mode is Mode.UNCONFIGURED:
             raise NotReadyError("simulated ceiling not connected: connect it before it is activated")
+        self._alive = now
         self._halt(now, Mode.HOLDING)
 
     def deactivate(self, now: int) -> None:
@@ -84,6 +87,16 @@ class SimulatedActuator:
 
     def read(self, now: int) -> Reading:
         """Return where the ceiling is at `now` [ns] and what it does next."""
+        self._alive = now
+        return self._state(now)
+
+    def observe(self, now: int) -> Reading:
+        """Return the same without a heartbeat: the motor is off where none came for 500 ms, until it is armed."""
+        if self._mode is Mode.HOLDING and now - self._alive > HEARTBEAT_TIME:
+            self._halt(self._alive + HEARTBEAT_TIME, Mode.FAULT)
+        return self._state(now)
+
+    def _state(self, now: int) -> Reading:
         height, target = self._travel.height(now), self._travel.target
         armed = self._mode is Mode.HOLDING
         if armed and not self.placed:
@@ -92,6 +105,7 @@ class SimulatedActuator:
         return Reading(
             mode=Mode.MOVING if moving else self._mode,
             homed=armed,
+            faults=Fault.HEARTBEAT if self._mode is Mode.FAULT else NO_FAULT,
             height=height,
             target=target if armed else nan,
             velocity=copysign(self.limits.speed, target - height) if moving else 0.0,

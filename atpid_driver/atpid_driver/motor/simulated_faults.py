@@ -12,7 +12,7 @@ import numpy as np
 from atpid_common.injected_faults import Injected
 from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
 from atpid_driver.motor.errors import NotReadyError
-from atpid_driver.motor.faults import NO_FAULT, Fault, in_words
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault, in_words
 
 _STEP_NS = 1_000_000
 _STEP = _STEP_NS * 1e-9  # [s]
@@ -43,6 +43,7 @@ class FaultyActuator:
         self._past: list[float] = []  # true heights, one a step
         self._mode, self._faults, self._sequence, self._now = Mode.UNCONFIGURED, NO_FAULT, 0, -1
         self._on, self._direction, self._driven, self._chosen = False, 1.0, 0.0, 1.0
+        self._alive = 0  # the last heartbeat [ns]
         self._running = self._allowed = 0.0  # how long the motor is on, and may be [s]
         self._origin = self._mark = initial_height  # reading when the motor was switched; that a stall is judged by
 
@@ -68,7 +69,7 @@ class FaultyActuator:
         self._advance(now)
         if self.placed and isnan(self._reading):
             raise NotReadyError(f"not armed: {in_words(Fault.SENSOR_LOW)}")
-        self._faults = NO_FAULT
+        self._faults, self._alive = NO_FAULT, now
         self._halt(now, Mode.HOLDING)
 
     def deactivate(self, now: int) -> None:
@@ -94,6 +95,16 @@ class FaultyActuator:
 
     def read(self, now: int) -> Reading:
         """Return what the height sensor reads at `now` [ns] and what the motor does."""
+        self._alive = now
+        return self._state(now)
+
+    def observe(self, now: int) -> Reading:
+        """Return the same without a heartbeat: the motor is off where none came for 500 ms, until it is armed."""
+        if self._mode is Mode.HOLDING and now - self._alive > HEARTBEAT_TIME:
+            self._faults |= Fault.HEARTBEAT
+        return self._state(now)
+
+    def _state(self, now: int) -> Reading:
         self._advance(now)
         armed = self._mode is Mode.HOLDING
         if armed and not self.placed:

@@ -38,6 +38,8 @@ TABLE = (
         "s", 0.1, 60.0,
     ),
     Row("faults", [""], "faults a simulated ceiling acts: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none"),
+    Row("supervised", False, "move, and send heartbeats, only while the supervisor permits it; not used in lockstep"),
+    Row("supervision_timeout", 0.3, "silence of the supervisor that withdraws its permission", "s", 0.1, 10.0),
     Row("port", "", "serial port of the board by its stable name, /dev/serial/by-id/..."),
     Row("baud", 250_000, "baud rate of the serial port"),
     Row(

@@ -3,7 +3,8 @@
 
 configure opens and identifies (motor off), activate arms and homes, deactivate stops (motor off).
 In lockstep each command is answered by one state at its stamp; in real time states go out on the node's own period,
-and a ceiling that gets no more commands is stopped where it is.
+and a ceiling that gets no more commands is stopped where it is. Where it is supervised it moves, and sends its
+heartbeat, only while the supervisor permits it.
 """
 
 import sys
@@ -36,11 +37,13 @@ from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
+from atpid_driver.nodes.motion_permit import MotionPermit
 from atpid_driver.nodes.motor_interface import settings_of, state_of, status_of
 from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 RETRY = 1.0
+PERMIT_RETRY = 0.1  # between two looks whether motion is permitted
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
 COMMANDS, STATE, TRUTH = "ceiling/command", "ceiling/state", "ceiling/truth"
@@ -94,7 +97,11 @@ class MotorNode(DeviceNode):
             self._truth = self.create_publisher(CeilingState, TRUTH, 100)
         depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
         subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
+        supervised = self.settings.supervised and not lockstep
+        self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
+        self._was_granted = self._permit.granted
         self.create_service(Trigger, "~/rearm", self._on_rearm)
+        self.create_service(Trigger, "~/stop", self._on_stop)
 
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
@@ -104,6 +111,8 @@ class MotorNode(DeviceNode):
     def _activate(self) -> None:
         if self._duplicates.inhibits_motion:
             raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
+        if not self._permit.granted:
+            raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
         self._actuator.activate(self._now())
         self._active = True
         wanted = self.settings.initial_height
@@ -122,11 +131,12 @@ class MotorNode(DeviceNode):
         assert self._starter is not None
         if not self._connected:
             self.trigger_configure()
-        if self._connected and not self._duplicates.inhibits_motion:
+        if self._connected and not self._duplicates.inhibits_motion and self._permit.granted:
             self._end_starting()
             self.trigger_activate()
-        elif self._starter.timer_period_ns < RETRY * 1e9:
-            self._starter.timer_period_ns = int(RETRY * 1e9)
+        else:
+            waiting = self._connected and not self._duplicates.inhibits_motion
+            self._starter.timer_period_ns = int((PERMIT_RETRY if waiting else RETRY) * 1e9)
 
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
@@ -145,6 +155,8 @@ class MotorNode(DeviceNode):
             if not self._active:
                 text = f"ceiling height {command.height:g} m refused: the motor node is {self._state_and_remedy()}"
                 raise NotReadyError(text)
+            if not self._permit.granted:
+                raise NotReadyError(f"ceiling height {command.height:g} m not taken up: {self._permit.reason}")
             self._check_fresh(info)
             self._actuator.move(command.height, command.sequence, self._now())
         except MotorError as error:
@@ -153,10 +165,13 @@ class MotorNode(DeviceNode):
             self._last_refused = None
 
     def _check_fresh(self, info: dict[str, int]) -> None:
-        """Refuse a command that waited in the queue longer than `command_timeout`."""
-        received = info.get("received_timestamp", 0)
-        waited = (time.time_ns() - received) * 1e-9
-        if not self.settings.lockstep and received and waited > self.settings.command_timeout:
+        """Refuse a command that was published, or received, longer than `command_timeout` ago.
+
+        One that was published while this process was stopped is received when it goes on.
+        """
+        moments = [info.get(moment, 0) for moment in ("received_timestamp", "source_timestamp")]
+        waited = max((time.time_ns() - moment) * 1e-9 if moment > 0 else 0.0 for moment in moments)
+        if not self.settings.lockstep and waited > self.settings.command_timeout:
             raise CommandStaleError(
                 f"command ignored: it waited {waited:.2f} s, allowed {self.settings.command_timeout:g} s "
                 "(command_timeout); the ceiling stays"
@@ -174,8 +189,9 @@ class MotorNode(DeviceNode):
         self._publish_event(Event.WARNING, Event.REFUSED, command.height, str(error))
 
     def _each_period(self) -> None:
+        self._hold_without_permit()
         reading = self._read()
-        if self._initial is not None and self._active and reading.ready:
+        if self._initial is not None and self._active and reading.ready and self._permit.granted:
             self._go_to_initial(self._initial, reading)
         self._publish(reading, self.get_clock().now().to_msg())
 
@@ -189,8 +205,35 @@ class MotorNode(DeviceNode):
         except MotorError as error:
             self._report_once(str(error))
 
+    def _hold_without_permit(self) -> None:
+        """Stop a moving ceiling as soon as motion is no longer permitted; heartbeats end with it."""
+        before, self._was_granted = self._was_granted, self._permit.granted
+        if self._active and before and not self._was_granted:
+            severity = Event.INFO if self._permit.ending else Event.ALARM
+            self._publish_event(severity, Event.SUPERVISION, nan, f"the ceiling is held: {self._permit.reason}")
+            with suppress(MotorError):  # not ready: it does not move
+                self._actuator.move(nan, self._actuator.observe(self._now()).sequence, self._now())
+
+    def _stop(self, reason: str) -> None:
+        """Switch the motor off, once; it stays off until it is activated again."""
+        self._end_starting()
+        if self._active:
+            self.trigger_deactivate()
+            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"motor off: {reason}")
+
+    def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Stop at once, motor off, on request of the operator."""
+        self._stop("stopped by the operator")
+        response.success, response.message = not self._active, "motor off; activate the node to arm it again"
+        return response
+
+    def _reading(self) -> Reading:
+        """Return the ceiling's state; this keeps the heartbeat alive where motion is permitted."""
+        actuator = self._actuator
+        return actuator.read(self._now()) if self._permit.granted else actuator.observe(self._now())
+
     def _read(self) -> Reading:
-        reading = self._actuator.read(self._now())
+        reading = self._reading()
         for text in self._actuator.reports():
             self._publish_event(Event.WARNING, Event.LINK, nan, text)
         if reading.mode is Mode.MOVING and self._last_mode is not Mode.MOVING:
@@ -215,10 +258,10 @@ class MotorNode(DeviceNode):
         """Stop a moving ceiling: its target may be out of date. The next command moves it again."""
         if self._supervision.stale.stale and self._active:
             with suppress(MotorError):  # not ready: it does not move
-                self._actuator.move(nan, self._actuator.read(self._now()).sequence, self._now())
+                self._actuator.move(nan, self._reading().sequence, self._now())
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        reading = self._actuator.read(self._now())
+        reading = self._reading()
         return [status_of(self, self._actuator, reading, self._last_error, self._latencies)]
 
     def _check_duplicates(self) -> None:
@@ -236,6 +279,8 @@ class MotorNode(DeviceNode):
         try:
             if not self._active:
                 raise MotorError(f"the motor node is {self._state_and_remedy()}")
+            if not self._permit.granted:
+                raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
             self._actuator.activate(self._now())
         except MotorError as error:
             response.success, response.message = False, str(error)

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Warning and abort level of each quantity. A warning is given once, until the quantity has been lower for a while.
+
+An abort is latched: whatever the quantity does then, it stays until a person has re-armed.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from atpid_control.supervision.answers import SupervisionError
+
+#: What may be limited, and its unit. Those with the name of a channel are read from the sensors' blocks.
+QUANTITIES: Mapping[str, str] = {
+    "support_displacement": "m",
+    "beam_displacement": "m",
+    "beam_acceleration": "m/s^2",
+    "temperature": "degC",
+    "contact_rate": "1/s",
+    "motor_on_time": "s",
+}
+#: A warning is given again after the quantity has been below its level for so long [s].
+QUIET = 1.0
+
+
+class Severity(Enum):
+    """Which level was passed."""
+
+    WARNING = "warning"
+    ABORT = "abort"
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Warning and abort level of the magnitude of a quantity, in its unit; infinity: none."""
+
+    warning: float = math.inf
+    abort: float = math.inf
+
+
+@dataclass(frozen=True)
+class Passed:
+    """A quantity has passed a level."""
+
+    name: str
+    severity: Severity
+    value: float
+    level: float
+
+    def __str__(self) -> str:
+        unit = QUANTITIES[self.name]
+        return f"{self.name} {self.value:.4g} {unit} is above its {self.severity.value} level {self.level:g} {unit}"
+
+
+class Limits:
+    """The levels of all quantities, and which were passed. Times are steady [s]."""
+
+    def __init__(self, levels: Mapping[str, Levels]) -> None:
+        """Begin with nothing passed. Raises SupervisionError for an unknown quantity or an impossible level."""
+        for name, level in levels.items():
+            if name not in QUANTITIES:
+                raise SupervisionError(f"limit of {name}: given this name; allowed: {', '.join(QUANTITIES)}")
+            # written so that NaN is refused as well
+            if not level.warning > 0.0 or not level.abort > 0.0:
+                given = f"warning {level.warning:g} and abort {level.abort:g} {QUANTITIES[name]}"
+                raise SupervisionError(f"limit of {name}: given {given}; allowed: above 0; .inf: none")
+            if level.abort < math.inf and level.abort < level.warning < math.inf:
+                given = f"warning {level.warning:g} above abort {level.abort:g} {QUANTITIES[name]}"
+                raise SupervisionError(f"limit of {name}: given {given}; allowed: the warning level below the other")
+        self.levels = dict(levels)
+        self._above: dict[str, float] = {}  # when the warning level was last exceeded [s]
+        self.aborted: dict[str, Passed] = {}
+
+    def limited(self, name: str) -> bool:
+        """Whether a quantity has a level at all."""
+        level = self.levels.get(name, Levels())
+        return min(level.warning, level.abort) < math.inf
+
+    def update(self, name: str, value: float, now: float) -> Passed | None:
+        """Take a value; return the level that it passes now, None for none. NaN, which is no value, passes none."""
+        level, magnitude = self.levels.get(name, Levels()), abs(value)
+        if magnitude > level.abort and name not in self.aborted:
+            self.aborted[name] = Passed(name, Severity.ABORT, magnitude, level.abort)
+            self._above[name] = now
+            return self.aborted[name]
+        if magnitude > level.warning:
+            last, self._above[name] = self._above.get(name, -math.inf), now
+            if now - last > QUIET and name not in self.aborted:
+                return Passed(name, Severity.WARNING, magnitude, level.warning)
+        return None
+
+    def still_above(self, latest: Mapping[str, float]) -> tuple[str, ...]:
+        """Return the aborted quantities whose latest magnitude is above the abort level still."""
+        return tuple(name for name in self.aborted if abs(latest.get(name, 0.0)) > self.levels[name].abort)
+
+    def rearm(self) -> None:
+        """Clear all aborts."""
+        self.aborted.clear()

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The supervisor in the real-time bench: nodes that hang, levels that are passed, the operator's stop."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from atpid_interfaces.msg import CeilingState, Event, SupervisorState
+from std_srvs.srv import Trigger
+from supervised_graph import Supervised
+
+from atpid_control.bags.read import open_bag
+from atpid_control.graph.domain import own_domain
+
+pytestmark = pytest.mark.slow
+
+STEADY = {"duration": 90.0, "steady_window": [80.0, 90.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [90.0, 0.015]]}
+Start = Callable[..., Supervised]
+
+
+@pytest.fixture
+def start(scenes: Path, tmp_path: Path) -> Iterator[Start]:
+    made: list[Supervised] = []
+
+    def begin(**supervisor: Any) -> Supervised:
+        made.append(Supervised(scenes / "thesis_4_3.yaml", tmp_path, supervisor, **STEADY))
+        made[-1].nodes.__enter__()
+        made[-1].until(lambda: made[-1].watch.state.state == SupervisorState.READY)
+        made[-1].until(lambda: made[-1].watch.mode == CeilingState.MOVING)
+        return made[-1]
+
+    with own_domain():
+        rclpy.init()
+        yield begin
+        for running in made:
+            running.close()
+        rclpy.try_shutdown()
+
+
+def test_a_hung_node_is_named_the_ceiling_held_and_the_motor_off(start: Start, tmp_path: Path) -> None:
+    running = start()
+    watch = running.watch
+    running.nodes["recorder_node"].process.send_signal(signal.SIGSTOP)
+    hung = time.monotonic()
+    running.until(lambda: watch.when(Event.STALE, "recorder_node does not answer") > hung)
+    # 0.45 s of the supervisor's own time; the rest for a machine with other work
+    assert watch.when(Event.STALE, "recorder_node does not answer") - hung < 1.0
+    named = next(event.value for _, event in watch.events if "recorder_node does not answer" in event.text)
+    assert named <= 0.5
+    running.until(lambda: watch.state.state == SupervisorState.FAULT and not watch.state.permit)
+    running.until(lambda: watch.mode == CeilingState.FAULT)
+    height = watch.ceiling[-1].height
+    running.nodes["recorder_node"].process.send_signal(signal.SIGCONT)
+    running.until(lambda: watch.state.state == SupervisorState.READY)
+    running.spin(1.0)
+    assert watch.mode == CeilingState.FAULT, "a person arms it, not the node that is back"
+    assert watch.ceiling[-1].height == height
+    running.call(Trigger, "motor_node/rearm")
+    running.until(lambda: watch.mode in (CeilingState.MOVING, CeilingState.HOLDING))
+    running.close_nodes()
+    bag = open_bag(tmp_path / "bag")
+    assert "recorder_node does not answer" in " ".join(event.text for _, event in bag.messages("/events"))
+    states = {message.state for _, message in bag.messages("/supervisor/state")}
+    assert {SupervisorState.READY, SupervisorState.FAULT} <= states
+
+
+def test_a_level_that_is_passed_switches_the_motor_off_and_so_does_the_operator_until_a_rearm(start: Start) -> None:
+    running = start(beam_displacement_warning=0.002, motor_on_time_abort=0.3)
+    watch = running.watch
+    running.until(lambda: watch.when(Event.ABORT, "motor_on_time"))
+    running.until(lambda: watch.mode == CeilingState.DISARMED)
+    assert watch.when(Event.LIMIT, "beam_displacement")
+    assert watch.state.stop
+    assert "motor_on_time" in watch.state.reason
+    height = watch.ceiling[-1].height
+    running.spin(0.5)
+    assert (watch.mode, watch.ceiling[-1].height) == (CeilingState.DISARMED, height)
+    assert running.call(Trigger, "supervisor_node/rearm").success
+    running.until(lambda: watch.mode in (CeilingState.MOVING, CeilingState.HOLDING))
+    asked = time.monotonic()
+    assert running.call(Trigger, "supervisor_node/stop").success
+    running.until(lambda: watch.mode == CeilingState.DISARMED)
+    print(f"stop by service of the supervisor to motor off: {time.monotonic() - asked:.3f} s")
+    assert watch.when(Event.STOPPED)
+
+
+def test_a_needed_node_that_stays_away_ends_the_run_with_its_name(start: Start) -> None:
+    running = start(give_up=1.0)
+    running.nodes["selector_node"].process.send_signal(signal.SIGSTOP)
+    supervisor = running.nodes["supervisor_node"]
+    running.until(lambda: supervisor.status is not None)
+    assert supervisor.status == 2
+    assert supervisor.reason() == "selector_node has not answered for 1 s: the run ends"
+    running.nodes["selector_node"].process.send_signal(signal.SIGCONT)
