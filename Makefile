@@ -56,8 +56,8 @@ benchmark: setup ## how fast the parts are that run with the stand
 	@$(IN_WORKSPACE) python tests/benchmark.py
 
 .PHONY: test-install
-test-install: setup ## build a clone as a ROS user does, remove it and run what was installed; colcon test
-	@$(IN_WORKSPACE) exec python -m pytest -q tests/test_installation.py
+test-install: setup ## build a clone as a ROS user does, remove it and run what was installed; all of colcon test
+	@$(IN_WORKSPACE) exec env ATPID_COLCON_TESTS=all python -m pytest -q tests/test_installation.py
 
 .PHONY: coverage
 coverage: setup ## run the tests with coverage.py: table on the screen, pages in out/coverage

@@ -93,5 +93,7 @@ def run(command: Sequence[str | Path], cwd: Path, env: dict[str, str]) -> str:
     done = subprocess.run(
         command, cwd=cwd, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
     )
-    assert done.returncode == 0, f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout[-6000:]}"
+    failed = "\n".join(line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR", "E  ")))
+    shown = f"{failed}\n{done.stdout[-6000:]}"
+    assert done.returncode == 0, f"{' '.join(map(str, command))} ended with {done.returncode}:\n{shown}"
     return done.stdout

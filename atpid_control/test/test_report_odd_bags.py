@@ -75,7 +75,7 @@ def chosen(chance: random.Random) -> Change:
 @pytest.mark.slow
 def test_a_report_is_made_of_whatever_can_be_used(tmp_path: Path) -> None:
     made = 0
-    for seed in range(30):
+    for seed in range(12):
         chance = random.Random(seed)
         bag = odd(chance.choice(KINDS), chosen(chance), chance.choice([0.01, 0.3, 1.0]), seed)
         try:
@@ -87,7 +87,7 @@ def test_a_report_is_made_of_whatever_can_be_used(tmp_path: Path) -> None:
         made += 1
         if seed % 6 == 0:
             save_pictures(view, tmp_path)
-    assert made > 25
+    assert made > 9
 
 
 def test_what_is_left_out_stands_in_the_report() -> None:

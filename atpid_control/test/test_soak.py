@@ -184,9 +184,15 @@ def test_a_port_that_is_mapped_stays(memory: Path) -> None:
         assert set(segments.orphans(memory)) == {"fastrtps_0123456789abcdef"}
 
 
-def test_what_was_made_just_now_stays(memory: Path) -> None:
-    os.utime(memory / "fastrtps_port7413")
-    assert set(segments.orphans(memory)) == {"fastrtps_0123456789abcdef"}
+@pytest.mark.parametrize(("made", "age", "left"), [
+    ("fastrtps_port7413", 10.0, {"fastrtps_0123456789abcdef"}),
+    ("fastrtps_port7413", 0.0, {"fastrtps_0123456789abcdef"}),  # another run may be about to open it
+    ("fastrtps_0123456789abcdef", 10.0, {"fastrtps_port7413"}),
+    ("fastrtps_0123456789abcdef", 0.0, {"fastrtps_port7413", "fastrtps_0123456789abcdef"}),
+])  # fmt: skip
+def test_what_was_made_just_now_stays(memory: Path, made: str, age: float, left: set[str]) -> None:
+    os.utime(memory / made)
+    assert set(segments.orphans(memory, age)) == left
 
 
 # end to end

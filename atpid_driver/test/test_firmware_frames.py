@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The real firmware against 100 000 harmful frames, its look-up table, and that its figures are those of the driver."""
+"""The real firmware against harmful frames, its look-up table, and that its figures are those of the driver."""
 
 import re
 from pathlib import Path
@@ -21,12 +21,16 @@ DRIVER = Path(__file__).resolve().parents[1]
 PROTOCOL_TEXT = DRIVER.parent / "docs" / "motor_protocol.md"
 
 
+#: A tenth of a minute; more by `python -m atpid_driver.emulator fuzz --frames N`.
+FRAMES = 20_000
+
+
 @pytest.mark.slow
-def test_100_000_harmful_frames_move_nothing(tmp_path: Path) -> None:
+def test_harmful_frames_move_nothing(tmp_path: Path) -> None:
     with board(tmp_path, height=0.98) as emulator:
-        result = fuzz(emulator, frames=100_000, seed=20)
-        assert (result.frames, result.moved_um, result.switched, result.resets) == (100_000, 0.0, 0, 0)
-        assert result.rejected > 50_000, "the frames did reach the parser"
+        result = fuzz(emulator, frames=FRAMES, seed=20)
+        assert (result.frames, result.moved_um, result.switched, result.resets) == (FRAMES, 0.0, 0, 0)
+        assert result.rejected > FRAMES / 2, "the frames did reach the parser"
         assert emulator.state().board == "running"
 
 

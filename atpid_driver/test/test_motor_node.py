@@ -98,8 +98,11 @@ def test_a_simulated_ceiling_stands_where_the_plants_does(stand: Stand, lockstep
         assert not stand.states[-1].homed
     message = PlantTruth(handshake=True, ceiling=[0.05, 0.2901])
     stand.until(lambda: truth.get_subscription_count() == 0, lambda: truth.publish(message))
-    states = len(stand.states)
-    stand.until(lambda: stand.states[states:], lambda: stand.command(nan, 0.0, 0, handshake=True))
+    # those from before may still be on their way
+    stand.until(
+        lambda: stand.states and stand.states[-1].mode == CeilingState.HOLDING,
+        lambda: stand.command(nan, 0.0, 0, handshake=True),
+    )
     state = stand.states[-1]
     assert (state.mode, state.homed, state.height) == (CeilingState.HOLDING, True, 0.2901)
 

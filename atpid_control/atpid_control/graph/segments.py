@@ -15,6 +15,8 @@ from pathlib import Path
 
 _NAME = re.compile(r"(?:sem\.)?(fastrtps_(?:[0-9a-f]{16}|port\d+))(?:_el|_sl|_mutex)?")
 FOLDER = Path("/dev/shm")
+#: What the names of ports begin with. Runs in all domains use the same ports, and segments of their own.
+PORT = "fastrtps_port"
 #: Younger files may be in the making [s].
 _AGE = 10.0
 
@@ -33,14 +35,15 @@ def present(folder: Path = FOLDER) -> dict[str, list[Path]]:
 def orphans(folder: Path = FOLDER, age: float = _AGE) -> dict[str, list[Path]]:
     """Return those of `present` that no process has mapped, open or locked.
 
-    age: younger ones, which may be in the making, are left out [s].
+    age: younger segments, which may be in the making, are left out [s]; young ports always.
     """
     found = present(folder)
     used = set().union(*(used_by(process.name, folder) for process in Path("/proc").glob("[0-9]*")))
     return {
         name: files
         for name, files in found.items()
-        if name not in used and not any(_young(path, age) or _locked(path) for path in files)
+        if name not in used
+        and not any(_young(path, _AGE if name.startswith(PORT) else age) or _locked(path) for path in files)
     }
 
 
