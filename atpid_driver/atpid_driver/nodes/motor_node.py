@@ -26,13 +26,14 @@ from atpid_common.errors import InputError
 from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import nanoseconds_of, time_of
+from atpid_common.nodes.messages import EVENTS, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, in_words
+from atpid_driver.motor.freshness import Freshness
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
 from atpid_driver.nodes.device_node import DeviceNode
@@ -73,7 +74,7 @@ class MotorNode(DeviceNode):
         self._initial: float | None = None
         self._last_refused: object = None
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
-        self._latencies = Latencies()
+        self._latencies, self._freshness = Latencies(), Freshness()
         self._open_topics()
         self.create_timer(1.0, self._check_duplicates, clock=STEADY)
         if not self.settings.lockstep:
@@ -90,7 +91,8 @@ class MotorNode(DeviceNode):
         publish = self._events.publish
         self._supervision = Supervision(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
         self._supervision.stale.watch(COMMANDS, "the ceiling stays where it is")
-        self._supervision.follow_events()
+        if not lockstep:
+            subscribe(self, Event, "events", self._on_event, EVENTS)
         qos = self._supervision.qos
         self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
         if isinstance(self._actuator, FaultyActuator):  # whose reading is not where the ceiling is
@@ -103,6 +105,11 @@ class MotorNode(DeviceNode):
         self.create_service(Trigger, "~/rearm", self._on_rearm)
         self.create_service(Trigger, "~/stop", self._on_stop)
 
+    def _on_event(self, event: Event) -> None:
+        self._supervision.on_event(event)
+        if event.kind == Event.STARTED:
+            self._freshness.restart()
+
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
         self._connected = True
@@ -113,10 +120,14 @@ class MotorNode(DeviceNode):
             raise MotorError(f"{self.get_fully_qualified_name()} runs twice in this ROS graph: stop the other one")
         if not self._permit.granted:
             raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
-        self._actuator.activate(self._now())
+        self._arm()
         self._active = True
         wanted = self.settings.initial_height
         self._initial = wanted if isfinite(wanted) and not self.settings.lockstep else None
+
+    def _arm(self) -> None:
+        self._actuator.activate(self._now())
+        self._freshness.armed(self._now())
 
     def _deactivate(self) -> None:
         self._active, self._initial = False, None
@@ -144,12 +155,12 @@ class MotorNode(DeviceNode):
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
             self._supervision.stale.received(COMMANDS, self._stamp, (self._stamp - before) * 1e-9 if before else 0.0)
             self._latencies.add(info.get("received_timestamp", 0) - self._stamp)
-            self._move(command, info)
+            self._move(command, self._freshness.age(self._stamp, time.monotonic_ns()), info)
         reading = self._read()
         if (handshake and reading.ready and self._initial is None) or (self.settings.lockstep and not handshake):
             self._publish(reading, command.header.stamp, handshake=handshake)
 
-    def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
+    def _move(self, command: CeilingCommand, late: float, info: dict[str, int]) -> None:
         self._initial = None
         try:
             if not self._active:
@@ -157,25 +168,30 @@ class MotorNode(DeviceNode):
                 raise NotReadyError(text)
             if not self._permit.granted:
                 raise NotReadyError(f"ceiling height {command.height:g} m not taken up: {self._permit.reason}")
-            self._check_fresh(info)
+            self._check_fresh(late, info)
             self._actuator.move(command.height, command.sequence, self._now())
         except MotorError as error:
             self._refuse(command, error)
         else:
             self._last_refused = None
 
-    def _check_fresh(self, info: dict[str, int]) -> None:
-        """Refuse a command that was published, or received, longer than `command_timeout` ago.
+    def _check_fresh(self, late: float, info: dict[str, int]) -> None:
+        """Refuse a command older than `command_timeout`, or made before the motor was armed.
 
-        One that was published while this process was stopped is received when it goes on.
+        late: by its stamp and the steady clock; the times of its publication and receipt, by the wall clock, are the
+        only ones of a command that comes alone. One published while this process was stopped is received afterwards.
         """
+        if self.settings.lockstep:
+            return
         moments = [info.get(moment, 0) for moment in ("received_timestamp", "source_timestamp")]
-        waited = max((time.time_ns() - moment) * 1e-9 if moment > 0 else 0.0 for moment in moments)
-        if not self.settings.lockstep and waited > self.settings.command_timeout:
+        waited = max(late, *((time.time_ns() - moment) * 1e-9 if moment > 0 else 0.0 for moment in moments))
+        if waited > self.settings.command_timeout:
             raise CommandStaleError(
                 f"command ignored: it waited {waited:.2f} s, allowed {self.settings.command_timeout:g} s "
                 "(command_timeout); the ceiling stays"
             )
+        if self._freshness.before_armed(waited, self._now()):
+            raise CommandStaleError(f"command ignored: it was made {waited:.2f} s ago, before the motor was armed")
 
     def _refuse(self, command: CeilingCommand, error: MotorError) -> None:
         """Publish a refusal once: the controller repeats the command with every block.
@@ -281,7 +297,7 @@ class MotorNode(DeviceNode):
                 raise MotorError(f"the motor node is {self._state_and_remedy()}")
             if not self._permit.granted:
                 raise NotReadyError(f"no motion is permitted: {self._permit.reason}")
-            self._actuator.activate(self._now())
+            self._arm()
         except MotorError as error:
             response.success, response.message = False, str(error)
         else:
