@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from atpid_common.waiting import to_stderr
+from atpid_control.bench.stop_key import stop_key
 from atpid_control.graph import BenchError, PlantFailedError
 from atpid_control.graph.parts import PARTS, REAL_TIME_PARTS, Parameters
 from atpid_control.graph.processes import Processes
@@ -72,6 +73,16 @@ def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
     return [(part.name, [str(part.executable), *ros]) for part in REAL_TIME_PARTS]
 
 
+def keep_running(nodes: Processes) -> None:
+    """Run the nodes until Ctrl-C, which passes through; raises NodeDiedError where one ends by itself."""
+    from atpid_control.nodes.composition import watching
+
+    with watching(lambda _text: None) as (watch, listen), stop_key(watch.stop_motor):
+        while True:
+            nodes.check(except_for="")
+            listen()
+
+
 def run_realtime(
     commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None], *,
     source: str = "plant_node", namespace: str = "",
@@ -84,7 +95,11 @@ def run_realtime(
     """
     from atpid_control.nodes.composition import watching
 
-    with Processes(commands, logs) as nodes, watching(to_stderr, namespace) as (watch, listen):
+    with (
+        Processes(commands, logs) as nodes,
+        watching(to_stderr, namespace) as (watch, listen),
+        stop_key(watch.stop_motor),
+    ):
         last = nodes[source]
         elapsed, since = 0.0, time.monotonic()
         while last.status is None:

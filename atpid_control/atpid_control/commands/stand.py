@@ -3,7 +3,6 @@
 
 import argparse
 import tempfile
-import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,11 @@ from atpid_common import files
 from atpid_common.arguments import file_path
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
+from atpid_control.bench.running import keep_running
 from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, Part
 from atpid_control.graph.processes import Processes, stoppable
 from atpid_sim.scene import load_scene
 
-TURN = 0.1  # between two checks whether all nodes run [s]
 _LARGEST = 1_000_000_000  # of a map or a parameter file; what reads it has limits of its own [bytes]
 _NI = Part("atpid_driver", "ni_node", "ni.yaml")
 _LOOP = [NODES[name] for name in ("identifier_node", "selector_node", "recorder_node")]
@@ -51,9 +50,7 @@ def run(args: argparse.Namespace) -> int:
         stoppable(),
         Processes(commands_of(args, Path(folder)), None) as nodes,
     ):
-        while True:
-            nodes.check(except_for="")
-            time.sleep(TURN)
+        keep_running(nodes)
     return DONE
 
 

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.checked import subscribe
@@ -156,11 +157,16 @@ def _stopped(plant: Any, computed: int) -> str:
     return f"{stopped}: no ceiling/state answered the last block within {LOOP_TIMEOUT:g} s (see log/)"
 
 
+#: The motor at once, and the supervisor, in which a stop is latched.
+STOPPED_BY = ("motor_node", "supervisor_node")
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class BenchWatch(Node):
-    """Follows the estimates' stamps, the events and, until the first estimate, the log; it publishes nothing."""
+    """Follows the estimates' stamps, the events and, until the first estimate, the log; passes on the operator's stop.
+
+    It publishes nothing.
+    """
 
     def __init__(self, report: Callable[[str], None], **node_options: Any) -> None:
         """Subscribe. `report` is called with each warning, and with what is compiled, before the first estimate."""
@@ -173,6 +179,15 @@ class BenchWatch(Node):
         subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
         subscribe(self, Event, "events", self._on_event, EVENTS)
         self.create_subscription(Log, "/rosout", self._on_log, ROSOUT)
+        self._stops = [self.create_client(Trigger, f"{name}/stop") for name in STOPPED_BY]
+
+    def stop_motor(self) -> None:
+        """Ask for the motor to be switched off, from any thread; the answers are printed while it spins."""
+        ready = [client for client in self._stops if client.service_is_ready()]
+        if not ready:
+            to_stderr("no motor node and no supervisor yet: there is nothing to stop")
+        for client in ready:
+            client.call_async(Trigger.Request()).add_done_callback(_answered)
 
     def _on_excitation(self, message: Excitation) -> None:
         if message.handshake:
@@ -191,6 +206,10 @@ class BenchWatch(Node):
         if relevant and self._first is None and text not in self._reported:
             self._reported.add(text)
             self._report(text)
+
+
+def _answered(answer: Future) -> None:
+    to_stderr(answer.result().message)
 
 
 @contextmanager
