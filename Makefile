@@ -87,6 +87,16 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_sim.studies.tradeoff_page --out docs \
 	    --regular out/tradeoff/standard --sticking out/tradeoff/sticking --irregular out/tradeoff/irregular
 
+.PHONY: audit
+audit: setup ## licences of what is installed, and known vulnerabilities of what is locked (asks PyPI)
+	@$(IN_WORKSPACE) python requirements/licences.py && python -m venv out/audit && \
+	out/audit/bin/python -m pip install -q --require-hashes -r requirements/audit.txt && \
+	out/audit/bin/pip-audit --disable-pip --require-hashes -r requirements/wheels.txt
+
+.PHONY: policy
+policy: setup ## make the SROS 2 policy of the stand again, from its nodes (security/stand.policy.xml)
+	@$(IN_WORKSPACE) python -m atpid_control.nodes.policy scenes/stand_realtime.yaml --out security/stand.policy.xml
+
 .PHONY: firmware
 firmware: ## build the motor's firmware (needs the AVR tools)
 	@command -v avr-g++ > /dev/null || { echo "the firmware needs the AVR tools: sudo make avr-tools" >&2; exit 2; }

@@ -78,6 +78,7 @@ RUN = {
     "atpid_control/test/test_selection_learned.py": {
         r"python -m atpid_control learn ": "test_the_command_trains_a_model_that_selects",
     },
+    "tests/test_security.py": {r"make policy$": "test_the_policy_is_that_of_the_nodes"},
     "tests/test_thesis_page.py": {
         r"python -m atpid_control study list": "test_the_names_are_listed",
         r"python -m atpid_control study ": "test_the_page_shows_what_is_computed_now",
@@ -140,6 +141,8 @@ NOT_RUN = {
     r"make coverage$": "it runs this, counting lines",
     r"make fuzz$": "an hour or two; test_fuzz_parsers.py and test_fuzz_arguments.py are a part of it",
     r"make lock$": "resolves against the package index; its results have a test",
+    r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
+    r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",
@@ -153,7 +156,7 @@ NOT_RUN = {
     r"ros2 param (set|describe|load)": "the wheels have no ros2",
 }
 #: Options of programs that are not ours.
-FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install"}
+FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install", "--enclave"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
     "my_beam.yaml", "my_map.npz", "methods.json",

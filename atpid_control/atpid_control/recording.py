@@ -68,7 +68,7 @@ def _check(bag: Path) -> int:
 
 
 def _extract(bag: Path, out: Path) -> None:
-    files = open_bag(bag).files
+    files = open_bag(bag, messages=False).files
     if not files:
         needed = "parameters scene and files of recorder_node"
         raise BagError(f"{bag}: no scene or other file was kept in this bag ({needed})")

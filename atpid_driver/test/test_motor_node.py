@@ -220,9 +220,10 @@ def test_a_travel_that_begins_is_an_event_and_another_target_on_the_way_is_none(
 @pytest.mark.slow
 def test_its_statuses_have_standard_names_and_a_hardware_id(stand: Stand) -> None:
     stand.motor()
-    stand.until(lambda: len(stand.statuses) >= 3)
+    stand.until(lambda: len(stand.statuses) >= 4)
     assert {status.name: status.hardware_id for status in stand.statuses} == {
         "motor_node: ceiling motor": "simulated ceiling",
+        "motor_node: commands": "none",
         "motor_node: inputs": "none",
         "motor_node: quality of service": "none",
     }

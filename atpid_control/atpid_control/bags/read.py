@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads bags: messages decoded with the schemas inside them, so that neither ROS nor the workspace is needed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -20,7 +20,7 @@ from atpid_control.bags.verify import channel_of, find_file, records
 _LONGEST_GAP = 3600.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Raw:
     """One message as it is in the file."""
 
@@ -110,8 +110,11 @@ def scans_of(block: Any) -> int:
     return len(block.beam) if hasattr(block, "beam") else len(block.data) // len(block.channels)
 
 
-def open_bag(path: Path | str) -> Bag:
-    """Read a bag, given as its folder or its .mcap file. Raises BagError: no bag, not closed, or damaged."""
+def open_bag(path: Path | str, *, messages: bool = True) -> Bag:
+    """Read a bag, given as its folder or its .mcap file; without its `messages` in bounded memory.
+
+    Raises BagError: no bag, not closed, or damaged.
+    """
     path = Path(path)
     file = find_file(path)
     if path.is_dir() and not (path / metadata.FILE_NAME).is_file():
@@ -121,7 +124,8 @@ def open_bag(path: Path | str) -> Bag:
     for record in records(file):
         if isinstance(record, Message):
             topic = channel_of(record, channels).topic
-            bag.raw.append(Raw(topic, record.log_time, record.publish_time, record.data))
+            if messages:
+                bag.raw.append(Raw(topic, record.log_time, record.publish_time, record.data))
         elif isinstance(record, Schema):
             bag.decoder.add(record)
         elif isinstance(record, Channel) and record.id not in channels:
@@ -131,11 +135,16 @@ def open_bag(path: Path | str) -> Bag:
         elif isinstance(record, Metadata):
             {RUN: bag.run, RESULT: bag.result}.get(record.name, {}).update(record.metadata)
     bag.raw.sort(key=lambda raw: raw.log_ns)
-    for channel in channels.values():
+    _add_topics(bag, channels.values(), file)
+    return bag
+
+
+def _add_topics(bag: Bag, channels: Iterable[Channel], file: Path) -> None:
+    """Take the types of the topics; raise BagError where messages cannot be decoded."""
+    for channel in channels:
         if channel.message_encoding != "cdr" or channel.schema_id == 0:
             given = f"{file}: {channel.topic} is encoded as {channel.message_encoding!r}"
             raise BagError(f"{given}; allowed: cdr with its definition, as recorder_node writes it")
         bag._schemas[channel.topic] = channel.schema_id
         bag.types[channel.topic] = bag.decoder.name(channel.schema_id)
         bag.hashes[channel.topic] = channel.metadata.get("topic_type_hash", "")
-    return bag

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import mkstemp
 from typing import IO, Any, cast
 
 import yaml
@@ -22,6 +23,7 @@ from atpid_control.bags.metadata import RESULT, RUN, BagSummary, Qos, RunInfo, T
 #: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.03 s of 1 kHz samples sent one by one.
 CHUNK = 16_384
 LIBRARY = "atpid_control"
+_PIECE = 2**20  # of the index, read at once [bytes]
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
 
 
@@ -36,6 +38,13 @@ def check_new(folder: Path) -> None:
         )
 
 
+def write_all(file: int, data: bytes) -> None:
+    """Write all of `data` to an open file; raise OSError where it cannot be written."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(file, rest) :]
+
+
 class Sink:
     """An unbuffered file: what was written survives the process."""
 
@@ -46,9 +55,7 @@ class Sink:
 
     def write(self, data: bytes) -> int:
         """Append all of `data`; raise OSError where it cannot be written."""
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(self._file, rest) :]
+        write_all(self._file, data)
         self.size += len(data)
         return len(data)
 
@@ -70,24 +77,35 @@ class Sink:
             self._file = -1
 
 
-class PackedIndex:
-    """The index of the chunks as the bytes that end the file: as objects they take 1 kB a chunk, 0.3 GB in a day."""
+class SpooledIndex:
+    """The index of the chunks, in a file without a name until it ends the bag: 2 MB an hour of the bench.
 
-    def __init__(self) -> None:
-        self._records = bytearray()
+    In memory it would grow with the recording, as objects by 1 kB a chunk.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Keep it on the disk of `folder`, as long as this object is used. Raises OSError."""
+        self._file = -1
+        self._file, name = mkstemp(dir=folder, prefix=".index-")
+        os.unlink(name)
 
     def append(self, index: ChunkIndex) -> None:
-        """Take the index of one more chunk."""
+        """Take the index of one more chunk. Raises OSError."""
         builder = RecordBuilder()
         index.write(builder)
-        self._records += builder.end()  # type: ignore[no-untyped-call]
+        write_all(self._file, builder.end())  # type: ignore[no-untyped-call]
 
-    def __iter__(self) -> Iterator[PackedIndex]:
+    def __iter__(self) -> Iterator[SpooledIndex]:
         yield self
 
     def write(self, builder: RecordBuilder) -> None:
-        """Write all of them."""
-        builder.write(bytes(self._records))
+        """Write all of them. Raises OSError."""
+        for place in range(0, os.fstat(self._file).st_size, _PIECE):
+            builder.write(os.pread(self._file, _PIECE, place))
+
+    def __del__(self) -> None:
+        if self._file >= 0:
+            os.close(self._file)
 
 
 class BagWriter:
@@ -114,7 +132,7 @@ class BagWriter:
                 enable_data_crcs=True,
             )
             # the library has no place for it; a test measures that it is used
-            self._writer._Writer__chunk_indices = PackedIndex()  # type: ignore[attr-defined]
+            self._writer._Writer__chunk_indices = SpooledIndex(folder)  # type: ignore[attr-defined]
             self._writer.start(profile="ros2", library=LIBRARY)
             self._writer.add_metadata(RUN, run.record())
             for name, data in run.files.items():

@@ -18,6 +18,7 @@ from atpid_control.bench.stop_key import stop_key
 from atpid_control.graph import BenchError, PlantFailedError
 from atpid_control.graph.parts import PARTS, REAL_TIME_PARTS, Parameters
 from atpid_control.graph.processes import Processes
+from atpid_control.security import enclave_arguments
 
 
 @contextmanager
@@ -69,8 +70,11 @@ def run_lockstep(
 
 def commands_of(parameter_file: Path) -> list[tuple[str, list[str]]]:
     """Return (name, command) of every node of the simulated stand, in the order of stopping: the motor first."""
-    ros = ["--ros-args", "--params-file", str(parameter_file)]
-    return [(part.name, [str(part.executable), *ros]) for part in REAL_TIME_PARTS]
+    words = ["--params-file", str(parameter_file)]
+    return [
+        (part.name, [str(part.executable), "--ros-args", *enclave_arguments(part.name), *words])
+        for part in REAL_TIME_PARTS
+    ]
 
 
 def keep_running(nodes: Processes) -> None:

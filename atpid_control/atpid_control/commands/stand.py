@@ -16,6 +16,7 @@ from atpid_control.bags import check_new
 from atpid_control.bench.running import keep_running
 from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, Part
 from atpid_control.graph.processes import Processes, stoppable
+from atpid_control.security import enclave_arguments
 from atpid_sim.scene import load_scene
 
 _LARGEST = 1_000_000_000  # of a map or a parameter file; what reads it has limits of its own [bytes]
@@ -75,4 +76,5 @@ def _command(part: Part, file: Path | None, own: dict[str, Any], folder: Path) -
     path = folder / f"{part.name}.yaml"
     path.write_text(yaml.safe_dump({f"/**/{part.name}": {"ros__parameters": own}}) if own else "", encoding="utf-8")
     files = [file or part.config_file, *([path] if own else [])]
-    return [str(part.executable), "--ros-args", *(word for name in files for word in ("--params-file", str(name)))]
+    words = [word for name in files for word in ("--params-file", str(name))]
+    return [str(part.executable), "--ros-args", *enclave_arguments(part.name), *words]

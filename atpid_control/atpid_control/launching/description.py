@@ -26,6 +26,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from atpid_common.errors import AtpidError
 from atpid_control.launching.arguments import START, Argument, check, check_names, parameter_file
+from atpid_control.security import enclave_arguments
 
 PACKAGE = "atpid_control"
 
@@ -129,6 +130,7 @@ class GraphNode(Node):
             executable=executable,
             exec_name=executable,
             parameters=list(parameters),
+            ros_arguments=enclave_arguments(executable),
             prefix=[StartPrefix(executable)],
             output="screen",
             on_exit=self._on_exit,

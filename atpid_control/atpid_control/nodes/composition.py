@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from atpid_common.loopback import confine
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
 from atpid_common.nodes.node_main import command_node
@@ -38,12 +39,12 @@ NODE_OPTIONS: dict[str, Any] = {"start_parameter_services": False, "enable_rosou
 
 
 def node_class(package: str, name: str) -> type[Node]:
-    """Return the class behind the executable `name` of `package`: `<package>.nodes.<name>`, class in CamelCase.
+    """Return the class behind the executable `name` of `package`: in `<package>.nodes.<name>`, of the same letters.
 
     Found by name, as `ros2 run` finds it, so that no package has to import another for being run together.
     """
     module = importlib.import_module(f"{package}.nodes.{name}")
-    found: type[Node] = getattr(module, "".join(word.capitalize() for word in name.split("_")))
+    found: type[Node] = next(item for key, item in vars(module).items() if key.lower() == name.replace("_", ""))
     return found
 
 
@@ -55,6 +56,7 @@ class Composition:
         self._stack = ExitStack()
         self.nodes: dict[str, Node] = {}
         with ExitStack() as undo:
+            confine()
             # one context for all: nodes use the default one unless another is given
             rclpy.init(args=QUIET, signal_handler_options=SignalHandlerOptions.NO)
             undo.callback(rclpy.try_shutdown)

@@ -27,6 +27,7 @@ class MotorSettings:
     rate: float = 50.0
     command_timeout: float = 0.5
     stale_timeout: float = 0.4
+    commander: str = ""  # name of the only node that may command; empty: any
     port: str = ""
     baud: int = 250000
     identify_timeout: float = 5.0

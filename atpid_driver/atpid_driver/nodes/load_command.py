@@ -25,6 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.arguments import file_path, real
+from atpid_common.loopback import confine
 from atpid_common.nodes.handshake import PERIOD, empty
 from atpid_common.nodes.messages import BLOCKS, STATUS
 from atpid_driver.nodes.load_processes import DRIVERS, INNER_STATUS, RECORDER, Processes
@@ -181,6 +182,7 @@ def table(result: Result) -> str:
 def measure(seconds: float, bag: Path | None = None) -> Result:
     """Stream for `seconds` [s] and return what arrived. StandinError if a node does not come up."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    confine()
     domain = int(os.environ.get("ROS_DOMAIN_ID") or 1 + os.getpid() % 100)
     context = Context()
     rclpy.init(args=[], context=context, domain_id=domain)

@@ -37,6 +37,7 @@ TABLE = (
         "stale_timeout", 0.4, "silence of ceiling/command after which the ceiling is stopped; not used in lockstep",
         "s", 0.1, 60.0,
     ),
+    Row("commander", "", "name of the only node whose commands are followed; empty: of any, one at a time"),
     Row("faults", [""], "faults a simulated ceiling acts: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none"),
     Row("supervised", False, "move, and send heartbeats, only while the supervisor permits it; not used in lockstep"),
     Row("supervision_timeout", 0.3, "silence of the supervisor that withdraws its permission", "s", 0.1, 10.0),

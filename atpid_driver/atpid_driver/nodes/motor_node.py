@@ -31,11 +31,12 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
-from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
+from atpid_driver.motor.errors import CommanderError, CommandStaleError, HeightRefusedError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.freshness import Freshness
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
+from atpid_driver.nodes.commander import Commander
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
 from atpid_driver.nodes.motion_permit import MotionPermit
@@ -99,6 +100,7 @@ class MotorNode(DeviceNode):
             self._truth = self.create_publisher(CeilingState, TRUTH, 100)
         depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
         subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
+        self._commander = Commander(self, COMMANDS, self.settings.commander, timeout)
         supervised = self.settings.supervised and not lockstep
         self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
         self._was_granted = self._permit.granted
@@ -166,14 +168,25 @@ class MotorNode(DeviceNode):
             if not self._active:
                 text = f"ceiling height {command.height:g} m refused: the motor node is {self._state_and_remedy()}"
                 raise NotReadyError(text)
+            self._check_sender(info)
             if not self._permit.granted:
                 raise NotReadyError(f"ceiling height {command.height:g} m not taken up: {self._permit.reason}")
             self._check_fresh(late, info)
             self._actuator.move(command.height, command.sequence, self._now())
+        except CommanderError as error:
+            if self._commander.to_report():
+                self._publish_event(Event.ALARM, Event.REFUSED, command.height, str(error))
         except MotorError as error:
             self._refuse(command, error)
         else:
             self._last_refused = None
+
+    def _check_sender(self, info: dict[str, int]) -> None:
+        """Refuse a command where it is not certain that its sender may command; with several senders nothing moves."""
+        if not self.settings.lockstep and self._commander.judge(info.get("publication_sequence_number") or 0):
+            if self._commander.several:
+                self._stop_moving()
+            raise CommanderError(f"command ignored: {self._commander.problem}")
 
     def _check_fresh(self, late: float, info: dict[str, int]) -> None:
         """Refuse a command older than `command_timeout`, or made before the motor was armed.
@@ -272,13 +285,20 @@ class MotorNode(DeviceNode):
 
     def _on_silence(self) -> None:
         """Stop a moving ceiling: its target may be out of date. The next command moves it again."""
-        if self._supervision.stale.stale and self._active:
+        if self._supervision.stale.stale:
+            self._stop_moving()
+
+    def _stop_moving(self) -> None:
+        if self._active:
             with suppress(MotorError):  # not ready: it does not move
                 self._actuator.move(nan, self._reading().sequence, self._now())
 
     def _statuses(self) -> list[DiagnosticStatus]:
         reading = self._reading()
-        return [status_of(self, self._actuator, reading, self._last_error, self._latencies)]
+        return [
+            status_of(self, self._actuator, reading, self._last_error, self._latencies),
+            self._commander.status(),
+        ]
 
     def _check_duplicates(self) -> None:
         if (found := self._duplicates.check()) is None:

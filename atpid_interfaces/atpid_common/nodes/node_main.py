@@ -21,6 +21,7 @@ from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt
+from atpid_common.loopback import confine
 from atpid_common.nodes.clock_step import ClockStepWatch
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import claim
@@ -46,6 +47,7 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
     While the node is being made, the first signal ends the process at once: nothing is open yet.
     """
     node: Node | None = None
+    confine()
     with Interrupt() as interrupt:
         try:
             # rclpy's own handlers shut the context down in another thread, under a callback that is publishing
@@ -124,6 +126,7 @@ def command_node(make: Callable[[], N], *words: str) -> Iterator[tuple[N, Single
 
     Yields the node that `make` returns, and its executor.
     """
+    confine()
     rclpy.init(args=list(words), signal_handler_options=SignalHandlerOptions.NO)
     try:
         node, executor = make(), SingleThreadedExecutor()

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the stand's SROS 2 policy from its nodes: each is made, not started, and asked what it has opened."""
+
+import sys
+import tempfile
+from argparse import Namespace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from atpid_common.arguments import file_path, path_to
+from atpid_common.cli import Parser, run_parsed
+from atpid_common.errors import DONE
+from atpid_common.loopback import confine
+from atpid_common.output import writing
+from atpid_control.graph.domain import own_domain
+from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, Part
+from atpid_control.nodes.composition import node_class
+from atpid_control.security import OPERATOR, Rights, operator_rights, policy
+from atpid_control.selection.map_cache import map_for
+from atpid_sim.scene import load_scene
+
+STAND = (
+    SERIAL_MOTOR,
+    SUPERVISOR,
+    LABJACK,
+    Part("atpid_driver", "ni_node", "ni.yaml"),
+    NODES["identifier_node"],
+    NODES["selector_node"],
+    NODES["recorder_node"],
+)
+#: What a node opens only while it works, or with other parameters than those of its file.
+LATER = {
+    "identifier_node": Rights(subscribe={"/ceiling/state"}),  # where it infers from the beam
+    "selector_node": Rights(subscribe={"/sensors/laser"}),  # while it searches
+}
+_LISTED, _READ = "/list_parameters", "/get_parameters"
+
+
+@contextmanager
+def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
+    """Yield the stand's nodes by name, in a domain of their own; none is spun, so no device is opened."""
+    given: Mapping[str, Mapping[str, Any]] = {
+        "selector_node": {"scene": str(scene), "map": str(map_for(load_scene(scene)) or "")},
+        "motor_node": {"supervised": True},
+        "supervisor_node": {"nodes": [part.name for part in STAND if part is not SUPERVISOR]},
+        "recorder_node": {"scene": str(scene), "bag": str(folder / "bag")},
+    }
+    context = Context()
+    with own_domain():
+        confine()
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+        nodes: dict[str, Node] = {}
+        try:
+            for part in STAND:
+                values = {**part.configured(), **given.get(part.name, {})}
+                overrides = [Parameter(key, value=value) for key, value in values.items()]
+                nodes[part.name] = node_class(part.package, part.name)(parameter_overrides=overrides, context=context)
+            yield nodes
+        finally:
+            for node in nodes.values():
+                getattr(node, "close", lambda: None)()
+                node.destroy_node()
+            context.shutdown()
+
+
+def opened(observer: Node, name: str, namespace: str = "/") -> Rights:
+    """Return what the node `name` has opened, as `observer` sees it in the graph."""
+    queries = (
+        observer.get_publisher_names_and_types_by_node,
+        observer.get_subscriber_names_and_types_by_node,
+        observer.get_service_names_and_types_by_node,
+        observer.get_client_names_and_types_by_node,
+    )
+    return Rights(*({topic for topic, _ in query(name, namespace)} for query in queries)).actions_folded
+
+
+def rights_of(nodes: Mapping[str, Node]) -> dict[str, Rights]:
+    """Return the rights of each node, and of an operator."""
+    found = {name: opened(node, name) | LATER.get(name, Rights()) for name, node in nodes.items()}
+    for one in found.values():  # the values of parameters are requested once their names are known
+        one.request |= {name.removesuffix(_LISTED) + _READ for name in one.request if name.endswith(_LISTED)}
+    return found | {OPERATOR: operator_rights(found.values(), Rights(publish={"/rosout", "/parameter_events"}))}
+
+
+def run(given: Namespace) -> int:
+    """Make the policy; return 0."""
+    with tempfile.TemporaryDirectory(prefix="atpid-policy-") as folder, made(given.scene, Path(folder)) as nodes:
+        text = policy(rights_of(nodes))
+    if given.out is None:
+        print(text, end="")
+    else:
+        with writing(given.out):
+            given.out.write_text(text, encoding="utf-8")
+    return DONE
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    parser = Parser(prog="python -m atpid_control.nodes.policy", description=__doc__)
+    parser.add_argument("scene", type=file_path, help="a scene of the stand")
+    parser.add_argument("--out", type=path_to(".xml"), help="file to write; not given: standard output")
+    parser.set_defaults(run=run)
+    return run_parsed(lambda: parser, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

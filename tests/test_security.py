@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Security (docs/security.md): the policy is that of the nodes, DDS is on the loopback, an intruder moves nothing."""
+
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from atpid_interfaces.msg import CeilingCommand, Event
+from graph_runs import parameters, scene_file
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from atpid_control.bags.read import Bag, open_bag
+from atpid_control.bench.running import commands_of, run_realtime
+from atpid_control.graph.domain import own_domain
+from atpid_control.graph.parts import write_parameters
+from atpid_control.nodes import policy
+from atpid_control.security import OPERATOR, Rights, read_policy
+from atpid_control.soak.measure import family
+
+#: Height the intruder commands [m]; the scene's own heights are others.
+FOREIGN = 0.95
+#: Ports from here on are the system's own choice (Linux, ip_local_port_range).
+EPHEMERAL = 32768
+#: Those of the stand that the bench runs as well.
+NODES = {"identifier_node", "selector_node", "motor_node", "recorder_node"}
+#: Commands it sends, at least.
+MESSAGES = 20
+#: What the simulated ceiling of the bench opens beside what the stand's does.
+SIMULATED = {"motor_node": Rights(subscribe={"/plant/truth"})}
+#: sros2's form of a policy (policy.xsd): attributes and elements of each element.
+FORM = {
+    "policy": ({"version"}, {"enclaves"}),
+    "enclaves": (set(), {"enclave"}),
+    "enclave": ({"path"}, {"profiles"}),
+    "profiles": (set(), {"profile"}),
+    "profile": ({"ns", "node"}, {"topics", "services", "actions"}),
+    "topics": ({"publish", "subscribe"}, {"topic"}),
+    "services": ({"reply", "request"}, {"service"}),
+    "actions": ({"call", "execute"}, {"action"}),
+    "topic": (set(), set()),
+    "service": (set(), set()),
+    "action": (set(), set()),
+}
+
+
+@pytest.fixture(scope="module")
+def kept(root: Path) -> str:
+    """The policy in the repository."""
+    return (root / "security" / "stand.policy.xml").read_text()
+
+
+@pytest.mark.slow
+def test_the_policy_is_that_of_the_nodes(kept: str, scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """After a change of the nodes: `make policy`."""
+    assert policy.main([str(scenes / "stand_realtime.yaml")]) == 0
+    assert capsys.readouterr().out == kept
+
+
+def test_the_policy_has_the_form_that_sros2_reads(kept: str) -> None:
+    root = ElementTree.fromstring(kept)
+    assert (root.tag, root.get("version")) == ("policy", "0.2.0")
+    for element in root.iter():
+        attributes, children = FORM[element.tag]
+        assert set(element.attrib) <= attributes
+        assert {child.tag for child in element} <= children
+        if element.tag in ("topics", "services", "actions"):
+            assert list(element.attrib.values()) == ["ALLOW"]
+        if not children:
+            assert str(element.text).startswith("/")
+            assert not set("*?[") & set(str(element.text))
+
+
+def who(rights: dict[str, Rights], kind: str, name: str) -> set[str]:
+    return {node for node, one in rights.items() if name in getattr(one, kind)}
+
+
+def test_only_the_selector_commands_and_only_an_operator_arms(kept: str) -> None:
+    rights = read_policy(kept)
+    sole = {"/ceiling/command": "selector_node", "/ceiling/state": "motor_node", "/excitation": "identifier_node",
+            "/sensors/laser": "labjack_node", "/sensors/accelerometer": "ni_node",
+            "/supervisor/state": "supervisor_node"}  # fmt: skip
+    for topic, node in sole.items():
+        assert who(rights, "publish", topic) == {node}
+    for service in ("set_parameters", "set_parameters_atomically", "stop"):
+        assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR}
+    for service in ("rearm", "change_state"):  # by the supervisor where an operator has asked it to
+        assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR, "supervisor_node"}
+    assert rights[OPERATOR].publish == {"/rosout", "/parameter_events"}
+    assert {name.rpartition("/")[2] for name in rights["recorder_node"].request} == {
+        "list_parameters", "get_parameters",
+    }  # fmt: skip
+
+
+@dataclass
+class Watched:
+    """What was seen of a bench in real time, into which an intruder came."""
+
+    opened: dict[str, Rights] = field(default_factory=dict)
+    received_on: dict[str, set[str]] = field(default_factory=dict)  # addresses of a process's ports, by process
+    reported: bool = False
+    bag: Any = None
+
+
+class Intruder:
+    """Looks at the graph, and commands the ceiling although it may not, until that is reported."""
+
+    def __init__(self, watched: Watched) -> None:
+        self.watched, self.context = watched, Context()
+        self.node: Node | None = None
+        self.sent, self.finished = 0, False
+
+    def __call__(self, reached: float) -> None:
+        if self.node is None:
+            rclpy.init(context=self.context)
+            self.node = Node("intruder", context=self.context)
+            self.executor = SingleThreadedExecutor(context=self.context)
+            self.executor.add_node(self.node)
+            self.commands = self.node.create_publisher(CeilingCommand, "ceiling/command", 1)
+            self.node.create_subscription(Event, "events", self.on_event, 100)
+        elif self.sent < MESSAGES or not self.watched.reported:
+            self.executor.spin_once(timeout_sec=0.0)
+            if self.commands.get_subscription_count() == 2:  # motor and recorder
+                self.commands.publish(CeilingCommand(height=FOREIGN, sequence=1))
+                self.sent += 1
+        elif not self.finished and set(names := sorted(NODES)) <= set(self.node.get_node_names()):
+            self.finished = True
+            self.watched.received_on = {str(process): addresses(process) for process in family()[1:]}
+            self.watched.opened = {name: policy.opened(self.node, name) for name in names}
+            self.close()
+
+    def on_event(self, event: Event) -> None:
+        self.watched.reported |= event.kind == Event.REFUSED and "/intruder and /selector_node" in event.text
+
+    def close(self) -> None:
+        if self.node is not None and self.context.ok():
+            self.executor.shutdown()
+            self.node.destroy_node()
+            self.context.shutdown()
+
+
+def addresses(process: int) -> set[str]:
+    """Return the addresses on which a process has opened UDP ports below the ephemeral ones, from which DDS sends."""
+    links = [os.readlink(file) for file in Path(f"/proc/{process}/fd").iterdir()]
+    sockets = {link[8:-1] for link in links if link.startswith("socket:[")}
+    found = set()
+    for line in Path("/proc/net/udp").read_text().splitlines()[1:]:
+        words = line.split()
+        address, _, port = words[1].partition(":")
+        if words[9] in sockets and int(port, 16) < EPHEMERAL:
+            found.add(address)
+    return found
+
+
+@pytest.fixture(scope="module")
+def watched(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Watched:
+    folder = tmp_path_factory.mktemp("security")
+    scene = scene_file(scenes / "thesis_4_3.yaml", folder, duration=8.0, steady_window=[7.0, 8.0])
+    _, started = parameters(scene, folder / "run", lockstep=False)
+    write_parameters(started, folder / "run" / "parameters.yaml")
+    made = Watched()
+    intruder = Intruder(made)
+    with own_domain():
+        try:
+            run_realtime(commands_of(folder / "run" / "parameters.yaml"), folder / "run", intruder)
+        finally:
+            intruder.close()
+    made.bag = open_bag(folder / "run" / "bag")
+    return made
+
+
+@pytest.mark.slow
+def test_an_unauthorised_publisher_moves_nothing_and_is_named(watched: Watched) -> None:
+    bag: Bag = watched.bag
+    foreign = [ns for ns, message in bag.messages("/ceiling/command") if message.height == FOREIGN]
+    assert len(foreign) >= MESSAGES  # it was in the graph
+    assert not any(abs(state.target - FOREIGN) < 0.01 for _, state in bag.messages("/ceiling/state"))
+    events = list(bag.messages("/events"))
+    refused = [event for _, event in events if event.kind == Event.REFUSED]
+    assert [event.severity for event in refused] == [Event.ALARM]
+    assert "/intruder and /selector_node" in refused[0].text
+    # the ceiling stays meanwhile, and follows the selector again when the intruder has left
+    moved = [ns for ns, event in events if event.kind == Event.MOVED]
+    assert not [ns for ns in moved if foreign[0] < ns < foreign[-1]]
+    assert max(moved) > foreign[-1]
+
+
+@pytest.mark.slow
+def test_each_right_of_the_policy_is_used_by_the_graph_and_no_other_is_needed(watched: Watched, kept: str) -> None:
+    rights = read_policy(kept)
+    for name, opened in watched.opened.items():
+        missing = opened - rights[name] - SIMULATED.get(name, Rights())
+        assert not missing, f"{name} needs {missing}"
+        unused = rights[name] - opened - policy.LATER.get(name, Rights())
+        if name == "recorder_node":  # it gets a node's parameters once and then needs no client any more
+            unused.request.clear()
+        assert not unused, f"{name} does not need {unused}"
+
+
+@pytest.mark.slow
+def test_dds_receives_on_the_loopback_only(watched: Watched) -> None:
+    found = [one for one in watched.received_on.values() if one]
+    assert len(found) >= 5
+    assert set.union(*found) == {"0100007F"}
+
+
+def test_a_node_without_keys_does_not_start_where_security_is_enforced(tmp_path: Path) -> None:
+    environment = os.environ | {
+        "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_KEYSTORE": str(tmp_path),
+    }  # fmt: skip
+    command = [sys.executable, "-m", "atpid_control.nodes.identifier_node"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 2
+    assert len([line for line in done.stderr.splitlines() if line.startswith("error: ")]) == 1
+    assert "Traceback" not in done.stderr
+
+
+def licences(table: str) -> dict[str, str]:
+    """Return the licence of each name in a table."""
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines() if line.count("|") == 4]
+    return {name: row[0] for row in rows if len(row) == 3 for name in row[2].split(", ")}
+
+
+def test_every_licence_is_known_and_fits_and_those_of_the_page_are_so(root: Path) -> None:
+    command = [sys.executable, str(root / "requirements" / "licences.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    page, now = licences((root / "docs" / "security.md").read_text()), licences(done.stdout)
+    given = (root / "requirements" / "runtime.in").read_text().splitlines()
+    imported = [re.split(r"[<=\[]", line)[0] for line in given if not line.startswith("#")]
+    assert {name: page[name] for name in imported} == {name: now[name] for name in imported}
