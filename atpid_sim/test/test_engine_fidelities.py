@@ -106,7 +106,7 @@ def test_tsuji_restitution_is_the_published_one_at_every_speed() -> None:
         assert (y[columns.GRAIN_VELOCITY] - y[columns.BEAM_VELOCITY]) / speed == pytest.approx(0.1463, abs=2e-4)
 
 
-@pytest.mark.parametrize("fidelity", ["soft", "impact"])
+@pytest.mark.parametrize("fidelity", ["soft", "finite", "impact"])
 @pytest.mark.parametrize("contact", LAWS, ids=NAMES)
 def test_energy_closes_and_contacts_only_dissipate(contact: dict[str, Any], fidelity: str) -> None:
     # an elastic grain without play never comes to rest between instantaneous impacts: leave it some

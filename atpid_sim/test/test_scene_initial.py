@@ -15,7 +15,7 @@ from atpid_sim.simulation.simulate import simulate, trajectory
 _SAMPLES = 400
 
 
-@pytest.mark.parametrize("fidelity", ["impact", "soft"])
+@pytest.mark.parametrize("fidelity", ["impact", "finite", "soft"])
 def test_a_run_begun_from_the_state_of_another_continues_it(fidelity: str) -> None:
     """The state after whole periods of the tone is the first one of a scene of its own."""
     scene = standard_bench(excitation={"amplitude": 0.01, "frequency": 5.0}, duration=4.0, steady_window=[3.0, 4.0])

@@ -123,7 +123,7 @@ def test_the_steepest_unloading_is_integrated() -> None:
     assert simulate(scene, "soft", check=False).energy_residual == pytest.approx(0.0, abs=1e-5)
 
 
-@pytest.mark.parametrize("fidelity", ["soft", "impact"])
+@pytest.mark.parametrize("fidelity", ["soft", "finite", "impact"])
 @pytest.mark.parametrize(
     "blocks",
     [

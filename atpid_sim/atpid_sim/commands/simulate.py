@@ -3,6 +3,7 @@
 
 import argparse
 import json
+import math
 import sys
 from typing import Any
 
@@ -13,12 +14,13 @@ from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real
 from atpid_sim.display import working
 from atpid_sim.outcome import NumericalFailure
+from atpid_sim.periodic import SteadyEnding, SteadyState, steady_state
 from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
-from atpid_sim.simulation.integration import FIDELITIES
+from atpid_sim.simulation.integration import FIDELITIES, undamped_amplitude
 from atpid_sim.simulation.series import draw, write_series
-from atpid_sim.simulation.simulate import Result, Trajectory, simulate, trajectory
+from atpid_sim.simulation.simulate import Result, Trajectory, finite, simulate, trajectory
 
-_UNITS = {"amplitude": "m", "undamped_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s"}
+_UNITS = {"amplitude": "m", "undamped_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s", "followed": "s"}
 _DRIVEN = (
     "amplitude", "undamped_amplitude", "efficiency", "reproducible", "spread", "motion", "impacts", "resonance",
     "fidelity", "left_out", "error_estimate", "energy_residual", "steps", "wall_s", "result",
@@ -44,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--height", type=positive("m"), metavar="H", help="a fixed ceiling at H [m] in place of the scene's"
     )
+    help_steady = "solve for the steady motion the run would end in, where it ends in one, with its multipliers"
+    parser.add_argument("--steady", action="store_true", help=help_steady)
     parser.add_argument(
         "--series",
         type=path_to(".csv", ".npz"),
@@ -66,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     if scene.injected:
         print("faults: left out, a single run has neither sensors nor a motor; the bench acts them", file=sys.stderr)
     _check_files(args, scene)
+    if args.steady and _show_steady(args, scene):
+        return 0
     with working("simulating (the first time the kernels are compiled, a minute or two)"):
         try:
             result = simulate(scene, args.fidelity, args.rtol)
@@ -82,6 +88,50 @@ def run(args: argparse.Namespace) -> int:
     else:
         _show(str(args.scene), scene, result)
     return 0
+
+
+def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
+    """Print the steady motion and return True; where there is none, print why to standard error and return False."""
+    if args.series is not None or args.picture is not None:
+        raise output.OutputError("--steady: given with --series or --picture; these need the run itself, leave it out")
+    with working("solving (the first time the kernels are compiled, a minute or two)"):
+        try:
+            search = steady_state(scene, args.fidelity, args.rtol)
+        except SceneError:
+            raise
+        except ValueError as error:
+            raise SceneError(str(error)) from None
+    if search.state is None:
+        print(f"steady: {search.ending.value}", file=sys.stderr)
+        return False
+    values = _steady_values(scene, search.state)
+    if args.json:
+        print(json.dumps(finite(values), allow_nan=False))
+        return True
+    table = Table(title=str(args.scene), show_header=False)
+    for key, value in values.items():
+        text = ", ".join(f"{each:.6g}" for each in value) if isinstance(value, list) else _text(key, value)
+        table.add_row(key, text, _UNITS.get(key, ""))
+    Console(highlight=False, markup=False, soft_wrap=True).print(table)
+    return True
+
+
+def _steady_values(scene: Scene, state: SteadyState) -> dict[str, Any]:
+    undamped = undamped_amplitude(scene)
+    return {
+        "amplitude": state.amplitude,
+        "undamped_amplitude": undamped,
+        "efficiency": 1.0 - state.amplitude / undamped if undamped > 0.0 else math.nan,
+        "periods": state.periods,
+        "multipliers": [float(abs(each)) for each in state.multipliers],
+        "stability_margin": state.stability_margin,
+        "settling_periods": state.settling_periods,
+        "impacts": len(state.impacts),
+        "followed": state.followed,
+        "fidelity": state.fidelity,
+        "error_estimate": state.error_estimate,
+        "result": SteadyEnding.FOUND.value,
+    }
 
 
 def _check_files(args: argparse.Namespace, scene: Scene) -> None:

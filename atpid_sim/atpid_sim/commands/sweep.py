@@ -7,6 +7,7 @@ import json
 from atpid_common.arguments import real, whole
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import cores
+from atpid_sim.simulation.integration import FIDELITIES
 from atpid_sim.studies.sweep import standard_task, sweep
 
 #: Heights at most: their results fill the memory from there on.
@@ -22,16 +23,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rtol", type=real(1e-13, 0.1), default=1e-6, metavar="R", help="relative tolerance; default 1e-6"
     )
+    parser.add_argument("--fidelity", default="soft", choices=FIDELITIES, help="fidelity level; default soft")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the sweep and print one JSON object; return 0. Raises NumericalFailure."""
     with counting("heights", args.points) as count:
-        done = sweep(standard_task(0.01, 0.1, 0.2), 0.02, 0.4, args.points, args.rtol, count)
+        done = sweep(standard_task(0.01, 0.1, 0.2), 0.02, 0.4, args.points, args.rtol, args.fidelity, count)
     best = min(done.results, key=lambda result: result.amplitude)
     result = {
         "points": args.points,
         "cores": cores(),
+        "fidelity": args.fidelity,
         "wall_s": done.wall_s,
         "simulations_per_second": args.points / done.wall_s,
         "integration_ms": 1e3 * sum(result.wall_s for result in done.results) / len(done.results),

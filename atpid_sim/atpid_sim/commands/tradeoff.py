@@ -47,15 +47,18 @@ def run(args: argparse.Namespace) -> int:
         for point in study.measure(scene, reference, args.patience):
             points.append(point)
             status.update(f"{point.method} {point.tolerance:g}: {1e3 * point.time_s:.2f} ms")
+        status.update("steady motion")
+        steady = study.steady_trade(scene)
     points = study.with_front(points)
     found, finest = ([], []) if reference.spread else (study.answers(points), study.tightest(points))
-    text = _markdown(args.scene.name, reference, points, found + finest)
+    text = _markdown(args.scene.name, reference, points, found + finest) + _steady(steady)
     plain = {
         "scene": args.scene.name,
         "reference": {name: getattr(reference, name) for name in ("amplitude", "agreement", "spread")},
         "points": [finite(asdict(point)) for point in points],
         "answers": found,
         "tightest": finest,
+        "steady": None if steady is None else finite(asdict(steady)),
     }
     with output.writing(folder):
         (folder / "tradeoff.json").write_text(json.dumps(plain, indent=1) + "\n")
@@ -76,6 +79,17 @@ def _markdown(name: str, reference: study.Reference, points: list[study.Point], 
     else:
         lines.append("No ratio to LSODA: where no tolerance reproduces the amplitude, no method meets an error level.")
     return "\n".join([*lines, ""])
+
+
+def _steady(steady: study.Steady | None) -> str:
+    if steady is None:
+        return "\nNo steady motion: a run is all there is.\n"
+    solved = f"{1e3 * steady.time_s:.3g} ms, error {steady.error:.1e}"
+    waited = f"a run of {steady.waited_until:.0f} s comes to {steady.waited_error:.1e}"
+    if math.isfinite(steady.waited_time_s):
+        share = steady.time_s / steady.waited_time_s
+        waited += f" in {1e3 * steady.waited_time_s:.3g} ms; ratio {share:.2g}"
+    return f"\nSteady motion {steady.amplitude:.10g} m, solved for (`simulate --steady`) in {solved}; {waited}.\n"
 
 
 def _description(reference: study.Reference) -> str:

@@ -8,8 +8,9 @@ from atpid_sim.contact.dispatch import energy
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.contact_phase import contact
 from atpid_sim.engine.error_control import DEPTH_FLOOR, Control, control_of
+from atpid_sim.engine.finite_contact import tabulated_contact
 from atpid_sim.engine.flight import flight
-from atpid_sim.engine.impact_phase import begin_impact_row, collide, stick
+from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, stick
 from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import View, record_extreme
@@ -27,6 +28,7 @@ class Fidelity(IntEnum):
     SIMPLIFIED = 0  # one mass in closed form: beam and grain, or the beam alone
     IMPACT = 1  # contacts instantaneous
     SOFT = 2  # contacts integrated
+    FINITE = 3  # contacts of finite duration from a table, others integrated
 
 
 @kernel
@@ -85,6 +87,25 @@ def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out,
 
 
 @kernel
+def _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, table):  # type: ignore[no-untyped-def]
+    """One contact, or flight with the contact at its end, of the fidelity `finite`; returns the local time reached."""
+    if n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
+        if is_held(segment, tau, system):
+            return stick(y, n, segment, tau, until, system, control, view, out)
+        return contact(y, n, segment, tau, until, system, law, p, control, view, out)
+    tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
+    if y[at.DEEPEST] < 0.0:
+        _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[at.CEILING_VELOCITY])
+        if only_micro_bounces(y, n, segment, tau, system, DEPTH_FLOOR * control.rtol):
+            replace_by_static_contact(y, n, segment, tau, system, law, p)
+        elif not is_held(segment, tau, system):
+            return tabulated_contact(y, n, segment, tau, until, system, law, p, control, view, out, table)
+    elif n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
+        _resume_contact(y, n, segment, tau, 2.0 * system.radius, law, p)
+    return tau
+
+
+@kernel
 def _fault(fidelity, y, height, diameter):  # type: ignore[no-untyped-def]
     """Outcome that the present state amounts to, DONE where it is sound."""
     gap = y[at.GRAIN] - y[at.BEAM]
@@ -100,7 +121,7 @@ def _fault(fidelity, y, height, diameter):  # type: ignore[no-untyped-def]
     if height < diameter * (1.0 - 1e-12):
         return Outcome.CEILING_CRUSHES
     if max(-gap, gap - (height - diameter)) > 0.5 * diameter:
-        return Outcome.OVERLAP_TOO_DEEP if fidelity == Fidelity.SOFT else Outcome.ESCAPED
+        return Outcome.ESCAPED if fidelity == Fidelity.IMPACT else Outcome.OVERLAP_TOO_DEEP
     return Outcome.DONE
 
 
@@ -114,13 +135,13 @@ def _open_length(segment, diameter):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget):  # type: ignore[no-untyped-def]
+def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts):  # type: ignore[no-untyped-def]
     """`integrate`, with an `Outcome`."""
     with_grain = mass != system.beam_mass
     diameter = 2.0 * system.radius
     stuck = 0
     control = Control(budget, rtol, rtol, 0.0, 0.0, 0.0)
-    if fidelity == Fidelity.SOFT:
+    if fidelity == Fidelity.SOFT or fidelity == Fidelity.FINITE:
         control = control_of(table, system, law, p, rtol, budget, y)
     if fidelity == Fidelity.SIMPLIFIED and not with_grain:
         n[at.MODE] = at.FREE
@@ -140,6 +161,8 @@ def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampli
             before = tau
             if fidelity == Fidelity.SOFT:
                 tau = _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts)
+            elif fidelity == Fidelity.FINITE:
+                tau = _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, contacts)
             elif fidelity == Fidelity.IMPACT:
                 tau = _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck)
             else:
@@ -160,13 +183,16 @@ def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampli
 
 
 @kernel
-def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget):  # type: ignore[no-untyped-def]
+def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts):  # type: ignore[no-untyped-def]
     """Integrate through the drive table (rows, DRIVE_COLUMNS) from y[TIME] to its end; returns an outcome's value.
 
     `mass`: what moves at the fidelity `simplified` [kg]; `window`: (from, to) [s], both row edges of the table where
     extremes shall be exact; `sampling`: (first instant, period) [s]; `out`: series (SAMPLE_ROWS, samples); `impacts`:
-    log (capacity, IMPACT_COLUMNS); `budget`: steps. y and n are the state (`columns`), changed in place, also when the
-    run ends early. Fidelity and outcome pass as plain integers: numba converts a member of an enumeration in 10 us.
+    log (capacity, IMPACT_COLUMNS); `budget`: steps; `contacts`: the table of the fidelity `finite`. y and n are the
+    state (`columns`), changed in place, also when the run ends early. Fidelity and outcome pass as plain integers:
+    numba converts a member of an enumeration in 10 us.
     """
-    outcome = _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget)
+    outcome = _integrate(
+        fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts
+    )
     return outcome.value

@@ -4,8 +4,9 @@
 from atpid_sim.periodic.cliff import Cliff, Loss, find_cliff, raised
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
 from atpid_sim.periodic.solve import Ending, PeriodicMotion, Search, periodic_motion, solve
+from atpid_sim.periodic.steady import SteadyEnding, SteadySearch, SteadyState, steady_state
 
 __all__ = [
-    "Cliff", "Conditions", "Ending", "Loss", "PeriodicMotion", "ReturnMap", "Search", "find_cliff", "flying",
-    "passage", "periodic_motion", "raised", "solve",
+    "Cliff", "Conditions", "Ending", "Loss", "PeriodicMotion", "ReturnMap", "Search", "SteadyEnding", "SteadySearch",
+    "SteadyState", "find_cliff", "flying", "passage", "periodic_motion", "raised", "solve", "steady_state",
 ]  # fmt: skip

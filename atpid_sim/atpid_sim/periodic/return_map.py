@@ -6,7 +6,10 @@ support at which the grain flies freely. There the map is smooth at every fideli
 contacts on the way as well, and central differences of runs of the engine give its derivative.
 """
 
+from __future__ import annotations
+
 import math
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -65,6 +68,12 @@ class ReturnMap:
         self.duration = periods / conditions.frequency
         self._table = _table(conditions, phase, self.duration)
 
+    def by(self, integration: Integration) -> ReturnMap:
+        """Return the same map by another integration: the conditions and the section stay."""
+        other = copy(self)
+        other.integration = integration
+        return other
+
     def __call__(self, section: Array) -> Array:
         """Return the section state (4,) `periods` later.
 
@@ -74,9 +83,17 @@ class ReturnMap:
 
     def orbit(self, section: Array) -> Orbit:
         """Return what happens until the next passage, from a section state (4,). Raises NumericalFailure."""
+        return self._passage(section)[1]
+
+    def passed(self, section: Array) -> tuple[Array, Orbit]:
+        """Return the section state (4,) `periods` later, and what happens until then. Raises NumericalFailure."""
+        state, orbit = self._passage(section)
+        return section_of(state), orbit
+
+    def _passage(self, section: Array) -> tuple[State, Orbit]:
         log = impact_log(_LOG * self.periods)
         state = self._advance(section, Observation((0.0, self.duration), impacts=log))
-        return Orbit(state.amplitude, log[: state.n[columns.IMPACTS]])
+        return state, Orbit(state.amplitude, log[: state.n[columns.IMPACTS]])
 
     def slope(self, section: Array, scale: Array) -> Slope:
         """Return the derivative at a section state (4,) by central differences; scale (4,): size of the motion.
@@ -93,13 +110,19 @@ class ReturnMap:
         return slope
 
     def _slope(self, section: Array, scale: Array, width: float) -> Slope:
-        fine, coarse = (self._differences(section, part * width * scale) for part in (0.5, 1.0))
+        fine, coarse = (self.differences(section, part * width * scale) for part in (0.5, 1.0))
         sizes = scale / scale[:, None]  # to units of the motion
         return Slope(fine, coarse, float(np.abs((fine - coarse) * sizes).max() / np.abs(fine * sizes).max()))
 
-    def _differences(self, section: Array, steps: Array) -> Array:
+    def differences(self, section: Array, steps: Array) -> Array:
+        """Return the derivative (4, 4) at a section state by central differences of half-widths `steps` (4,), SI."""
         columns_of = [(self(section + step) - self(section - step)) / (2.0 * step.sum()) for step in np.diag(steps)]
         return np.array(columns_of).T
+
+    def forward_differences(self, section: Array, steps: Array) -> Array:
+        """Return the same by forward differences, for Newton's steps: half the runs."""
+        after = self(section)
+        return np.array([(self(section + step) - after) / step.sum() for step in np.diag(steps)]).T
 
     def _advance(self, section: Array, observation: Observation) -> State:
         state = flying(section)

@@ -6,6 +6,9 @@ Measured against `soft` on random scenes of every law with E from 2e5 to 2e11 Pa
 the depth of an impact over the amplitude exceeds the error of `impact` in 95 of 100, twice the overlap of a grain that
 is shaken without clearance that of one mass in 9 of 10 (docs/decisions/0009-fidelity.md). Where the two models end in
 different motions the error has no bound.
+
+That of contacts of finite duration grows with the cube of the share that a contact has of a period: 4 times the cube of
+omega T, T the depth of an impact over its speed, exceeds it in 97 of 100 (docs/decisions/0031-finite-contacts.md).
 """
 
 import math
@@ -18,6 +21,7 @@ from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.kernel_inputs import contact_of, system_of
 from atpid_sim.scene import HarmonicExcitation, Scene
+from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.integration import FIDELITIES, is_closed, undamped_amplitude
 from atpid_sim.system import reduced_mass
 
@@ -26,6 +30,12 @@ _IMPACT, _CLOSED = 0.5, 2.0
 #: In a decay, a sweep or a measured series the errors of impacts add up; a grain heavier than a quarter of all has a
 #: larger share of the motion.
 _PASSING, _HEAVY = 4.0, 4.0
+#: Relative error of the amplitude over the cube of omega T, measured: of contacts of finite duration.
+_FINITE = 4.0
+#: Share of the beam's own decay with which the error of a closed damper, taken as one mass, fades after its opening.
+_FADING = 0.5
+#: Clearance over the radius below which the grain is held, as the engine has it.
+_HELD = 1e-5
 #: Logarithms of the least and largest depth [m] considered.
 _SHALLOW, _DEEP = -60.0, 10.0
 
@@ -54,6 +64,10 @@ def choose(
             choice = _described(scene, cheap, undamped)
             if choice.model_error <= scene.tolerance:
                 return choice
+        if contact_of(scene).law != IMPACT and _finite_physics(scene, undamped) <= scene.tolerance:
+            choice = _described(scene, "finite", undamped)
+            if choice.model_error <= scene.tolerance:
+                return choice
         return _described(scene, "soft", undamped)
     if fidelity not in FIDELITIES:
         raise ValueError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
@@ -73,6 +87,9 @@ def _described(scene: Scene, fidelity: str, undamped: float | None) -> Choice:
         if instantaneous:
             return Choice("impact", "nothing: the scene's contact law is instantaneous", 0.0)
         return Choice("impact", "the duration and depth of contacts", impact_error(scene, undamped))
+    if fidelity == "finite":
+        left_out = "the change of the beam's force within a contact beyond first order; the play in the closed damper"
+        return Choice("finite", left_out, finite_error(scene, undamped))
     if is_closed(scene):
         error = 0.0 if instantaneous else closed_error(scene, undamped)
         return Choice("simplified", "the grain's play inside the closed damper", error)
@@ -92,6 +109,38 @@ def impact_error(scene: Scene, undamped: float | None = None) -> float:
         more *= _PASSING
     speed = 2.0 * math.pi * scene.frequency_hz * amplitude
     return min(1.0, more * _IMPACT * _depth(scene, speed) / amplitude)
+
+
+def finite_error(scene: Scene, undamped: float | None = None) -> float:
+    """Return the relative amplitude error to expect of contacts from a table, at most 1; see `impact_error`."""
+    return min(1.0, _finite_physics(scene, undamped) + table_of(system_of(scene), contact_of(scene))[1])
+
+
+def _finite_physics(scene: Scene, undamped: float | None) -> float:
+    """Return the part of that error that needs no table."""
+    amplitude = undamped_amplitude(scene) if undamped is None else undamped
+    if not amplitude > 0.0:
+        return 1.0
+    more = max(1.0, _HEAVY * scene.grain.mass_fraction)
+    if not isinstance(scene.excitation, HarmonicExcitation):
+        more *= _PASSING
+    pace = 2.0 * math.pi * max(scene.frequency_hz, scene.natural_frequency_hz)
+    share = pace * _depth(scene, pace * amplitude) / (pace * amplitude)
+    held = _held_share(scene)
+    return min(1.0, more * _FINITE * share**3 + (held * closed_error(scene, amplitude) if held > 0.0 else 0.0))
+
+
+def _held_share(scene: Scene) -> float:
+    """Return the share of the closed damper's error that is left in the steady window."""
+    shut = 2.0 * scene.grain.radius + _HELD * scene.grain.radius
+    heights = scene.ceiling.heights
+    ends = [time for time, height in heights if height <= shut]
+    if not ends:
+        return 0.0
+    last = scene.duration if heights[-1][1] <= shut else max(ends)
+    waited = scene.steady_window[0] - last
+    decay = 0.5 * scene.beam.damping / scene.total_mass
+    return math.exp(-_FADING * decay * waited) if waited > 0.0 else 1.0
 
 
 def closed_error(scene: Scene, undamped: float | None = None) -> float:

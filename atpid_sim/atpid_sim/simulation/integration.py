@@ -9,18 +9,20 @@ import numpy as np
 
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
+from atpid_sim.engine.contact_table import NO_TABLE
 from atpid_sim.engine.row_loop import Fidelity, integrate
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.scene.initial import Initial
+from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of
 from atpid_sim.simulation.excitation import frequency_at, support_rows
 from atpid_sim.system import Array, System
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
-FIDELITIES = ("simplified", "impact", "soft")
+FIDELITIES = ("simplified", "impact", "finite", "soft")
 #: Loosest relative tolerance of the integrator: beyond, a step's error is the size of what it computes.
 LOOSEST = 0.1
 #: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
@@ -93,11 +95,13 @@ class Integration:
         self.scene, self.fidelity = scene, fidelity
         self.system: System = system_of(scene)
         self.contact: Contact = contact_of(scene)
-        if fidelity == "soft" and self.contact.law == IMPACT:
+        if fidelity in ("finite", "soft") and self.contact.law == IMPACT:
             raise ValueError(
-                "fidelity soft: the contact law impact has no force to integrate; use fidelity impact, or another law"
+                f"fidelity {fidelity}: the contact law impact has no force to integrate; "
+                "use fidelity impact, or another law"
             )
         self._table, self._start = table, start
+        self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else NO_TABLE
         self._fidelity = int(Fidelity[fidelity.upper()])
         self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
         tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
@@ -156,6 +160,7 @@ class Integration:
             integrate(
                 self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, state.y, state.n,
                 seen.window, (seen.first, seen.period), seen.samples, seen.impacts, limit,
+                self._contacts,
             )
         )  # fmt: skip
 

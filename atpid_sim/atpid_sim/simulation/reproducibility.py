@@ -17,6 +17,8 @@ from atpid_sim.system import Array
 _CHECKS = ((1e-2, 1e-5), (1e-2, -1e-5), (1e-3, 3e-6))
 #: Steps of a run from which fewer and coarser checks are made, and which those are.
 _EXPENSIVE, _FEW_CHECKS = 1_000_000, ((1e-1, 1e-5), (1e-1, -1e-5))
+#: Disturbance of start and drive, in model errors: what a model leaves out acts in another way than these do.
+_MODEL = 2.0
 #: Share of that disturbance by which the drive is larger throughout: no damping removes it.
 _DRIVE = 1e-2
 #: Columns of the drive table that are proportional to the support's motion.
@@ -57,18 +59,21 @@ class _Motion(NamedTuple):
 UNCHECKED = Verdict(float("nan"), False, None)
 
 
-def judge(integration: Integration, amplitude: float, steps: int) -> Verdict:
+def judge(integration: Integration, amplitude: float, steps: int, model_error: float = 0.0) -> Verdict:
     """Repeat a run that took `steps` with finer tolerances and disturbances, and compare amplitudes [m].
 
     A run whose amplitude changes by more than a thousandth (or twenty tolerances, up to a hundredth) is not
     reproducible: it gets the spread of an ensemble beside its error. Where the motions diverge on the way and converge
     again, as after a chaotic transient, whether they do so in time is random: then the whole ensemble has to
-    agree. A finer run that does not reach its end leaves the error unknown.
+    agree. A finer run that does not reach its end leaves the error unknown. model_error: that of a fidelity level whose
+    contacts come from a table; runs disturbed by twice as much, and what they differ by, count as well.
     """
     limit = max(_LEAST, min(_TOLERANCES * integration.rtol, _MOST_ALLOWED))
     again = _Repetition(integration, amplitude, steps)
     motions = [again.run(share, disturbance) for share, disturbance in (_CHECKS if steps < _EXPENSIVE else _FEW_CHECKS)]
     amplitudes = [motion.amplitude for motion in motions]
+    for sign in (_MODEL, -_MODEL) if model_error > 0.0 else ():
+        amplitudes.append(again.run(_CHECKS[0][0], sign * model_error, 0, sign * model_error).amplitude)
     negligible = negligible_displacement(integration.scene)
     worst = _worst(amplitudes, amplitude, negligible)
     if worst <= limit and not _diverged(motions):
@@ -111,13 +116,13 @@ class _Repetition:
         with ThreadPoolExecutor() as pool:
             return list(pool.map(lambda d: self.run(_ENSEMBLE_SHARE, float(d), 0).amplitude, disturbances))
 
-    def run(self, share: float, disturbance: float, samples: int = _MOST) -> _Motion:
+    def run(self, share: float, disturbance: float, samples: int = _MOST, drive: float | None = None) -> _Motion:
         """Return a run with a share of the tolerance and a disturbed start and drive."""
         scene, original = self.integration.scene, self.integration
         state = original.initial_state()
         state.y[[columns.BEAM, columns.GRAIN]] += disturbance * self.amplitude
         table = original.table.copy()
-        table[:, _SUPPORT] *= 1.0 + _DRIVE * disturbance
+        table[:, _SUPPORT] *= 1.0 + (_DRIVE * disturbance if drive is None else drive)
         begin = state.time
         period = max(1.0 / (_PER_PERIOD * scene.frequency_hz), (scene.duration - begin) / _MOST)
         series = sample_series(min(samples, int((scene.duration - begin) / period)))

@@ -112,7 +112,10 @@ def simulate(
     run = integration.run(observation)
     wall = time.perf_counter() - begun
     amplitude, last = run.last.amplitude, run.last
-    verdict = reproducibility.judge(integration, amplitude, last.steps) if check else reproducibility.UNCHECKED
+    verdict = reproducibility.UNCHECKED
+    if check:
+        model_error = choice.model_error if choice.fidelity == "finite" else 0.0
+        verdict = reproducibility.judge(integration, amplitude, last.steps, model_error)
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,

@@ -27,6 +27,7 @@ def sweep(
     highest: float,
     count: int,
     rtol: float | None = None,
+    fidelity: str = "soft",
     progress: Callable[[int], None] | None = None,
 ) -> Sweep:
     """Simulate a scene at `count` heights [m], each once, on all cores.
@@ -39,9 +40,9 @@ def sweep(
         raise ValueError(f"count: given {count}; allowed: at least 1 height")
     heights = np.linspace(lowest, highest, count).tolist()
     scenes = [_opened(scene, height) for height in heights]
-    simulate_many(scenes[:1], "soft", rtol, check=False)  # compiles, or loads what was compiled
+    simulate_many(scenes[:1], fidelity, rtol, check=False)  # compiles, or loads what was compiled
     begin = time.perf_counter()
-    results = simulate_many(scenes, "soft", rtol, check=False, progress=progress)
+    results = simulate_many(scenes, fidelity, rtol, check=False, progress=progress)
     wall = time.perf_counter() - begin
     return Sweep(heights, results, wall, max(abs(result.energy_residual) for result in results))
 

@@ -23,9 +23,11 @@ methods integrate the same compiled right-hand side; those sampled 64 times a pe
 with the reference sampled as often, so that what lies between the samples does not count. A method
 meets an error level only if all tighter tolerances do; failed runs are ignored.
 
-**What do I run?** For 1 %: `--fidelity impact` (or `tolerance: 1e-2`, and `auto` takes it). For 0.1 % or better:
-`soft`, whose amplitude error is about its `rtol`; `tolerance: 1e-6` in the scene asks 3e-7 of the integrator. Where
-the motion is chaotic no tolerance helps: look at `reproducible` and `spread`.
+**What do I run?** For 1 %: `--fidelity impact` (or `tolerance: 1e-2`, and `auto` takes it). For 0.1 % to 1e-4:
+`--fidelity finite`, which `auto` takes where the model error it states meets the tolerance; where the grain mostly
+rests it gains less. For better: `soft`, whose amplitude error is about its `rtol`; `tolerance: 1e-6` in the scene asks
+3e-7 of the integrator. For the steady motion alone: `simulate --steady`. Where the motion is chaotic no tolerance
+helps: look at `reproducible` and `spread`.
 """
 _TITLES = {"regular": "Regular: the standard task", "sticking": "Sticking", "irregular": "Irregular (rumble)"}
 

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The steady motion of a scene without waiting for it: the transient is followed until it contracts, then solved for.
+
+Which motion a system ends in depends on how it got there, so the run is followed from its start, with contacts from a
+table. Once the distance between passages of the section shrinks regularly, the motion it shrinks to is a fixed point of
+the return map of period one or two. Newton's method finds it there at the fidelity asked for, with a derivative from
+the tabulated contacts, which differs from the true one by far less than Newton's steps need. The last of these steps is
+the period that verifies the motion.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.engine import drive
+from atpid_sim.engine.state import State
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, passage
+from atpid_sim.periodic.solve import size_of
+from atpid_sim.scene import HarmonicExcitation, Scene
+from atpid_sim.simulation.excitation import amplitude_points
+from atpid_sim.simulation.fidelity import choose, complete_fidelity
+from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, rtol_of
+from atpid_sim.system import Array
+
+#: Periods before contraction is looked for, and how many distances in a row have to shrink.
+_SETTLED, _REGULAR = 4, 3
+#: Distance of two passages, relative to the motion's size, below which a fixed point is looked for; factor by which
+#: distances have to shrink at least.
+_NEAR, _SHRINKING = 0.03, 0.98
+#: Distance of successive passages over the one still to go, up to which they belong to one of period one.
+_ALIKE = 2.5
+#: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed.
+_WIDTH, _FOLLOWING = 1e-5, 1e-4
+#: Step beyond which the derivative is taken again.
+_CURVED = 1e-2
+#: Step from which on the motion is the one of the tabulated contacts.
+_COARSE = 1e-4
+#: Newton's steps at most, and how far they may lead, in the distances that are left to go at the rate of contraction.
+_STEPS, _FARTHEST = 12, 5.0
+#: Share of the tolerance with which the periods of the solution are integrated.
+_SHARE = 0.1
+#: Least multiplier of which a logarithm is taken.
+_LEAST = 1e-12
+
+
+class SteadyEnding(Enum):
+    """How a search for a steady motion ended."""
+
+    FOUND = "the steady motion was found, and one more period verified it"
+    CHANGING = "excitation or ceiling change until the end: there is no steady motion"
+    IRREGULAR = "the transient does not contract regularly before the scene ends: run it as it is"
+    IN_CONTACT = "the grain never flies freely, so that no section can be taken: run the scene as it is"
+    NOT_CONVERGED = "Newton's method did not converge to a motion near the transient: run the scene as it is"
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """A stable periodic motion that a scene ends in."""
+
+    amplitude: float  # half peak-to-peak of the beam [m]
+    error_estimate: float  # relative, of the amplitude: what is left of Newton's steps, tolerance, and model error
+    periods: int  # of the support after which it repeats itself
+    multipliers: NDArray[np.complex128]  # (4,), the largest modulus first
+    followed: float  # how much of the scene was followed [s]
+    section: Array  # (4,), see `periodic.return_map`
+    phase: float  # of the section, as a share of a period
+    impacts: Array  # (k, 3): time after the section [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+    fidelity: str
+
+    @property
+    def stability_margin(self) -> float:
+        """Distance to instability, 1 - largest modulus of the multipliers [-]."""
+        return 1.0 - float(abs(self.multipliers[0]))
+
+    @property
+    def settling_periods(self) -> float:
+        """Periods of the support in which a small disturbance falls to 1/e in the end."""
+        return -self.periods / math.log(max(float(abs(self.multipliers[0])), _LEAST))
+
+
+@dataclass(frozen=True)
+class SteadySearch:
+    """How a search ended, and the steady motion where one was found."""
+
+    ending: SteadyEnding
+    state: SteadyState | None = None
+
+
+@dataclass(frozen=True)
+class _Approach:
+    """A transient that contracts: its last section state, and how far apart its passages are."""
+
+    phase: float
+    periods: int
+    section: Array
+    scale: Array
+    time: float
+    remaining: float  # distance still to go at the rate of contraction, relative
+
+
+def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None) -> SteadySearch:
+    """Return the steady motion that a scene ends in, as if its last excitation and ceiling went on for ever.
+
+    fidelity, rtol: of the solution, as in `simulate`. A search that finds none is a result with its reason. Raises
+    NumericalFailure where the transient does not run as it should, SceneError where a controller moves the ceiling,
+    ValueError for an unknown fidelity.
+    """
+    scene.require_prescribed_ceiling()
+    choice = choose(scene, fidelity)
+    conditions = _conditions(scene)
+    if conditions is None:
+        return SteadySearch(SteadyEnding.CHANGING)
+    asked = rtol_of(scene) if rtol is None else rtol
+    fine = Integration(scene, choice.fidelity, max(1e-12, _SHARE * asked))
+    quick = Integration(scene, "finite" if complete_fidelity(scene) == "soft" else "impact", _FOLLOWING)
+    approach = _follow(scene, quick, conditions)
+    if not isinstance(approach, _Approach):
+        return SteadySearch(approach)
+    return _solve(approach, quick, fine, conditions, choice.model_error + asked)
+
+
+def _conditions(scene: Scene) -> Conditions | None:
+    """Return what does not change any more after the last kink of the scene; None where something does."""
+    if not isinstance(scene.excitation, HarmonicExcitation) or _still_from(scene) >= scene.duration:
+        return None
+    return Conditions(amplitude_points(scene)[-1][1], scene.frequency_hz, scene.ceiling.heights[-1][1])
+
+
+def _still_from(scene: Scene) -> float:
+    """Return the time from which on excitation and ceiling are what they are at the end [s]."""
+    last = 0.0
+    for points in (amplitude_points(scene), scene.ceiling.heights):
+        changes = [k for k in range(1, len(points)) if points[k][1] != points[k - 1][1]]
+        last = max(last, float(points[changes[-1]][0]) if changes else 0.0)
+    return last
+
+
+def _follow(scene: Scene, quick: Integration, conditions: Conditions) -> _Approach | SteadyEnding:
+    """Follow the scene until its passages of a section draw together regularly."""
+    period = 1.0 / conditions.frequency
+    begin = period * (math.ceil(_still_from(scene) / period) + _SETTLED)
+    table = quick.table
+    if begin >= scene.duration:
+        return SteadyEnding.IRREGULAR
+    state = quick.initial_state()
+    _advance(quick, state, drive.between(table, 0.0, begin))
+    try:
+        phase, section = passage(quick, conditions, state, 0.0)
+    except NumericalFailure:
+        return SteadyEnding.IN_CONTACT
+    once = ReturnMap(quick, conditions, phase)
+    scale = size_of(once.orbit(section).amplitude, conditions)
+    before, apart_by = section, {1: [math.inf], 2: [math.inf]}  # distances of passages one and two periods apart
+    for count in range(1, int((scene.duration - begin) / period)):
+        try:
+            after = once(section)
+        except NumericalFailure:
+            return SteadyEnding.IRREGULAR
+        apart_by[1].append(_distance(after, section, scale))
+        apart_by[2].append(_distance(after, before, scale) if count > 1 else math.inf)
+        before, section = section, after
+        for periods, apart in apart_by.items():
+            rate = max((b / a if a > 0.0 else 0.0 for a, b in pairwise(apart[-_REGULAR - 1 :])), default=math.inf)
+            if len(apart) > _REGULAR + periods and rate <= _SHRINKING and apart[-1] <= _NEAR:
+                remaining = apart[-1] / (1.0 - rate)
+                # a motion of period one draws together at every second passage as well, and there more evenly
+                repeats = 1 if apart_by[1][-1] <= _ALIKE * remaining else periods
+                return _Approach(phase, repeats, section, scale, begin + (count + 1) * period, remaining)
+    return SteadyEnding.IRREGULAR
+
+
+def _distance(one: Array, other: Array, scale: Array) -> float:
+    """Return how far apart two section states are, relative to the motion's size."""
+    return float(max(map(abs, ((one - other) / scale).tolist())))
+
+
+def _solve(
+    approach: _Approach, quick: Integration, fine: Integration, conditions: Conditions, known: float
+) -> SteadySearch:
+    """Return the fixed point near a transient that contracts; known: relative error that steps do not remove."""
+    coarse = ReturnMap(quick, conditions, approach.phase, approach.periods)
+    exact = coarse.by(fine)
+    scale, section, left = approach.scale, approach.section, math.inf
+    slope = None
+    try:
+        for count in range(_STEPS):
+            # first the motion of the tabulated contacts, next to the one that is asked for
+            near = count >= _STEPS // 2 or left <= _COARSE
+            if slope is None or left > _CURVED:  # the derivative where the last step has led
+                slope = coarse.forward_differences(section, _WIDTH * scale)
+            after, orbit = exact.passed(section) if near else (coarse(section), None)
+            step = np.linalg.solve(np.eye(4) - slope, after - section)
+            left = float(np.max(np.abs(step / scale)))
+            if orbit is not None and left <= known:
+                return _described(approach, fine, orbit, section, slope, left + known)
+            section = section + step
+            away = float(np.max(np.abs((section - approach.section) / scale)))
+            if away > _FARTHEST * approach.remaining + known:
+                break
+    except (NumericalFailure, np.linalg.LinAlgError):
+        pass
+    return SteadySearch(SteadyEnding.NOT_CONVERGED)
+
+
+def _described(
+    approach: _Approach, fine: Integration, orbit: Orbit, section: Array, slope: Array, error: float
+) -> SteadySearch:
+    multipliers = np.linalg.eigvals(slope).astype(complex)
+    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+    if abs(multipliers[0]) >= 1.0:
+        return SteadySearch(SteadyEnding.NOT_CONVERGED)
+    found = SteadyState(
+        orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.phase, orbit.impacts,
+        fine.fidelity,
+    )  # fmt: skip
+    return SteadySearch(SteadyEnding.FOUND, found)
+
+
+def _advance(integration: Integration, state: State, table: Array) -> None:
+    outcome = integration.advance(state, table, NO_OBSERVATION)
+    if outcome != Outcome.DONE:
+        raise NumericalFailure(outcome.sentence)
