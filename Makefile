@@ -48,7 +48,7 @@ test-fast: setup ## the same without the slow tests, while working
 	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST) -m "not slow"
 
 .PHONY: fuzz
-fuzz: setup ## ten thousand hostile files to each parser and as many command lines (an hour or two)
+fuzz: setup ## ten thousand hostile files to each parser and as many command lines, a million requests (an hour or two)
 	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load tests/fuzz
 
 .PHONY: benchmark

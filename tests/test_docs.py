@@ -22,7 +22,10 @@ RUN = {
         r"make setup$": "test_a_second_run_does_nothing",
     },
     "tests/test_docs.py": {r"python -m atpid_control report ": "test_the_report_of_the_recorded_bag"},
-    "tests/test_faults.py": {r"python -m atpid_control faults ": "test_the_command_runs_a_part_of_the_matrix"},
+    "tests/test_faults.py": {
+        r"python -m atpid_control faults .*--sequences": "test_random_sequences_end_in_documented_states",
+        r"python -m atpid_control faults ": "test_the_command_runs_a_part_of_the_matrix",
+    },
     "tests/test_figures.py": {
         r"make (bench|figures)$": "test_a_picture_shows_what_is_computed_now",
         r"python -m atpid_control bench (?!.*--real-time)": "test_a_picture_shows_what_is_computed_now",
@@ -128,6 +131,9 @@ RUN = {
     },
     "atpid_driver/test/test_motor_process.py": {
         r"ros2 run atpid_driver motor_node": "test_ctrl_c_in_motion_stops_the_motor_at_once"
+    },
+    "atpid_driver/test/test_faulty_port.py": {
+        r"python -m atpid_driver\.emulator storm": "test_the_real_firmware_keeps_its_limits_in_a_storm",
     },
     "atpid_driver/test/test_firmware_frames.py": {
         r"make firmware$": "test_harmful_frames_move_nothing",

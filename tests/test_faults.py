@@ -3,16 +3,21 @@
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from atpid_common.injected_faults import KINDS, NOT_ACTED, PARTS, FaultError, Injected, parsed
+from atpid_common.injected_faults import KINDS, LOCKSTEP, MEANINGS, PARTS, FaultError, Injected, overlapping, parsed
 from atpid_control.cli import main
+from atpid_control.fault_matrix import paced
+from atpid_control.fault_matrix.journal import Journal
+from atpid_control.fault_matrix.paced import Look, Paced, PacedRow
 from atpid_control.fault_matrix.page import page, remarks
-from atpid_control.fault_matrix.run import BEGIN, END, Finished, Row, acted, problems, reference_of, row_of, rows, run
+from atpid_control.fault_matrix.run import BEGIN, END, Finished, Row, Seen, problems, reference_of, row_of, rows, run
+from atpid_control.fault_matrix.sequences import EARLIEST, LATEST, drawn
 from atpid_control.graph.domain import own_domain
 from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalState, SignalWatch
 from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
@@ -84,15 +89,51 @@ def test_the_command_runs_a_part_of_the_matrix(tmp_path: Path, capsys: pytest.Ca
     assert main(["faults", "--out", str(tmp_path / "out"), "--part", "accelerometer"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[1] for line in lines[:7]] == list(KINDS)
-    assert main(["faults", "--out", str(tmp_path / "out"), "--part", "clock"]) == 2
+    # what was run is not run again
+    assert main(["faults", "--out", str(tmp_path / "out"), "--part", "accelerometer"]) == 0
+    assert capsys.readouterr().out.splitlines() == lines
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").touch()
+    assert main(["faults", "--out", str(tmp_path / "mine")]) == 2
 
 
-def test_what_cannot_be_acted_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for part in NOT_ACTED:
-        with pytest.raises(SceneError, match=f"{part} off cannot be acted: "):
-            standard_bench(faults=[{"part": part, "kind": "off", "from": 1.0, "to": 2.0}])
-        assert main(["faults", "--out", str(tmp_path / "out"), "--part", part]) == 2
-        assert "cannot be acted" in capsys.readouterr().err
+@pytest.mark.slow
+def test_random_sequences_end_in_documented_states(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["faults", "--sequences", "2", "--seed", "7", "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    found = re.search(r"2 sequences of 5 faults, seed 7, (\d+) felt: none failed", capsys.readouterr().out)
+    assert found
+    assert int(found[1]) >= 8
+    assert not list((tmp_path / "out").glob("sequence-*"))  # those that pass leave nothing
+    assert main([*command, "--faults", "4"]) == 2
+
+
+def test_a_sequence_is_drawn_again_from_its_seed() -> None:
+    for number in range(30):
+        faults = drawn(1, number, 5)
+        assert faults == drawn(1, number, 5) != drawn(2, number, 5)
+        assert len(faults) == 5
+        assert overlapping(faults) is None
+        assert all(EARLIEST <= fault.begin < fault.end <= LATEST and fault.part in LOCKSTEP for fault in faults)
+
+
+@pytest.mark.parametrize(
+    ("part", "more", "way"),
+    [
+        ("serial_link", [], "which has no serial link, cannot act faults of serial_link"),
+        ("serial_link", ["--real-time"], "--emulated-stand"),
+        ("recorder", [], "whose recorder is no process, cannot act faults of recorder"),
+    ],
+)
+def test_what_cannot_be_acted_is_refused_by_name(
+    part: str, more: list[str], way: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    faults = [{"part": part, "kind": "off", "from": 1.0, "to": 2.0}]
+    ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
+    scene = standard_bench(ceiling=ceiling, duration=4.0, faults=faults)
+    (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
+    assert main(["bench", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "out"), *more]) == 2
+    assert way in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
@@ -130,10 +171,9 @@ def test_one_fault_of_a_part_at_a_time() -> None:
 
 def test_the_text_of_a_fault_is_read_back() -> None:
     for part, kind in rows():
-        if acted(part):
-            fault = Injected(part, kind, 1.5, 2.25)
-            again = parsed([str(fault)], PARTS, "a test")
-            assert str(again[0]) == str(fault)
+        fault = Injected(part, kind, 1.5, 2.25)
+        again = parsed([str(fault)], PARTS, "a test")
+        assert str(again[0]) == str(fault)
     for line in ("support_laser off", "support_laser off a b", "support_laser off 1 nan", "x off 1 2"):
         with pytest.raises(FaultError):
             parsed([line], PARTS, "a test")
@@ -226,12 +266,16 @@ def test_the_page_names_all_56_rows_and_what_bounds_the_undetected_ones() -> Non
         for kind in KINDS:
             assert kind in section, f"{part} {kind}"
     assert "is not detected: not detected" not in text
-    assert set(remarks()) - {"undetected"} == {part for part in PARTS if acted(part)}
+    assert set(remarks()) - {"undetected"} == set(PARTS) == set(MEANINGS)
 
 
 def test_a_page_is_made_of_rows() -> None:
     row = Row("clock", "off", True, None, None, math.inf, 0.1, 0.2, 0.3, 1.0, 0.0, True, True, "")
     assert "| off | stamps are zero: no source of time | no |" in page([row])
+    late = PacedRow(
+        "serial_link", "off", True, Seen(2.6, 1, "link", "no answer"), None, 0.5, True, 0.0, 0.0, "whole", 8.0, (), ""
+    )
+    assert "| event `link` | 1.10 |  | 0.50 | goes on | whole, 8.0 s |" in page([row, late])
 
 
 def test_the_stand_refuses_injected_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,3 +283,35 @@ def test_the_stand_refuses_injected_faults(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
     assert main(["stand", str(tmp_path / "scene.yaml")]) == 2
     assert "the stand cannot act faults of support_laser" in capsys.readouterr().err
+
+
+def link_run(gap: float, bag: Path) -> Paced:
+    """Return a run whose board heard nothing for `gap` from 1.5 s on; its motor ran until 2 s, or without it 2.5 s."""
+    off = 100 if gap > 0.5 else 125
+    looks = [Look(0.02 * k, 100 * k, int(k < off), 0.3, 0.01) for k in range(400)]
+    for look in looks:
+        look.silent = min(gap, look.time - 1.5) if look.time > 1.5 else 0.01
+    return Paced(bag, [Seen(0.0, 0, "started", "x")], looks, [(8.0, 0.3)])
+
+
+def test_rows_in_real_time_are_judged(tmp_path: Path) -> None:
+    recorded = Path(__file__).parents[1] / "bags" / "thesis_4_3_short"
+    fault = Injected("serial_link", "off", paced.BEGIN, paced.END)
+    usual = link_run(0.02, recorded)
+    row = paced.row_of(fault, link_run(1.0, recorded), usual)
+    assert row.felt
+    assert row.motor_off == pytest.approx(0.5, abs=0.03)
+    assert paced.problems(row) == ["serial_link off: 8 s are in the bag"]  # of the run of another length
+    unfelt = paced.row_of(fault, usual, usual)
+    assert "serial_link off: the fault was not felt" in paced.problems(unfelt)
+    died = Injected("recorder", "off", paced.BEGIN, paced.END)
+    assert "recorder off: the run went on" in paced.problems(paced.row_of(died, usual, usual))
+    # and kept
+    journal = Journal(tmp_path)
+    journal.add(row)
+    assert Journal(tmp_path).rows == {("serial_link", "off"): row}
+    assert journal.reference("recorder", lambda: usual) == Journal(tmp_path).reference("recorder", lambda: unused())
+
+
+def unused() -> Paced:
+    raise AssertionError("a run that is kept is not made again")

@@ -284,7 +284,7 @@ def test_faults_are_injected_into_a_running_plant_by_its_parameter(graph: Start)
     assert refused.reason == (
         "faults: given motor; allowed: support_laser, beam_laser, accelerometer, clock, which the plant acts"
     )
-    assert "cannot be acted" in given("recorder off 0 9").reason
+    assert "which the plant acts" in given("recorder off 0 9").reason
     assert "the scene has none" in given("accelerometer off 0 9").reason
     assert given("support_laser off 0 1000").successful
     before = len(peer.blocks)
@@ -296,3 +296,21 @@ def test_faults_are_injected_into_a_running_plant_by_its_parameter(graph: Start)
     assert np.isfinite(peer.blocks[-1].data).all()
     change = next(event for event in peer.events if event.kind == Event.PARAMETER)
     assert change.text == "parameter faults: [''] -> ['support_laser off 0 1000']"
+
+
+def test_the_ceiling_is_where_it_is_and_not_where_a_motor_that_fails_reports_it(graph: Start) -> None:
+    plants: list[Oscillator] = []
+
+    def make(scene: Scene) -> Oscillator:
+        plants.append(Oscillator(scene))
+        return plants[-1]
+
+    _plant, peer, spin = graph(make, lockstep=False, duration=20.0)
+    truth = peer.create_publisher(CeilingState, "ceiling/truth", STATES)
+    spin(lambda: plants and (0.3, 0.25) in plants[-1].commanded)
+    spin(lambda: truth.get_subscription_count() == 1)
+    truth.publish(CeilingState(mode=CeilingState.MOVING, height=0.4, target=0.4, speed=0.25))
+    spin(lambda: plants[-1].commanded[-1] == (0.4, 0.25))
+    reached, before = len(plants[-1].commanded), len(peer.blocks)
+    spin(lambda: len(peer.blocks) > before + 2)  # which the peer has answered with ceiling/state
+    assert set(plants[-1].commanded[reached:]) == {(0.4, 0.25)}

@@ -43,9 +43,11 @@ def sound(scene_file: Path) -> Messages:
 
 @pytest.fixture
 def checked(scene_file: Path, tmp_path: Path) -> Callable[..., Checked]:
-    def write(messages: Messages, clock: str = "lockstep", close: bool = True) -> Checked:
+    def write(messages: Messages, clock: str = "lockstep", close: bool = True, faults: str = "") -> Checked:
         topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep=True)]
-        run = new_run(scene_file, run_id="specimen", commit="none", clock=clock)
+        scene = tmp_path / scene_file.name
+        scene.write_text(scene_file.read_text() + (f"\nfaults: [{{{faults}}}]\n" if faults else ""))
+        run = new_run(scene, run_id="specimen", commit="none", clock=clock)
         # in the order given: a recorder in lockstep would sort them
         session = Session(tmp_path / "bag", run, topics, lockstep=False, offered=lambda _: (Qos(),))
         for number, (topic, data) in enumerate(messages):
@@ -190,6 +192,47 @@ def test_the_simulated_ceiling_is_held_to_range_and_speed(checked: Callable[...,
     found = checked(after(sound, TRUTH, 39, (TRUTH, wrong)))
     assert found.counts == {"height": 1, "speed": 1}
     assert any("1000 m/s" in line for line in found.findings)
+
+
+def test_stamps_of_a_clock_that_failed_on_purpose_are_no_finding(
+    checked: Callable[..., Checked], sound: Messages
+) -> None:
+    places = [number for number, (topic, _) in enumerate(sound) if topic == LASER][20:22]
+    swapped = list(sound)
+    swapped[places[0]], swapped[places[1]] = swapped[places[1]], swapped[places[0]]
+    assert set(checked(swapped).counts) == {"stamp", "index", "lost"}
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_but_each_of_its_blocks_has_to_be_answered(
+    checked: Callable[..., Checked], sound: Messages, lost: bool
+) -> None:
+    """Two blocks have one stamp, out of order in the file; both are answered, or one of them is not."""
+    places = [number for number, (topic, _) in enumerate(sound) if topic == LASER][20:22]
+    swapped = list(sound)
+    swapped[places[0]], swapped[places[1]] = swapped[places[1]], swapped[places[0]]
+    swapped = without(swapped, EXCITATION, 25) if lost else swapped
+    found = checked(swapped, faults="part: clock, kind: stuck, from: 0.5, to: 1.9")
+    # lost: here the recorder received them so, and counted
+    assert found.counts == {"lost": 1} | ({"unanswered": 1} if lost else {})
+    assert found.blocks == (39 if lost else 40)
+    shared = Answers()
+    shared.shared_stamps = True
+    findings = Findings()
+    for place, count in ((0, 3), (1, 3), (2, 2)):
+        for _ in range(count):
+            shared.add(place, 7, findings)
+    shared.end(findings, None)
+    assert findings.lines() == ["twice: 3 blocks, 3 estimates, 2 commands for 0.000000007 s"]
+
+
+@pytest.mark.parametrize(("begin", "end", "counts"), [(1.9, 2.0, {}), (0.5, 1.0, {"speed": 1})])
+def test_reports_of_a_sensor_that_failed_on_purpose_are_not_the_ceilings(
+    begin: float, end: float, counts: dict[str, int], checked: Callable[..., Checked], sound: Messages
+) -> None:
+    jumped = make("CeilingState", end_of(39) + MS, "motor_node", mode=3, homed=True, height=0.25, target=0.25)
+    faults = f"part: height_sensor, kind: garbage, from: {begin}, to: {end}"
+    assert checked(after(sound, STATE, 39, (STATE, jumped)), faults=faults).counts == counts
 
 
 def test_warnings_are_listed_and_break_no_rule(checked: Callable[..., Checked], sound: Messages) -> None:

@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from motor_graph import SIMULATED, Stand
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -85,6 +86,35 @@ def test_real_time_publishes_on_its_own_and_travels(stand: Stand) -> None:
     stand.until(lambda: stand.states[-1].mode == CeilingState.MOVING)
     stand.until(lambda: stand.states[-1].height == 0.9)
     assert (stand.states[-1].mode, stand.states[-1].sequence) == (CeilingState.HOLDING, 7)
+
+
+def test_faults_are_injected_into_a_running_motor_by_its_parameter(stand: Stand) -> None:
+    motor = stand.motor()
+    truth: list[CeilingState] = []
+    stand.peer.create_subscription(CeilingState, "ceiling/truth", truth.append, 10)
+
+    def given(*faults: str) -> SetParametersResult:
+        return motor.set_parameters([Parameter("faults", value=list(faults))])[0]
+
+    stand.handshake()
+    stand.until(lambda: stand.states[-1].height > 0.02, lambda: stand.command(0.9, 1.0))
+    refused = given("clock off 0 9")
+    assert refused.reason == "faults: given clock; allowed: height_sensor, motor, which the simulated motor acts"
+    assert "one fault of a part at a time" in given("motor off 0 9", "motor stuck 1 2").reason
+    assert not truth
+    before = stand.states[-1].height
+    assert given("motor off 0 1000").successful
+    stand.until(lambda: stand.states[-1].mode == CeilingState.FAULT, lambda: stand.command(0.9, 1.0))
+    assert "motor on but the ceiling does not move" in stand.states[-1].fault
+    assert before <= stand.states[-1].height < 0.9
+    stand.until(lambda: truth and truth[-1].height == stand.states[-1].height)
+    assert given("").successful
+    assert stand.call(Trigger, "motor_node/rearm", Trigger.Request()).success
+    stand.until(lambda: stand.states[-1].height == pytest.approx(0.9, abs=1e-3), lambda: stand.command(0.9, 1.0))
+    # a sensor that reads another height: the ceiling is not there
+    assert given("height_sensor wrong 0 1000").successful
+    stand.until(lambda: stand.states[-1].mode == CeilingState.FAULT, lambda: stand.command(0.9, 1.0))
+    stand.until(lambda: truth[-1].height == pytest.approx(stand.states[-1].height - 0.01, abs=1e-6))
 
 
 @pytest.mark.parametrize("lockstep", [False, True])

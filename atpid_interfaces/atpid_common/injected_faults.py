@@ -14,7 +14,13 @@ from atpid_common.errors import InputError
 SENSORS = ("support_laser", "beam_laser", "accelerometer")
 CEILING = ("height_sensor", "motor")
 PARTS = (*SENSORS, *CEILING, "serial_link", "recorder", "clock")
+#: What the graph in lockstep acts: its nodes are one process, and time is that of the samples.
+LOCKSTEP = (*SENSORS, *CEILING, "clock")
+#: What each part's place needs: the stand's real time, with the board's link or the recorder as a process.
+LINK, RECORDER = ("serial_link",), ("recorder",)
 KINDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
+#: How far beyond its highest height a ceiling may be driven that cannot be switched off: to the limit switch [m].
+TO_THE_SWITCH = 0.010
 #: The latest time of a fault [s].
 _LATEST = 1e9
 
@@ -68,6 +74,24 @@ MEANINGS: dict[str, dict[str, Meaning]] = {
         "delayed": Meaning("it starts the time value after its command", "s", 0.2, 1e-3, 10.0),
         "intermittent": Meaning("it stands in the second half of each period value", "s", 0.2, 2e-3, 100.0),
     },
+    "serial_link": {
+        "off": Meaning("nothing passes: the cable is pulled"),
+        "stuck": Meaning("the last answer before the fault in place of each answer"),
+        "garbage": Meaning("random bytes in place of requests and answers"),
+        "wrong": Meaning("the height in answers plus value, their check sums right", "m", 0.01, -1.0, 1.0),
+        "slow": Meaning("value bytes a second pass", "byte/s", 300.0, 10.0, 1e6),
+        "delayed": Meaning("answers come the time value later", "s", 0.3, 1e-3, 10.0),
+        "intermittent": Meaning("nothing passes in the second half of each period value", "s", 0.6, 0.02, 100.0),
+    },
+    "recorder": {
+        "off": Meaning("it dies (SIGKILL)"),
+        "stuck": Meaning("what it writes hangs until the fault ends"),
+        "garbage": Meaning("one bit of each piece written is another one on the disk"),
+        "wrong": Meaning("the disk refuses what is written: it is full"),
+        "slow": Meaning("each piece written takes the time value longer", "s", 0.5, 1e-3, 10.0),
+        "delayed": Meaning("what is written is in the file the time value later", "s", 1.0, 1e-3, 10.0),
+        "intermittent": Meaning("writing hangs in the second half of each period value", "s", 2.0, 0.02, 100.0),
+    },
     "clock": {
         "off": Meaning("stamps are zero: no source of time"),
         "stuck": Meaning("the last stamp again and again"),
@@ -77,12 +101,6 @@ MEANINGS: dict[str, dict[str, Meaning]] = {
         "delayed": Meaning("stamps behind by value", "s", 0.5, 1e-3, 1e6),
         "intermittent": Meaning("behind by 0.5 s in the second half of each period value", "s", 0.4, 0.01, 100.0),
     },
-}
-#: What no graph can act yet, and why: refused by name.
-NOT_ACTED = {
-    "serial_link": "the simulated bench has no serial link; it is the emulated stand's (docs/stand.md)",
-    "recorder": "a fault of the recorder's disk is acted on its file system: a full disk, or SIGSTOP and SIGKILL of "
-    "recorder_node (docs/recording.md)",
 }
 
 
@@ -118,8 +136,6 @@ def problem(part: str, kind: str, begin: float, end: float, value: float) -> str
         return f"part: given {part!r}; allowed: {', '.join(PARTS)}"
     if kind not in KINDS:
         return f"kind: given {kind!r}; allowed: {', '.join(KINDS)}"
-    if part in NOT_ACTED:
-        return f"{part} {kind} cannot be acted: {NOT_ACTED[part]}"
     if not (0.0 <= begin < end <= _LATEST):
         return f"{part} {kind}: given from {begin:g} to {end:g} s; allowed: rising times from 0 to {_LATEST:g} s"
     meaning = MEANINGS[part][kind]

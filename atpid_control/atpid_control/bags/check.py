@@ -16,6 +16,7 @@ import yaml
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from atpid_common.errors import AtpidError
+from atpid_common.injected_faults import Injected
 from atpid_common.message_checks import CHECKS, check_as
 from atpid_control.bags import check_rules as rules
 from atpid_control.bags.check_rules import Findings
@@ -62,12 +63,15 @@ class _Check:
         self.ended = ""
         self.finished_ns: int | None = None
         self._ceiling: rules.Ceiling | None = None
+        self._injected: tuple[Injected, ...] = ()  # the faults that the run had on purpose
+        #: Where a clock failed on purpose: the blocks, in whose order by index the rules are then applied.
+        self._unordered: list[tuple[str, int, str, int, Any]] | None = None
 
     @property
     def ceiling(self) -> rules.Ceiling:
         """The rules of the ceiling; made when the run's description and files, which stand first, have been read."""
         if self._ceiling is None:
-            self._ceiling = rules.Ceiling(self.limits, self.run.get("clock") == "lockstep")
+            self._ceiling = rules.Ceiling(self.limits, self.run.get("clock") == "lockstep", self._injected)
         return self._ceiling
 
     def attached(self, name: str, data: bytes) -> None:
@@ -77,10 +81,17 @@ class _Check:
                 scene = scene_from_mapping(read_yaml(data.decode(), name), source=name, folder=self.path)
                 if isinstance(scene.ceiling, ControlledCeiling):
                     self.limits.narrow(*scene.ceiling.range, scene.ceiling.speed)
+                self._expect(scene.injected)
             elif name.endswith((".yaml", ".yml")):
                 self._of_node(yaml.safe_load(data))
         except (AtpidError, yaml.YAMLError, UnicodeDecodeError) as error:
             self.findings.add("file", f"{name}: {str(error).splitlines()[0]}")
+
+    def _expect(self, faults: tuple[Injected, ...]) -> None:
+        """Take the faults that the run had on purpose: what they alone explain is no finding."""
+        self._injected = faults
+        if any(fault.part == "clock" for fault in faults):
+            self._unordered, self.answers.shared_stamps = [], True
 
     def _of_node(self, document: Any) -> None:
         for key, block in document.items() if isinstance(document, Mapping) else ():
@@ -100,8 +111,11 @@ class _Check:
             return
         if topic not in self.stamps:
             self.stamps[topic] = rules.Stamps(topic, strictly=kind != "CeilingState")
-        self.stamps[topic].add(stamp, self.findings)
-        if kind in ("SampleBlock", "PlantTruth"):
+        if self._unordered is None:
+            self.stamps[topic].add(stamp, self.findings)
+        if kind in ("SampleBlock", "PlantTruth") and self._unordered is not None:
+            self._unordered.append((topic, int(message.first_index), kind, stamp, message))
+        elif kind in ("SampleBlock", "PlantTruth"):
             self._block(topic, kind, stamp, message)
         elif kind in _PLACE:
             self.answers.add(_PLACE[kind], stamp, self.findings)
@@ -112,6 +126,8 @@ class _Check:
 
     def _block(self, topic: str, kind: str, stamp: int, block: Any) -> None:
         first, scans = int(block.first_index), scans_of(block)
+        if first == 0:
+            self.ceiling.begin = stamp * 1e-9
         stream = self.scans.setdefault(topic, rules.Scans(topic))
         stream.add(first, scans, int(getattr(block, "dropped", 0)), self.findings)
         if kind == "PlantTruth":
@@ -129,6 +145,8 @@ class _Check:
 
     def end(self) -> Checked:
         """Judge what is left."""
+        for topic, _, kind, stamp, block in sorted(self._unordered or [], key=lambda one: one[:2]):
+            self._block(topic, kind, stamp, block)
         self.answers.end(self.findings, self.finished_ns)
         if not self.result:
             self.findings.add("end", "the recording was not closed; `recording repair` makes the file whole")

@@ -3,11 +3,12 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from atpid_common.injected_faults import CEILING, TO_THE_SWITCH, Injected
 from atpid_sim.system import Array
 
 #: Findings of one kind that are kept word for word; the others are counted.
@@ -98,6 +99,8 @@ class Answers:
 
     def __init__(self) -> None:
         self.answered = 0
+        #: A clock that fails on purpose gives several blocks one stamp: as many estimates and commands have to have it.
+        self.shared_stamps = False
         self._open: dict[int, list[int]] = {}
         self._closed: deque[int] = deque(maxlen=REACH)
         self._recent: set[int] = set()
@@ -109,6 +112,8 @@ class Answers:
             return
         counts = self._open.setdefault(stamp_ns, [0, 0, 0])
         counts[place] += 1
+        if self.shared_stamps:
+            return
         if counts[place] > 1:
             findings.add("twice", f"a second {self.NAMES[place]} for {seconds(stamp_ns)}")
         if all(counts):
@@ -125,7 +130,12 @@ class Answers:
         """
         limit = max(self._recent, default=0) if until_ns is None else until_ns
         for stamp_ns, counts in sorted(self._open.items()):
-            if stamp_ns <= limit:
+            if self.shared_stamps and len(set(counts)) == 1:
+                self.answered += counts[0]
+            elif self.shared_stamps and all(counts):
+                given = ", ".join(f"{count} {name}s" for name, count in zip(self.NAMES, counts, strict=True))
+                findings.add("twice", f"{given} for {seconds(stamp_ns)}")
+            elif self.shared_stamps or stamp_ns <= limit:
                 self._judge(stamp_ns, counts, findings)
         self._open.clear()
 
@@ -158,19 +168,26 @@ class Limits:
         self.highest = float(np.fmin(self.highest, highest))
         self.speed = float(np.fmin(self.speed, speed))
 
-    def outside(self, heights: Iterable[float]) -> bool:
-        """Whether one of the heights [m] is beyond a limit; NaN is not."""
-        return any(height < self.lowest - RESOLUTION or height > self.highest + RESOLUTION for height in heights)
+    def outside(self, heights: Iterable[float], beyond: float = 0.0) -> bool:
+        """Whether one of the heights [m] is below the lowest, or more than `beyond` above the highest; NaN is not."""
+        highest = self.highest + beyond + RESOLUTION
+        return any(height < self.lowest - RESOLUTION or height > highest for height in heights)
 
 
 class Ceiling:
     """Heights and speeds, against their limits."""
 
-    def __init__(self, limits: Limits, lockstep: bool) -> None:
+    def __init__(self, limits: Limits, lockstep: bool, injected: Sequence[Injected] = ()) -> None:
+        """Take the limits, and the faults the run had on purpose, whose times are those of its clock."""
         self.limits = limits
+        self._clock = any(fault.part == "clock" for fault in injected)
+        self._sensor = [fault for fault in injected if fault.part == "height_sensor"]
+        # a motor that cannot be switched off
+        self._beyond = TO_THE_SWITCH if any(fault.part in CEILING for fault in injected) else 0.0
         #: In lockstep the stamp is the instant itself.
         self.jitter = 0.0 if lockstep else JITTER
         self.low, self.high, self.fastest = math.inf, -math.inf, 0.0  # of what was reported or simulated [m, m/s]
+        self.begin = 0.0  # of the run, on its clock [s]
         self._state: tuple[int, float] | None = None
         self._end: tuple[int, float] | None = None  # last index and height of the truth
 
@@ -181,7 +198,10 @@ class Ceiling:
 
     def state(self, stamp_ns: int, height: float, target: float, findings: Findings) -> None:
         """Take a reported height and target [m]; NaN: unknown."""
-        if self.limits.outside([height, target]):
+        if self._misread(stamp_ns):
+            self._state = None
+            return
+        if self.limits.outside([target]) or self.limits.outside([height], self._beyond):
             findings.add(
                 "height", f"the ceiling at {height:g} m for {target:g} m at {seconds(stamp_ns)}; {self._allowed()}"
             )
@@ -204,7 +224,7 @@ class Ceiling:
         """Take the simulated heights (n,) [m] from sample index `first` on at `rate` [Hz]."""
         low, high = float(heights.min()), float(heights.max())
         self._reached(low, high)
-        if self.limits.outside([low, high]):
+        if self.limits.outside([low, high], self._beyond):
             findings.add(
                 "height",
                 f"the simulated ceiling from {low:g} to {high:g} m in the block of {seconds(stamp_ns)}; "
@@ -221,6 +241,13 @@ class Ceiling:
                 f"the simulated ceiling at {fastest:g} m/s in the block of {seconds(stamp_ns)}; "
                 f"allowed: {self.limits.speed:g} m/s",
             )
+
+    def _misread(self, stamp_ns: int) -> bool:
+        """Whether a report is none of the ceiling: its sensor failed on purpose, or the clock that stamps it did."""
+        late = 2.0 * JITTER  # of a report after what it reports
+        return self._clock or any(
+            fault.begin <= stamp_ns * 1e-9 - self.begin <= fault.end + late for fault in self._sensor
+        )
 
     def _reached(self, low: float, high: float) -> None:
         self.low, self.high = min(self.low, low), max(self.high, high)

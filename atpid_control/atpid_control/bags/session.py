@@ -2,6 +2,7 @@
 """One recording from its first message to its last: what is counted, what is written and when it is complete."""
 
 import heapq
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from atpid_control.bags import cdr
 from atpid_control.bags.errors import BagError, MessageError
 from atpid_control.bags.metadata import Qos, RunInfo
 from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
-from atpid_control.bags.writer import CHUNK, BagWriter
+from atpid_control.bags.writer import CHUNK, BagWriter, Sink
 
 #: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
 HOLD_BACK_NS = 500_000_000
@@ -105,7 +106,7 @@ class Session:
 
     def __init__(
         self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: Offered,
-        chunk: int = CHUNK, compression: str = "zstd",
+        chunk: int = CHUNK, compression: str = "zstd", sink: Callable[[Path], Sink] = Sink,
     ) -> None:  # fmt: skip
         """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
         self.topics = {topic.name: topic for topic in topics}
@@ -118,9 +119,14 @@ class Session:
         self._sources: set[str] = set()  # nodes that have published the event `started`
         self._first_ns = 0
         self._finished_ns: int | None = None
-        self._began = self._ended = self._progress = 0.0  # monotonic [s]
-        self.writer = BagWriter(folder, run, chunk=chunk, compression=compression)
+        self._began = self._sampled = self._ended = self._progress = 0.0  # monotonic [s]
+        self.writer = BagWriter(folder, run, chunk=chunk, compression=compression, sink=sink)
         self.recording = True
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the first block of samples [s]; NaN before."""
+        return time.monotonic() - self._sampled if self._sampled else math.nan
 
     @property
     def newest_ns(self) -> int | None:
@@ -161,6 +167,7 @@ class Session:
         missing, reached, now = 0, head.stamp_ns, time.monotonic()
         if topic.type == BLOCK:
             shape = _checked(cdr.block_shape(data))
+            self._sampled = self._sampled or now
             missing = self.continuity[topic.name].add(shape)
             reached = _end_of(shape, head.stamp_ns)
         elif topic.type == TRUTH:

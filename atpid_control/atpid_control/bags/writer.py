@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkstemp
@@ -55,9 +55,12 @@ class Sink:
 
     def write(self, data: bytes) -> int:
         """Append all of `data`; raise OSError where it cannot be written."""
-        write_all(self._file, data)
+        self._append(data)
         self.size += len(data)
         return len(data)
+
+    def _append(self, data: bytes) -> None:
+        write_all(self._file, data)
 
     def tell(self) -> int:
         """Return the number of bytes written so far."""
@@ -111,8 +114,11 @@ class SpooledIndex:
 class BagWriter:
     """One bag, open for writing until `close`."""
 
-    def __init__(self, folder: Path, run: RunInfo, *, chunk: int = CHUNK, compression: str = "zstd") -> None:
-        """Create `folder` with the file in it and write the run's description. Raises BagError."""
+    def __init__(
+        self, folder: Path, run: RunInfo, *, chunk: int = CHUNK, compression: str = "zstd",
+        sink: Callable[[Path], Sink] = Sink,
+    ) -> None:  # fmt: skip
+        """Create `folder` with the file in it, opened by `sink`, and write the run's description. Raises BagError."""
         check_new(folder)
         self.folder, self._run = folder, run
         self._closed = False
@@ -123,7 +129,7 @@ class BagWriter:
         self.summary = BagSummary(file_name)
         try:
             folder.mkdir(parents=True)
-            self._sink = Sink(folder / file_name)
+            self._sink = sink(folder / file_name)
             self._writer = Writer(
                 cast(IO[Any], self._sink),
                 chunk_size=chunk,

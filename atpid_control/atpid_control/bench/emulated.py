@@ -11,7 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from atpid_common.injected_faults import CEILING
+from atpid_common.injected_faults import CEILING, LINK
 from atpid_control.graph import BenchError
 from atpid_control.graph.parts import (
     LABJACK,
@@ -56,7 +56,9 @@ def parameters_emulated(
     scene.refuse_faults(
         "the emulated stand", ("clock", *CEILING)
     )  # its device has a clock, and the firmware a motor, of its own
-    parameters = parameters_for(scene, scene_file, height_map, bag, lockstep=False)
+    if not board:
+        scene.refuse_faults("an emulated stand without its board (sudo make avr-tools)", LINK)
+    parameters = parameters_for(scene, scene_file, height_map, bag, lockstep=False, link=True)
     motor = SERIAL_MOTOR.configured()
     ceiling = ceiling_parameters(scene)
     if abs(ceiling["speed"] - motor["speed"]) > 1e-9:
@@ -66,6 +68,8 @@ def parameters_emulated(
         )
     if board:
         parameters["motor_node"] = motor | ceiling | {"port": str(place / "board"), "supervised": True}
+        if injected := [str(fault) for fault in scene.injected if fault.part in LINK]:
+            parameters["motor_node"] |= {"faults": injected}
     rate = scene.sensors.laser.rate
     sampled = {"rate": rate, "calibrations": list(_CALIBRATIONS)}
     blocks = {"blocks_per_second": 1.0 / scene.recording.block}

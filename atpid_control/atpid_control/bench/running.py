@@ -89,9 +89,12 @@ def keep_running(nodes: Processes) -> None:
 
 def run_realtime(
     commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None], *,
-    source: str = "plant_node", namespace: str = "",
+    source: str = "plant_node", namespace: str = "", follow: Callable[[float, Any], None] | None = None,
+    calls: Sequence[tuple[float, str]] = (),
 ) -> None:  # fmt: skip
     """Run the graph until the node `source` has ended; `progress` is called with the data time [s].
+
+    `follow` and `calls`: see `atpid_control.nodes.composition.BenchWatch`.
 
     What the nodes wait for, or compile, before the first estimate goes to standard error. Raises NodeDiedError, at
     once and with its reason, where a node ends early; PlantFailedError where the plant fails, BenchError where data
@@ -101,7 +104,7 @@ def run_realtime(
 
     with (
         Processes(commands, logs) as nodes,
-        watching(to_stderr, namespace) as (watch, listen),
+        watching(to_stderr, namespace, follow, calls) as (watch, listen),
         stop_key(watch.stop_motor),
     ):
         last = nodes[source]

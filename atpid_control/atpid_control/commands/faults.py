@@ -3,62 +3,109 @@
 
 import argparse
 import sys
+from itertools import chain, count
+from pathlib import Path
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, whole
+from atpid_common.arguments import MOST_SEED, file_path, path_to, whole
 from atpid_common.errors import InputError
-from atpid_common.injected_faults import NOT_ACTED, PARTS, Injected
+from atpid_common.injected_faults import PARTS, Injected
+from atpid_control.fault_matrix import paced
+from atpid_control.fault_matrix.journal import Journal
 from atpid_control.fault_matrix.page import page
-from atpid_control.fault_matrix.run import BEGIN, END, Finished, Row, acted, problems, reference_of, row_of, rows
+from atpid_control.fault_matrix.run import BEGIN, END, Finished, Row, in_lockstep, problems, reference_of, row_of, rows
 from atpid_control.fault_matrix.run import run as run_one
+from atpid_control.fault_matrix.sequences import Sequences
 from atpid_control.graph.domain import MOST, own_domain
+from atpid_control.graph.processes import stoppable
 from atpid_sim.display import counting
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--out", type=file_path, required=True, help="folder for scenes and bags of the runs")
-    parser.add_argument("--part", choices=PARTS, help="only the faults of this part; default: all")
-    parser.add_argument("--page", type=path_to(".md"), metavar="FILE.md", help="write the page; of all parts only")
-    parser.add_argument("--domain", type=whole(0, MOST), help="ROS domain to use; default: a free one")
+    add = parser.add_argument
+    add("--out", type=file_path, required=True, help="folder for scenes and bags of the runs")
+    add("--part", choices=PARTS, help="only the faults of this part; default: all")
+    add("--page", type=path_to(".md"), metavar="FILE.md", help="write the page; of all parts only")
+    add("--domain", type=whole(0, MOST), help="ROS domain to use; default: a free one")
+    random = "in place of the matrix, N random sequences of faults; those in --out that passed are not run again"
+    add("--sequences", type=whole(1, 10**6), metavar="N", help=random)
+    add("--faults", type=whole(1, 20), default=5, help="faults in a sequence (default: 5)")
+    add("--seed", type=whole(0, MOST_SEED), default=1, help="of the sequences (default: 1)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the matrix, print what went against the documentation; return 0, or 1 where something did."""
+    if args.sequences is not None:
+        return _sequences(args)
     if args.page is not None and args.part is not None:
         raise InputError("--page: given with --part; the page shows all parts: leave one out")
-    if args.part in NOT_ACTED:
-        raise InputError(f"--part: given {args.part}; it cannot be acted: {NOT_ACTED[args.part]}")
-    output.folder(args.out)
-    if any(args.out.iterdir()):
-        raise InputError(f"--out: given {args.out}, which is not empty; give a folder of its own to each run")
+    journal = Journal(output.folder(args.out))
     if args.page is not None:
         output.file(args.page, "--page")
-    found = _rows(args)
+    found = _rows(args, journal)
     for row in found:
-        event = f"{row.detected.kind} after {row.detected.time - BEGIN:.2f} s" if row.detected else "not detected"
+        begin = BEGIN if isinstance(row, Row) else paced.BEGIN
+        event = f"{row.detected.kind} after {row.detected.time - begin:.2f} s" if row.detected else "not detected"
         print(f"{row.part:<14} {row.kind:<13} {event}")
-    wrong = [line for row in found for line in problems(row)]
+    wrong = [line for row in found for line in (problems(row) if isinstance(row, Row) else paced.problems(row))]
     for line in wrong:
         print(line, file=sys.stderr)
     if args.page is not None:
         with output.writing(args.page, "--page"):
             args.page.write_text(page(found), encoding="utf-8")
-    left = ", ".join(part for part in PARTS if part in NOT_ACTED)
-    print(f"{len(found)} faults, {len(wrong)} against the documentation; not acted: {left}")
+    print(f"{len(found)} faults, {len(wrong)} against the documentation")
     return 1 if wrong else 0
 
 
-def _rows(args: argparse.Namespace) -> list[Row]:
-    chosen = [(part, kind) for part, kind in rows() if acted(part) and args.part in (None, part)]
-    found: list[Row] = []
-    with own_domain(args.domain), counting("faults", len(chosen)) as count:
-        references: dict[tuple[Injected, ...], Finished] = {}
-        for part, kind in chosen:
-            usual = reference_of(part)
-            if usual not in references:
-                references[usual] = run_one(usual, args.out, f"without-{len(references)}")
-            count(len(found) + 1)
-            fault = Injected(part, kind, BEGIN, END)
-            found.append(row_of(fault, run_one((fault,), args.out, f"{part}-{kind}"), references[usual]))
-    return found
+def _sequences(args: argparse.Namespace) -> int:
+    """Run random sequences and print those that fail; return 0, or 1 where one did, in this call or before."""
+    if args.page is not None or args.part is not None:
+        raise InputError("--sequences: given with --page or --part, which are the matrix's; leave them out")
+    sequences = Sequences(output.folder(args.out), args.seed, args.faults)
+    with own_domain(args.domain), counting("sequences", args.sequences) as shown:
+        for sequence in sequences.run(args.sequences, shown):
+            for line in sequence.problems:
+                print(f"sequence {sequence.number} of seed {args.seed}: {line}", flush=True)
+            if sequence.problems:
+                print("  " + "; ".join(map(str, sequence.faults)), flush=True)
+    failed = sorted(number for number, found in sequences.done.items() if found)
+    run = f"{len(sequences.done)} sequences of {args.faults} faults, seed {args.seed}, {sequences.felt} felt"
+    print(f"{run}: {f'{len(failed)} failed: {failed}' if failed else 'none failed'}")
+    return 1 if failed else 0
+
+
+def _rows(args: argparse.Namespace, journal: Journal) -> list[Row | paced.PacedRow]:
+    """Run those rows that the journal lacks; return all."""
+    chosen = [(part, kind) for part, kind in rows() if args.part in (None, part)]
+    left = [(part, kind) for part, kind in chosen if (part, kind) not in journal.rows]
+    with counting("faults", len(chosen)) as shown, stoppable():
+        usual: dict[tuple[Injected, ...], Finished] = {}
+        for number, (part, kind) in enumerate(left):
+            shown(len(chosen) - len(left) + number + 1)
+            with own_domain(args.domain):
+                if in_lockstep(part):
+                    journal.add(_in_lockstep(part, kind, args.out, usual))
+                else:
+                    journal.add(_paced(part, kind, args.out, journal))
+    return [journal.rows[one] for one in chosen]
+
+
+def _in_lockstep(part: str, kind: str, out: Path, usual: dict[tuple[Injected, ...], Finished]) -> Row:
+    without = reference_of(part)
+    if without not in usual:
+        usual[without] = run_one(without, out, _free(out, f"without-{len(without)}"))
+    fault = Injected(part, kind, BEGIN, END)
+    return row_of(fault, run_one((fault,), out, _free(out, f"{part}-{kind}")), usual[without])
+
+
+def _paced(part: str, kind: str, out: Path, journal: Journal) -> paced.PacedRow:
+    without = journal.reference(part, lambda: paced.run(None, part, out, _free(out, f"without-{part}")))
+    fault = Injected(part, kind, paced.BEGIN, paced.END)
+    return paced.row_of(fault, paced.run(fault, part, out, _free(out, f"{part}-{kind}")), without)
+
+
+def _free(out: Path, name: str) -> str:
+    """Return `name`, or with a number where a run that was interrupted has left a bag of that name."""
+    names = chain([name], (f"{name}-{number}" for number in count(2)))
+    return next(one for one in names if not any((out / f"{one}{end}").exists() for end in ("", ".yaml", "-log")))

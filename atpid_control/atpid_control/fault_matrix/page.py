@@ -8,20 +8,26 @@ from importlib.resources import files
 
 import yaml
 
-from atpid_common.injected_faults import KINDS, MEANINGS, NOT_ACTED, PARTS
-from atpid_control.fault_matrix.run import BEGIN, END, Row
+from atpid_common.injected_faults import MEANINGS, PARTS
+from atpid_control.fault_matrix import paced
+from atpid_control.fault_matrix.paced import PacedRow
+from atpid_control.fault_matrix.run import BEGIN, END, Row, in_lockstep
 
 _INTRODUCTION = """\
 # Fault matrix
 
     python -m atpid_control faults --out DIR [--part PART] [--page docs/faults.md]
 
-runs each fault through the real graph in lockstep, beside the same run without it, and makes this
-page. The run: the standard bench at 0.03 m, 0.02 m from 7 s on; the fault is there from {begin:g} to
-{end:g} s. It ends with status 1 where a fault was not felt (its part gave nothing else than without
-it), the ceiling was outside its limits or too fast, a block was not answered exactly once or the
-bag is not whole. *Height apart*: the largest difference of the commanded height while the fault is
-there. Times that are missing: nothing was reported.
+runs each fault through the real graph, beside the same run without it, and makes this page. It ends
+with status 1 where a fault was not felt (its part gave nothing else than without it), the ceiling
+was outside its limits or too fast, a block was not answered exactly once or the bag is not whole.
+What is in DIR already is not run again. Times that are missing: nothing was reported.
+
+Sensors, motor and clock are run in lockstep: the standard bench at 0.03 m, 0.02 m from 7 s on; the
+fault is there from {begin:g} to {end:g} s. *Height apart*: the largest difference of the commanded height
+while the fault is there. Serial link and recorder are run in real time, at 0.03 m, the fault from
+{paced:g} to {over:g} s, while the ceiling is on its way: the link on the emulated stand, with the real
+firmware, whose own state is looked at; the recorder as a process, whose file is.
 
 A scene acts faults by its key `faults` ([scenes](scenes.md)):
 
@@ -31,14 +37,31 @@ faults:
   - {{part: accelerometer, kind: wrong, from: 4.0, to: 8.0, value: 0.5}}
 ```
 
-In a running graph in real time the plant's parameter of that name takes `PART KIND FROM TO [VALUE]`
-with the times in seconds of the run; `['']` ends them:
+In a running graph in real time the parameter of that name takes `PART KIND FROM TO [VALUE]` with
+the times in seconds of the run; `['']` ends them. The plant has the sensors' faults and the clock's,
+the motor node those of motor and height sensor or, with a board, of the serial link, counted from
+its first command:
 
     python -m atpid_common.nodes.param set /plant_node faults "['support_laser stuck 0 1000']"
+    python -m atpid_common.nodes.param set /motor_node faults "['motor off 0 1000']"
 
-What cannot be acted is refused with the reason; the stand, whose parts are real, refuses all. The
-events are those of `events` in the bag; the state of each channel and clock is in `/diagnostics`
+What cannot be acted is refused with the reason: the simulated bench has no serial link, in lockstep
+the recorder is no process, and the stand's scene, whose parts are real, has none. The events are
+those of `events` in the bag; the state of each channel and clock is in `/diagnostics`
 (`identifier_node: support_displacement`).
+
+## Random sequences
+
+    python -m atpid_control faults --sequences 300 --faults 5 --seed 1 --out DIR
+
+runs sequences of faults of random part, kind, value, begin and length (0.02 to 4 s), of several
+parts at once, in lockstep. After each: every state is a documented one, a latched fault has a name
+and the ceiling stands meanwhile, every block was answered once, the bag is whole and its
+[check](recording.md#what-a-bag-holds) silent, no log has a traceback; and once a person has armed
+the motor after the last fault, height and ceiling end within 10 % of where they do without faults.
+A sequence that fails is printed with its number and faults, and its scene and bag stay in DIR.
+Those that passed are not run again, so that a long run can be taken up.
+
 """
 
 
@@ -49,22 +72,21 @@ def remarks() -> dict[str, dict[str, str]]:
     return found
 
 
-def page(rows: Sequence[Row]) -> str:
-    """Return the page as Markdown; parts without a row are named with the reason."""
-    notes, lines = remarks(), [_INTRODUCTION.format(begin=BEGIN, end=END)]
+def page(rows: Sequence[Row | PacedRow]) -> str:
+    """Return the page as Markdown."""
+    notes, lines = remarks(), [_INTRODUCTION.format(begin=BEGIN, end=END, paced=paced.BEGIN, over=paced.END)]
     for part in PARTS:
         lines += [f"## {part.replace('_', ' ').capitalize()}", ""]
-        if part in NOT_ACTED:
-            lines += [*textwrap.wrap(f"Refused: {NOT_ACTED[part]}. Rows not yet acted: {', '.join(KINDS)}.", 100), ""]
-            continue
         note = notes[part]
         text = f"Safe state: {note['safe']}. Recovery: {note['recover']}. Recorded: {note['recorded']}."
-        lines += [*textwrap.wrap(text, 100), "", _HEAD]
-        lines += [_line(row) for row in rows if row.part == part]
-        hidden = [row for row in rows if row.part == part and row.detected is None]
-        for row in hidden:
-            reason = notes["undetected"].get(f"{row.part} {row.kind}", "not detected")
-            lines += ["", *textwrap.wrap(f"- {row.kind} is not detected: {reason}.", 100, subsequent_indent="  ")]
+        lines += [*textwrap.wrap(text, 100), "", _head(_COLUMNS if in_lockstep(part) else _PACED)]
+        of_part = [row for row in rows if row.part == part]
+        lines += [_line(row) if isinstance(row, Row) else _paced_line(row) for row in of_part]
+        for row in of_part:
+            if row.detected is None:
+                reason = notes["undetected"].get(f"{row.part} {row.kind}", "not detected")
+                found = f"- {row.kind} is not detected: {reason}."
+                lines += ["", *textwrap.wrap(found, 100, subsequent_indent="  ")]
         lines.append("")
     return "\n".join(lines).rstrip() + "\n"
 
@@ -73,16 +95,32 @@ _COLUMNS = (
     "kind", "what is done", "detected", "after [s]", "reported as ended after [s]", "height apart by [m]",
     "height as without it after [s]", "beam, against without [-]",
 )  # fmt: skip
-_HEAD = f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|"
+_PACED = (
+    "kind", "what is done", "detected", "after [s]", "reported as ended after [s]", "motor off after [s]",
+    "the run", "the bag",
+)  # fmt: skip
+
+
+def _head(columns: Sequence[str]) -> str:
+    return f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|"
 
 
 def _line(row: Row) -> str:
+    back = "not in the run" if math.isinf(row.recovery) else f"{row.recovery:.1f}"
+    return _cells(row, BEGIN, END, f"{row.moved:.3f}", back, f"{row.amplitude:.2f}")
+
+
+def _paced_line(row: PacedRow) -> str:
+    off = "" if math.isnan(row.motor_off) else f"{row.motor_off:.2f}"
+    bag = "is not whole: `verify` names it" if math.isnan(row.recorded) else f"{row.bag}, {row.recorded:.1f} s"
+    return _cells(row, paced.BEGIN, paced.END, off, "ends with a line" if row.error else "goes on", bag)
+
+
+def _cells(row: Row | PacedRow, begin: float, end: float, *more: str) -> str:
     meaning = MEANINGS[row.part][row.kind]
     value = f" (value: {meaning.default:g} {meaning.unit})".replace(" -)", ")") if meaning.unit else ""
     found, ended = row.detected, row.recovered
     detected = f"event `{found.kind}`" if found else "no"
-    after = f"{found.time - BEGIN:.2f}" if found else ""
-    again = f"{ended.time - END:.2f}" if ended else ""
-    back = "not in the run" if math.isinf(row.recovery) else f"{row.recovery:.1f}"
-    cells = (row.kind, meaning.text + value, detected, after, again, f"{row.moved:.3f}", back, f"{row.amplitude:.2f}")
-    return f"| {' | '.join(cells)} |"
+    after = f"{found.time - begin:.2f}" if found else ""
+    again = f"{ended.time - end:.2f}" if ended else ""
+    return f"| {' | '.join((row.kind, meaning.text + value, detected, after, again, *more))} |"

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
 
-from atpid_common.injected_faults import CEILING
+from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_control.graph import BenchError
 from atpid_sim.scene import ControlledCeiling, Scene
 
@@ -77,9 +77,18 @@ def parameters_in(document: Mapping[str, Any], name: str) -> dict[str, Any]:
     return found
 
 
-def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, *, lockstep: bool) -> Parameters:
-    """Return each node's parameters: those of its file, with the values of this scene and this run."""
+def parameters_for(
+    scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, *, lockstep: bool, link: bool = False
+) -> Parameters:
+    """Return each node's parameters: those of its file, with the values of this scene and this run.
+
+    link: whether there is a serial link, whose faults can be acted. Raises SceneError for faults that cannot be.
+    """
     scene.require_faults_fit()
+    if not link:
+        scene.refuse_faults("the simulated bench, which has no serial link,", LINK)
+    if lockstep:
+        scene.refuse_faults("the bench in lockstep, whose recorder is no process,", RECORDER)
     parameters = {part.name: part.configured() for part in PARTS}
     parameters["plant_node"] |= {"scene": str(scene_file), "lockstep": lockstep, "expect_recorder": True}
     parameters["identifier_node"] |= {"lockstep": lockstep}
@@ -90,6 +99,8 @@ def parameters_for(scene: Scene, scene_file: Path, height_map: Path | None, bag:
     if injected := [str(fault) for fault in scene.injected if fault.part in CEILING]:
         parameters["motor_node"] |= {"faults": injected}
     parameters["recorder_node"] |= {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
+    if injected := [str(fault) for fault in scene.injected if fault.part in RECORDER]:
+        parameters["recorder_node"] |= {"faults": injected}
     if not lockstep:
         parameters["motor_node"]["supervised"] = True
         parameters[SUPERVISOR.name] = supervised(PARTS)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -170,9 +171,20 @@ class BenchWatch(Node):
     It publishes nothing.
     """
 
-    def __init__(self, report: Callable[[str], None], **node_options: Any) -> None:
-        """Subscribe. `report` is called with each warning, and with what is compiled, before the first estimate."""
+    def __init__(
+        self, report: Callable[[str], None], follow: Follow | None = None, calls: Sequence[tuple[float, str]] = (),
+        **node_options: Any,
+    ) -> None:  # fmt: skip
+        """Subscribe. `report` is called with each warning, and with what is compiled, before the first estimate.
+
+        follow: is called with each message of `FOLLOWED`, and with the time since the plant's begin when it came [s].
+        calls: services (std_srvs/Trigger) that are called at their times [s], in rising order.
+        """
         super().__init__("bench_watch", **node_options)
+        self._follow, self._begun = follow, math.nan  # [s]
+        self._calls = [(moment, self.create_client(Trigger, service)) for moment, service in calls]
+        for topic, kind in FOLLOWED.items() if follow else ():
+            self.create_subscription(kind, topic, self._on_followed, EVENTS if kind is Event else 100)
         self.elapsed = 0.0  # data time since the first estimate [s]
         self.failure = ""  # why the plant failed, one sentence
         self._report = report
@@ -190,6 +202,16 @@ class BenchWatch(Node):
             to_stderr("no motor node and no supervisor yet: there is nothing to stop")
         for client in ready:
             client.call_async(Trigger.Request()).add_done_callback(_answered)
+
+    def _on_followed(self, message: Any) -> None:
+        if isinstance(message, Event) and message.kind == Event.STARTED and message.header.frame_id == "plant_node":
+            self._begun = nanoseconds_of(message.header.stamp) * 1e-9
+        moment = time.time() - self._begun
+        assert self._follow is not None
+        if not math.isnan(moment):
+            self._follow(moment, message)
+        while self._calls and self._calls[0][0] <= moment:
+            self._calls.pop(0)[1].call_async(Trigger.Request())
 
     def _on_excitation(self, message: Excitation) -> None:
         if message.handshake:
@@ -215,7 +237,10 @@ def _answered(answer: Future) -> None:
 
 
 @contextmanager
-def watching(report: Callable[[str], None], namespace: str = "") -> Iterator[tuple[BenchWatch, Callable[[], None]]]:
+def watching(
+    report: Callable[[str], None], namespace: str = "", follow: Follow | None = None,
+    calls: Sequence[tuple[float, str]] = (),
+) -> Iterator[tuple[BenchWatch, Callable[[], None]]]:  # fmt: skip
     """Yield the watch and a function that spins it for up to a tenth of a second."""
-    with command_node(lambda: BenchWatch(report, namespace=namespace), *QUIET) as (watch, executor):
+    with command_node(lambda: BenchWatch(report, follow, calls, namespace=namespace), *QUIET) as (watch, executor):
         yield watch, lambda: executor.spin_once(timeout_sec=0.1)

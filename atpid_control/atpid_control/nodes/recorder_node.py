@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records the graph's topics to a bag; serialised messages are written as they are received."""
 
+import math
+import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -18,6 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT
+from atpid_common.injected_faults import RECORDER, FaultError, parsed
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.dropped import Dropped
@@ -28,14 +32,17 @@ from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import started_twice
 from atpid_control.bags import BagError, Qos, check_new, new_run
 from atpid_control.bags.errors import MessageError
+from atpid_control.bags.faulty_sink import DiskWatch, FaultySink
 from atpid_control.bags.session import Session
 from atpid_control.bags.topics import DEFAULT, parse
-from atpid_control.bags.writer import CHUNK, COMPRESSIONS
+from atpid_control.bags.writer import CHUNK, COMPRESSIONS, Sink
 from atpid_control.nodes.wire import DEPTH, ParameterReader, class_of, qos_of, subscription_qos
 from atpid_sim.scene import load_scene
 
 TURN = 0.05  # between two checks whether the run has ended [s]
 STATUS_PERIOD = 1.0  # [s]
+#: Writing that takes longer is reported, and that for so long none did [s].
+SLOW_WRITE, DISK_WELL = 0.4, 2.0
 NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node"]
 PARAMETERS = (
     Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
@@ -48,6 +55,11 @@ PARAMETERS = (
     Row("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
     Row("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
     Row("chunk", 0, "size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
+    Row(
+        "faults",
+        [""],
+        "faults to act in real time: 'recorder KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
+    ),
     Row("sync_period", 1.0, "between two flushes to the disk: what a power cut can lose; 0: never", "s", 0.0, 3600.0),
 )
 
@@ -64,6 +76,10 @@ class RecorderNode(Node):
         self.topics = [replace(topic, name=self.resolve_topic_name(topic.name)) for topic in chosen]
         files = [Path(name) for name in self._values["files"] if name]
         scene = Path(self._values["scene"]) if self._values["scene"] else None
+        self._faults = parsed(self._values["faults"], RECORDER, "the recorder")
+        if self._faults and self._lockstep:
+            raise FaultError("faults: given to a recorder in lockstep, which is no process; allowed: in real time")
+        self._disk = DiskWatch(SLOW_WRITE, DISK_WELL)
         clock = "lockstep" if self._lockstep else "real time"
         self.run = new_run(scene, files, self._values["run_id"], self._values["commit"], clock=clock)
         self._chunk = self._values["chunk"] or (load_scene(scene).recording.chunk if scene else CHUNK)
@@ -100,11 +116,17 @@ class RecorderNode(Node):
         if self.session is None:
             self.session = Session(
                 self.bag, self.run, self.topics, lockstep=self._lockstep, offered=self._offered,
-                chunk=self._chunk, compression=self._values["compression"],
+                chunk=self._chunk, compression=self._values["compression"], sink=self._sink,
             )  # fmt: skip
             self.get_logger().info(f"recording {len(self.topics)} topics to {self.bag}")
             self._publish_status()
         return self.session
+
+    def _sink(self, path: Path) -> Sink:
+        return FaultySink(path, self._faults, self._elapsed) if self._faults else Sink(path)
+
+    def _elapsed(self) -> float:
+        return math.nan if self.session is None else self.session.elapsed
 
     def _on_message(self, topic: str, data: bytes, info: dict[str, int]) -> None:
         if self.error:
@@ -116,6 +138,7 @@ class RecorderNode(Node):
         try:
             session = self._open()
             missing = session.receive(topic, data, received_ns)
+            self._judge_disk(time.monotonic() - self._received)
         except MessageError as error:
             Dropped.of(self).add(topic, str(error))
             return
@@ -137,7 +160,20 @@ class RecorderNode(Node):
         except BagError as error:
             self._fail(error)
 
+    def _judge_disk(self, took: float) -> None:
+        """Report a disk that keeps the recorder waiting; not in lockstep, whose events depend on the run alone."""
+        slow = self._disk.push(took, time.monotonic())
+        if slow is None or self._lockstep:
+            return
+        if slow:
+            text = f"writing to {self.bag} took {took:.2f} s: messages wait meanwhile, {DEPTH} of a topic at most"
+            self._publish_event(Event.WARNING, Event.SLOW, text, took)
+        else:
+            self._publish_event(Event.INFO, Event.RECOVERED, f"writing to {self.bag} no longer takes long")
+
     def _turn(self) -> None:
+        if any(fault.kind == "off" and fault.active(self._elapsed()) for fault in self._faults):
+            os.kill(os.getpid(), signal.SIGKILL)
         if self._open().complete:
             self._finish()
 
@@ -155,7 +191,9 @@ class RecorderNode(Node):
 
     def _sync(self) -> None:
         if self.session is not None:
+            begun = time.monotonic()
             self.session.sync()
+            self._judge_disk(time.monotonic() - begun)
 
     def _keep_parameters(self, name: str, values: Mapping[str, Any]) -> None:
         text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False)
@@ -210,6 +248,7 @@ class RecorderNode(Node):
             "waiting for their place [messages]": len(session.order) if session else 0,
             "last message [s ago]": f"{time.monotonic() - self._received:.1f}",
             "lost scans": lost,
+            "longest write [s]": f"{self._disk.longest:.2f}",
             "last error": self.error or "none",
         }
         return [diagnostic_status(self, "recording", level, message, values)]

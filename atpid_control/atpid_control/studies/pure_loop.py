@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_common.injected_faults import CEILING
+from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_control.graph import BenchError
 from atpid_control.identification import Estimate, Identifier
 from atpid_control.loop.protocol import Answer, Command
@@ -82,7 +82,7 @@ def run_loop(
     controller = controller_of(selecting.__getitem__, modelled, selector)
     identifier = Identifier(identification_settings(identifying.__getitem__))
     watch = RumbleWatch(rumble_settings(identifying.__getitem__))
-    scene.refuse_faults("a run without the graph", ("clock", *CEILING))  # it has neither stamps nor a motor
+    scene.refuse_faults("a run without the graph", ("clock", *CEILING, *LINK, *RECORDER))  # none of which it has
     stream = Stream(scene, Plant(scene))
     ceiling = Ceiling(stream.height, moved.range, moved.speed)
     run, last = LoopRun(scene), 0.0

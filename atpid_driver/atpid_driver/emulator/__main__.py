@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_driver.emulator run|fuzz`: the emulated motor stand by hand, and the long fuzz run."""
+"""`python -m atpid_driver.emulator run|fuzz|storm`: the emulated motor stand by hand, and the long runs."""
 
 import argparse
 import signal
@@ -13,6 +13,7 @@ from atpid_common.cli import Parser, run_parsed
 from atpid_common.errors import DONE
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.fuzz import fuzz
+from atpid_driver.emulator.storm import storm
 
 MOVED = 3  # exit status of fuzz where the motor moved
 
@@ -48,6 +49,13 @@ def _fuzz(arguments: argparse.Namespace) -> int:
     return MOVED if result.moved_um or result.switched or result.resets else DONE
 
 
+def _storm(arguments: argparse.Namespace) -> int:
+    """Make random requests; what breaks a limit is an error."""
+    with tempfile.TemporaryDirectory() as folder, Emulator(Path(folder) / "board", height=0.98) as emulator:
+        print(storm(emulator, arguments.seconds, arguments.requests, arguments.seed))
+    return DONE
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status, 3 where the motor moved."""
     parser = Parser(prog="python -m atpid_driver.emulator", description=__doc__)
@@ -61,6 +69,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     long.add_argument("--frames", type=whole(1, 10**9), default=1_000_000)
     long.add_argument("--seed", type=whole(0, MOST_SEED), default=1)
     long.set_defaults(run=_fuzz)
+    random = commands.add_parser("storm", help="random whole requests, of any number and sequence")
+    random.add_argument("--requests", type=whole(1, 10**9), default=1_000_000)
+    random.add_argument("--seconds", type=real(0.1, 1e6, "s"), default=60.0, help="at most (default: 60)")
+    random.add_argument("--seed", type=whole(0, MOST_SEED), default=1)
+    random.set_defaults(run=_storm)
     return run_parsed(lambda: parser, argv)
 
 

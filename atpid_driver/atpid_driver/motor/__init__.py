@@ -17,7 +17,7 @@ def actuator_of(settings: MotorSettings) -> CeilingActuator:
     if settings.backend not in BACKENDS:
         raise SettingsError(f"backend {settings.backend!r}: allowed {', '.join(BACKENDS)}")
     if settings.backend == "simulated" and settings.injected:
-        return FaultyActuator(settings.limits, settings.initial_height, settings.injected)
+        return FaultyActuator(settings.limits, settings.initial_height, ())
     if settings.backend == "simulated":
         return SimulatedActuator(settings.limits, settings.initial_height)
     from atpid_driver.motor.serial_actuator import SerialActuator  # here: a simulated bench does not need pyserial

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The protocol that every ceiling implements. Heights are floor to ceiling [m], times integer nanoseconds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from math import nan
 from typing import Protocol, runtime_checkable
 
+from atpid_common.injected_faults import Injected
 from atpid_driver.motor.errors import HeightRefusedError, LimitsError
 from atpid_driver.motor.faults import NO_FAULT, Fault
 
@@ -120,3 +122,11 @@ class CeilingActuator(Protocol):
 
     def close(self) -> None:
         """Switch the motor off and close the connection."""
+
+
+@runtime_checkable
+class ActsFaults(Protocol):
+    """A ceiling that acts injected faults of its own or of its link."""
+
+    def inject(self, faults: Sequence[Injected]) -> None:
+        """Act these faults from now on, and no others; their times are those of `now` [s]."""

@@ -14,9 +14,11 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from atpid_common.injected_faults import Injected
 from atpid_driver.motor.ceiling_actuator import Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, LinkError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, Fault, in_words
+from atpid_driver.motor.faulty_port import FaultyPort
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
 from atpid_driver.motor.serial_port import SerialPort
 from atpid_driver.motor.session import Session, SessionLostError, check_identity
@@ -26,6 +28,10 @@ NO_LINK: Final = Reading(Mode.UNCONFIGURED)
 KEEP_ALIVE_TIME: Final = 0.25
 QUEUE: Final = 8
 FIRST_WAIT, LONGEST_WAIT = 0.1, 5.0
+#: An answer that takes longer is reported [s], and so that for so long none did [s].
+LATE, AGAIN = 0.2, 2.0
+#: Heights of two answers may differ by this share more than the motor moves [-], and by so much more [m].
+FASTER, PLAY = 1.5, 0.003
 
 
 @dataclass(slots=True)
@@ -53,11 +59,14 @@ class Link:
         self._kept_alive = -KEEP_ALIVE_TIME
         self._sequence = 0
         self._last_error = ""
+        self._late_until = 0.0  # steady [s]; 0: answers come in time
+        self._taken: StateReply | None = None  # last state in this session
         self._latched = NO_FAULT  # faults of the link, until the board has accepted ARM
         self._counts = {"connections": 0, "garbled answers": 0, "repeated requests": 0, "frames refused by board": 0}
         self.reading = NO_LINK
         self.goal: int | None = None
         self.heartbeat = False
+        self.injected: tuple[Injected, ...] = ()  # faults of the line to act, by the steady clock
 
     def start(self) -> IdentityReply:
         """Start the thread and return the identity. Raises what the first attempt raised; the thread has then ended."""
@@ -134,7 +143,7 @@ class Link:
 
     def _connect_and_serve(self) -> None:
         with closing(SerialPort(self._settings.port, self._settings.baud)) as port:
-            session = Session(port)
+            session = Session(FaultyPort(port, lambda: self.injected))
             while not self._stop.is_set():
                 self._identify(session)
                 try:
@@ -145,7 +154,7 @@ class Link:
     def _identify(self, session: Session) -> None:
         identity = session.identify(self._settings.identify_timeout, self._stop.is_set)
         check_identity(identity, self._settings.limits)
-        before, self._identity = self._identity, identity
+        before, self._identity, self._taken = self._identity, identity, None
         self._counts["connections"] += 1
         if before is not None and before.boots != identity.boots and self.heartbeat:
             self._latched |= Fault.RESTARTED
@@ -172,11 +181,36 @@ class Link:
 
     def _poll(self, session: Session) -> None:
         alive = self.heartbeat and time.monotonic() - self._kept_alive < KEEP_ALIVE_TIME
+        begun = time.monotonic()
         reply = session.request("BEAT" if alive else "STATE")
+        self._judge_delay(time.monotonic() - begun)
         if isinstance(reply, Refusal):
             raise SessionLostError(f"the board no longer follows: {reply}; it is identified again")
         self._take(reply)
         self._counts["garbled answers"], self._counts["repeated requests"] = session.garbled, session.repeated
+
+    def _judge_delay(self, took: float) -> None:
+        """Report answers that begin to come late, and that they come in time again."""
+        now = time.monotonic()
+        if took > LATE:
+            if not self._late_until:
+                self._report(f"the board answers late, after {took:.2f} s: the height reported is as old")
+            self._late_until = now + AGAIN
+        elif self._late_until and now > self._late_until:
+            self._late_until = 0.0
+            self._report(f"the board answers within {LATE:g} s again")
+
+    def _check_plausible(self, reply: StateReply) -> None:
+        """Raise `SessionLostError` for a height that this motor cannot have reached: the answer is not the board's."""
+        before, self._taken = self._taken, reply
+        if before is None or reply.faults or not (before.homed and reply.homed):
+            return
+        elapsed = max(0.0, reply.uptime - before.uptime)
+        if abs(reply.height - before.height) > FASTER * self._settings.speed * elapsed + PLAY:
+            raise SessionLostError(
+                f"the board's answers go from {before.height:.4f} to {reply.height:.4f} m in {elapsed:.3f} s, which "
+                "its motor cannot: it is identified again"
+            )
 
     def _carry_out(self, session: Session, job: Job) -> None:
         waited = time.monotonic() - job.received
@@ -210,6 +244,7 @@ class Link:
     def _take(self, reply: object) -> None:
         if not isinstance(reply, StateReply):
             return
+        self._check_plausible(reply)
         speed = self._settings.speed if reply.mode is Mode.MOVING else 0.0
         upward = reply.target > reply.height
         self._counts["frames refused by board"] = reply.rejected

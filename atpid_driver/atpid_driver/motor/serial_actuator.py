@@ -6,10 +6,12 @@ The heartbeat continues only while the reading is read: the firmware switches th
 Only `activate` arms: after any fault or interruption heights are refused until a person has called it again.
 """
 
+from collections.abc import Sequence
 from concurrent.futures import TimeoutError
 from contextlib import suppress
 from math import isnan
 
+from atpid_common.injected_faults import Injected
 from atpid_driver.motor.ceiling_actuator import Identity, Mode, Reading
 from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError
 from atpid_driver.motor.faults import in_words
@@ -27,6 +29,10 @@ class SerialActuator:
         self.limits = settings.limits  # which lie inside the firmware's
         self._link = Link(settings)
         self.reports, self.health = self._link.reports, self._link.health
+
+    def inject(self, faults: Sequence[Injected]) -> None:
+        """Act faults of the link from now on, and no others; their times are those of the steady clock."""
+        self._link.injected = tuple(faults)
 
     def connect(self, now: int) -> Identity:
         """Open the port and request the identity until the board answers; the link then reconnects by itself."""

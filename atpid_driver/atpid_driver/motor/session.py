@@ -8,7 +8,7 @@ from typing import Final
 from atpid_driver.motor import protocol
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, ProtocolError
-from atpid_driver.motor.serial_port import SerialPort
+from atpid_driver.motor.faulty_port import Port
 
 ANSWER_TIME: Final = 0.125
 IDENTIFY_TIME: Final = 0.25
@@ -25,7 +25,7 @@ class SessionLostError(LinkError):
 class Session:
     """One session with the firmware; not safe for threads, one owner only."""
 
-    def __init__(self, port: SerialPort) -> None:
+    def __init__(self, port: Port) -> None:
         self._port = port
         self._sequence = self.garbled = self.repeated = 0
 

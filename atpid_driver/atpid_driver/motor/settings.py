@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isfinite, nan
 
-from atpid_common.injected_faults import CEILING, Injected, parsed
+from atpid_common.injected_faults import CEILING, LINK, Injected, overlapping, parsed
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.errors import SettingsError
 
@@ -40,9 +40,10 @@ class MotorSettings:
     def __post_init__(self) -> None:
         """Raise `SettingsError` or a subclass for a value that cannot be."""
         object.__setattr__(self, "limits", Limits(self.lowest, self.highest, self.speed))
-        object.__setattr__(self, "injected", parsed(self.faults, CEILING, "the simulated motor"))
-        if self.injected and self.backend != "simulated":
-            raise SettingsError("faults: a real motor's cannot be acted; set backend simulated, or leave them out")
+        parts, where = (CEILING, "the simulated motor") if self.backend == "simulated" else (LINK, "the board's link")
+        object.__setattr__(self, "injected", parsed(self.faults, parts, where))
+        if both := overlapping(self.injected):
+            raise SettingsError(f"faults: given {both[0]} and {both[1]}; allowed: one fault of a part at a time")
         if isfinite(self.initial_height):
             self.limits.check(self.initial_height)
         for name in ("rate", "command_timeout", "stale_timeout", "identify_timeout", "supervision_timeout", "baud"):

@@ -42,7 +42,7 @@ class SimulatedActuator:
         """
         self.limits = limits
         self._travel = self._rest(nan if isnan(initial_height) else limits.check(initial_height), 0)
-        self._mode, self._sequence = Mode.UNCONFIGURED, 0
+        self._mode, self._sequence, self._latest = Mode.UNCONFIGURED, 0, 0
         self._alive = 0  # the last heartbeat [ns]
 
     @property
@@ -52,7 +52,7 @@ class SimulatedActuator:
 
     def place(self, height: float, now: int) -> None:
         """Stand at `height` [m], wherever that is: limits are those of commands."""
-        self._travel = self._rest(height, now)
+        self._travel, self._latest = self._rest(height, now), now
 
     def connect(self, now: int) -> Identity:
         """Return the identity of a simulated ceiling."""
@@ -77,7 +77,7 @@ class SimulatedActuator:
             raise NotReadyError(
                 f"ceiling height {height:g} m refused: the motor is {self._mode.name.lower()}; activate it"
             )
-        here = self._travel.height(now)
+        here = self._height(now)
         if not self.placed:
             raise NotReadyError(f"ceiling height {height:g} m refused: it is not known yet where the ceiling stands")
         goal = here if isnan(height) else self.limits.check(height)
@@ -97,7 +97,7 @@ class SimulatedActuator:
         return self._state(now)
 
     def _state(self, now: int) -> Reading:
-        height, target = self._travel.height(now), self._travel.target
+        height, target = self._height(now), self._travel.target
         armed = self._mode is Mode.HOLDING
         if armed and not self.placed:
             return Reading(mode=Mode.HOMING, speed=self.limits.speed)
@@ -126,8 +126,16 @@ class SimulatedActuator:
         self._mode = Mode.UNCONFIGURED
 
     def _halt(self, now: int, mode: Mode) -> None:
-        self._travel = self._rest(self._travel.height(now), now)
+        self._travel = self._rest(self._height(now), now)
         self._mode = mode
+
+    def _height(self, now: int) -> float:
+        """Return the height at `now`; a clock that was set back moves nothing: the travel goes on from where it is."""
+        if now < self._latest:
+            here = self._travel.height(self._latest)
+            self._travel = Travel(now, here, self._travel.target, self.limits.speed)
+        self._latest = now
+        return self._travel.height(now)
 
     def _rest(self, height: float, now: int) -> Travel:
         return Travel(now, height, height, self.limits.speed)

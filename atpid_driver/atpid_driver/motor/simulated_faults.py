@@ -9,10 +9,11 @@ from math import copysign, expm1, isnan, nan
 
 import numpy as np
 
-from atpid_common.injected_faults import Injected
+from atpid_common.injected_faults import TO_THE_SWITCH, Injected
 from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
 from atpid_driver.motor.errors import NotReadyError
 from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault, in_words
+from atpid_driver.motor.simulated import SimulatedActuator
 
 _STEP_NS = 1_000_000
 _STEP = _STEP_NS * 1e-9  # [s]
@@ -24,8 +25,6 @@ _STALL, _STALL_TIME = 0.003, 0.3
 _JUMP = 0.005
 #: How long a move may take: its distance over the speed times this, and so much more [-], [s].
 _OVERTIME, _OVERTIME_MORE = 1.5, 0.5
-#: Behind the upper limit a switch cuts the motor's supply, whatever drives it [m]; below, the grain holds the ceiling.
-_SWITCH_ABOVE = 0.010
 #: How long a random direction of the motor lasts [s].
 _DIRECTION = 0.1
 
@@ -46,6 +45,23 @@ class FaultyActuator:
         self._alive = 0  # the last heartbeat [ns]
         self._running = self._allowed = 0.0  # how long the motor is on, and may be [s]
         self._origin = self._mark = initial_height  # reading when the motor was switched; that a stall is judged by
+
+    def inject(self, faults: Sequence[Injected]) -> None:
+        """Act these faults from now on, and no others; their times are those of `now`."""
+        self._injected = tuple(faults)
+
+    @classmethod
+    def in_place_of(cls, simulated: SimulatedActuator, now: int) -> "FaultyActuator":
+        """Return one that stands where `simulated` does, in the same mode, on its way to the same height."""
+        reading = simulated.read(now)
+        made = cls(simulated.limits, reading.height, ())
+        made._now = now
+        made._alive, made._faults = now, reading.faults
+        made._mode = reading.mode if reading.mode in (Mode.UNCONFIGURED, Mode.DISARMED) else Mode.HOLDING
+        if reading.mode is Mode.MOVING:
+            made.move(reading.target, reading.sequence, now)
+        made._sequence = reading.sequence
+        return made
 
     @property
     def placed(self) -> bool:
@@ -149,7 +165,8 @@ class FaultyActuator:
 
     def _step(self, time: float) -> None:
         velocity = self._velocity(time)
-        top = self.limits.highest + _SWITCH_ABOVE
+        # there a switch cuts the motor's supply, whatever drives it; below, the grain holds the ceiling
+        top = self.limits.highest + TO_THE_SWITCH
         self.true_height = min(max(self.true_height + velocity * _STEP, self.limits.lowest), top)
         self._past = [*self._past[-20_000:], self.true_height] if self._delay else []
         before, self._reading = self._reading, self._sensed(time)

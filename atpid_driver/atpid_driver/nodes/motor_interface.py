@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 
 from atpid_common.latency import Latencies
 from atpid_common.nodes.diagnostics import status
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import Row, Value
 from atpid_driver.motor import BACKENDS
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode, Reading
 from atpid_driver.motor.faults import in_words
@@ -38,7 +38,10 @@ TABLE = (
         "s", 0.1, 60.0,
     ),
     Row("commander", "", "name of the only node whose commands are followed; empty: of any, one at a time"),
-    Row("faults", [""], "faults a simulated ceiling acts: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none"),
+    Row(
+        "faults", [""], "faults to act, of a simulated ceiling or of the serial link: 'PART KIND FROM TO [VALUE]' "
+        "(docs/faults.md); empty: none", live=True,
+    ),
     Row("supervised", False, "move, and send heartbeats, only while the supervisor permits it; not used in lockstep"),
     Row("supervision_timeout", 0.3, "silence of the supervisor that withdraws its permission", "s", 0.1, 10.0),
     Row("port", "", "serial port of the board by its stable name, /dev/serial/by-id/..."),
@@ -55,9 +58,9 @@ _LEVELS = {
 }
 
 
-def settings_of(node: Node) -> MotorSettings:
-    """Declare the table on `node`, return its values. Raises `ParameterError` or `SettingsError`."""
-    return MotorSettings(**declare(node, TABLE))
+def settings_of(value: Value) -> MotorSettings:
+    """Return the settings that the parameters have, whose values `value` returns by name. Raises `SettingsError`."""
+    return MotorSettings(**{row.name: value(row.name) for row in TABLE})
 
 
 def state_of(reading: Reading, header: Header, *, handshake: bool) -> CeilingState:

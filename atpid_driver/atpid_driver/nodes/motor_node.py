@@ -19,18 +19,21 @@ from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
+from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from atpid_common.errors import InputError
+from atpid_common.injected_faults import Injected
 from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import LiveParameters, Publish
 from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor import actuator_of
-from atpid_driver.motor.ceiling_actuator import Mode, Reading
+from atpid_driver.motor.ceiling_actuator import ActsFaults, Mode, Reading
 from atpid_driver.motor.errors import CommanderError, CommandStaleError, HeightRefusedError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.freshness import Freshness
@@ -40,7 +43,7 @@ from atpid_driver.nodes.commander import Commander
 from atpid_driver.nodes.device_node import DeviceNode
 from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
 from atpid_driver.nodes.motion_permit import MotionPermit
-from atpid_driver.nodes.motor_interface import settings_of, state_of, status_of
+from atpid_driver.nodes.motor_interface import TABLE, settings_of, state_of, status_of
 from atpid_driver.nodes.plant_ceiling import PlantCeiling
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -64,7 +67,8 @@ class MotorNode(DeviceNode):
         """Declare parameters and topics; nothing is opened. Raises `InputError` for a parameter that cannot be."""
         super().__init__("motor_node", **kwargs)
         try:
-            self.settings = settings_of(self)
+            values = LiveParameters(self, TABLE)
+            self.settings = settings_of(values.__getitem__)
             self._actuator = actuator_of(self.settings)
         except InputError:
             self.leave_graph()
@@ -72,21 +76,24 @@ class MotorNode(DeviceNode):
         self._connected = self._active = False
         self._duplicates = DuplicateNodes(self)
         self._stamp = 0
+        # a run in lockstep begins at 0; one in real time with its first command, by the steady clock [ns]
+        self._begin: int | None = 0 if self.settings.lockstep else None
         self._initial: float | None = None
         self._last_refused: object = None
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
         self._latencies, self._freshness = Latencies(), Freshness()
-        self._open_topics()
+        publish = self._open_topics()
         self.create_timer(1.0, self._check_duplicates, clock=STEADY)
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
-        actuator = self._actuator
-        if isinstance(actuator, SimulatedActuator | FaultyActuator) and not actuator.placed:
-            self._plant_ceiling = PlantCeiling(self, lambda height: actuator.place(height, self._now()))
+        if isinstance(self._actuator, SimulatedActuator | FaultyActuator) and not self._actuator.placed:
+            self._plant_ceiling = PlantCeiling(self, self._place)
+        self._inject(self.settings.injected)
+        values.follow(lambda value: settings_of(value).injected, self._inject, publish)
 
-    def _open_topics(self) -> None:
+    def _open_topics(self) -> Publish:
         lockstep, timeout = self.settings.lockstep, self.settings.stale_timeout
         self._events = EventPublisher(self)
         publish = self._events.publish
@@ -96,8 +103,7 @@ class MotorNode(DeviceNode):
             subscribe(self, Event, "events", self._on_event, EVENTS)
         qos = self._supervision.qos
         self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
-        if isinstance(self._actuator, FaultyActuator):  # whose reading is not where the ceiling is
-            self._truth = self.create_publisher(CeilingState, TRUTH, 100)
+        self._truth: Publisher | None = None
         depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
         subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
         self._commander = Commander(self, COMMANDS, self.settings.commander, timeout)
@@ -106,6 +112,22 @@ class MotorNode(DeviceNode):
         self._was_granted = self._permit.granted
         self.create_service(Trigger, "~/rearm", self._on_rearm)
         self.create_service(Trigger, "~/stop", self._on_stop)
+        return publish
+
+    def _place(self, height: float) -> None:
+        if isinstance(self._actuator, SimulatedActuator | FaultyActuator):
+            self._actuator.place(height, self._now())
+
+    def _inject(self, faults: tuple[Injected, ...]) -> None:
+        """Act these faults, once the run has begun; a simulated ceiling that can act none is replaced by one."""
+        self._injected = faults
+        if faults and isinstance(self._actuator, SimulatedActuator):
+            self._actuator = FaultyActuator.in_place_of(self._actuator, self._now())
+        if self._truth is None and isinstance(self._actuator, FaultyActuator):  # whose reading may be another height
+            self._truth = self.create_publisher(CeilingState, TRUTH, 100)
+        if self._begin is not None and isinstance(self._actuator, ActsFaults):
+            since = self._begin * 1e-9
+            self._actuator.inject([replace(one, begin=one.begin + since, end=one.end + since) for one in faults])
 
     def _on_event(self, event: Event) -> None:
         self._supervision.on_event(event)
@@ -155,6 +177,9 @@ class MotorNode(DeviceNode):
         handshake = command.handshake
         if not handshake:
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
+            if self._begin is None:
+                self._begin = self._now()
+                self._inject(self._injected)
             self._supervision.stale.received(COMMANDS, self._stamp, (self._stamp - before) * 1e-9 if before else 0.0)
             self._latencies.add(info.get("received_timestamp", 0) - self._stamp)
             self._move(command, self._freshness.age(self._stamp, time.monotonic_ns()), info)
@@ -278,7 +303,7 @@ class MotorNode(DeviceNode):
     def _publish(self, reading: Reading, stamp: Time, *, handshake: bool = False) -> None:
         header = Header(stamp=stamp, frame_id=self.get_name())
         self._states.publish(state_of(reading, header, handshake=handshake))
-        if isinstance(self._actuator, FaultyActuator) and self._actuator.placed:
+        if self._truth is not None and isinstance(self._actuator, FaultyActuator) and self._actuator.placed:
             height = self._actuator.true_height
             true = replace(reading, mode=Mode.MOVING, height=height, target=height)
             self._truth.publish(state_of(true, header, handshake=handshake))

@@ -2,7 +2,9 @@
 // The firmware's pure part on the host, under address and undefined-behaviour checks: random requests, a random stand that
 // injects and clears, and after each millisecond an independent observer of when the motor may run.
 //
-//   check [MILLISECONDS] [SEED]      0: all held; 1: the first rule broken, in words
+//   check [MILLISECONDS] [SEED] [EVERY]      0: all held; 1: the first rule broken, in words
+//
+// EVERY: a storm, a request in so many milliseconds on average, of any number, to a stand without faults.
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -17,6 +19,14 @@ namespace {
 std::mt19937 rng;
 uint32_t below(uint32_t end) { return rng() % end; }
 bool one_in(uint32_t count) { return below(count) == 0; }
+bool storm = false;
+
+// A height to request: mostly one that may be, and in a storm anything.
+long number() {
+    static const uint32_t odd[] = {0, 1, 16999, 17000, 1000000, 1000001, 99999999, 4294967295u, 2147483648u};
+    if (!storm || !one_in(3)) return static_cast<long>(below(1100000));
+    return static_cast<long>(one_in(2) ? rng() : odd[below(sizeof odd / sizeof *odd)]);
+}
 
 struct Stand {
     double height_um = 500000;
@@ -54,7 +64,7 @@ struct Observer {
     uint32_t lower_ms = 0, upper_ms = 0, stop_ms = 0, sensor_ms = 0, alive_at = 0;
     bool requested = false;  // HOME or MOVE accepted since the motor was last armed
     const char *violation = nullptr;  // rule broken in an answer
-    uint64_t ran_ms = 0, homings = 0, faults = 0;
+    uint64_t ran_ms = 0, homings = 0, faults = 0, requests = 0;
 
     void update(const Inputs &inputs) {
         lower_ms = inputs.lower_open ? lower_ms + 1 : 0;
@@ -131,7 +141,7 @@ void exchange(Host &host, Observer &observer, const Motion &motion, uint32_t now
     const uint32_t chosen = below(one_in(20) ? 13 : 7);
     const bool was_armed = motion.mode() != Mode::DISARMED && motion.mode() != Mode::FAULT;
     const bool numbered = chosen == 5 || chosen == 6 || chosen == 11;
-    const std::string answer = host.send(words[chosen], numbered ? static_cast<long>(below(1100000)) : -1L);
+    const std::string answer = host.send(words[chosen], numbered ? number() : -1L);
     if (!contains(answer, ",ST,") && !contains(answer, ",NO,")) {
         if (contains(answer, ",ID,")) observer.requested = false;
         return;
@@ -151,11 +161,18 @@ void noise(Host &host) {
     host.bytes(data, count);
 }
 
+// Without faults of the stand a ceiling that has homed stays where it may be.
+bool outside(const Motion &motion, const Stand &stand) {
+    return storm && motion.homed() && (stand.height_um < LOWEST_UM - SOFT_MARGIN_UM || stand.height_um > HIGHEST_UM + SOFT_MARGIN_UM);
+}
+
 }  // namespace
 
 int main(int count, char **words) {
     const uint64_t length = count > 1 ? std::strtoull(words[1], nullptr, 10) : 5000000;
     rng.seed(count > 2 ? static_cast<uint32_t>(std::strtoul(words[2], nullptr, 10)) : 1);
+    const uint32_t every = count > 3 ? static_cast<uint32_t>(std::strtoul(words[3], nullptr, 10)) : 60;
+    storm = count > 3;
     Motion motion;
     const Board board{1, "POWER"};
     Session session(motion, board);
@@ -165,9 +182,12 @@ int main(int count, char **words) {
     bool quiet = false, was_homed = false;
     uint32_t now_ms = 4294000000u;  // the clock wraps round early on
     for (uint64_t step = 0; step < length; ++step, ++now_ms) {
-        if (one_in(4000)) one_in(2) ? stand.change_faults() : stand.clear_faults();
+        if (!storm && one_in(4000)) one_in(2) ? stand.change_faults() : stand.clear_faults();
         if (one_in(5000)) quiet = !quiet;
-        if (!quiet && one_in(60)) exchange(host, observer, motion, now_ms);
+        if (!quiet && one_in(every)) {
+            exchange(host, observer, motion, now_ms);
+            ++observer.requests;
+        }
         if (one_in(200)) noise(host);
         const Inputs inputs = stand.inputs(now_ms);
         observer.update(inputs);
@@ -177,15 +197,15 @@ int main(int count, char **words) {
         observer.homings += motion.homed() && !was_homed;
         observer.faults |= motion.faults();
         was_homed = motion.homed();
-        const char *broken = observer.broken_rule(motion, now_ms);
+        const char *broken = outside(motion, stand) ? "a height outside the soft limits" : observer.broken_rule(motion, now_ms);
         if (broken) {
             std::printf("after %llu ms: %s (mode %u, height %.0f um)\n", static_cast<unsigned long long>(step), broken,
                         static_cast<unsigned>(motion.mode()), stand.height_um);
             return 1;
         }
     }
-    std::printf("%llu ms, motor on for %llu ms, homed %llu times, faults seen %04llX: every rule held\n",
-                static_cast<unsigned long long>(length), static_cast<unsigned long long>(observer.ran_ms),
+    std::printf("%llu requests in %llu ms, motor on for %llu ms, homed %llu times, faults seen %04llX: every rule held\n",
+                static_cast<unsigned long long>(observer.requests), static_cast<unsigned long long>(length), static_cast<unsigned long long>(observer.ran_ms),
                 static_cast<unsigned long long>(observer.homings), static_cast<unsigned long long>(observer.faults));
     return 0;
 }

@@ -106,10 +106,12 @@ class PlantNode(Node):
         }
         self._truth = self.create_publisher(PlantTruth, "plant/truth", BLOCKS)
         self._events = EventPublisher(self)
-        # a motor or height sensor that fails reports another height than the ceiling has
-        differs = any(fault.part in CEILING for fault in self._scene_faults)
-        topic = "ceiling/truth" if differs else "ceiling/state"
-        subscribe(self, CeilingState, topic, self._on_ceiling, STATES)
+        # a motor or height sensor that fails reports another height than the ceiling has, which then comes by itself
+        self._differs = any(fault.part in CEILING for fault in self._scene_faults)
+        if not (self._differs and self._lockstep):
+            subscribe(self, CeilingState, "ceiling/state", self._on_report, STATES)
+        if self._differs or not self._lockstep:  # in real time they may be injected later
+            subscribe(self, CeilingState, "ceiling/truth", self._on_truth, STATES)
 
     # faults
 
@@ -163,6 +165,14 @@ class PlantNode(Node):
             self.get_logger().warning(text)
         else:
             self._publish_event(severity, kind, text, value)
+
+    def _on_report(self, state: CeilingState) -> None:
+        if not self._differs:
+            self._on_ceiling(state)
+
+    def _on_truth(self, state: CeilingState) -> None:
+        self._differs = True
+        self._on_ceiling(state)
 
     def _on_ceiling(self, state: CeilingState) -> None:
         if state.handshake:

@@ -134,9 +134,10 @@ class SceneValues(Block):
         """Raise SceneError where the scene has a fault of `parts`, which `where` cannot act."""
         for fault in self.injected:
             if fault.part in parts:
+                way = {"serial_link": " --emulated-stand", "recorder": " --real-time"}.get(fault.part, "")
                 raise SceneError(
                     f"faults: given {fault}; {where} cannot act faults of {fault.part}; leave it out, or run it by "
-                    "`python -m atpid_control bench SCENE.yaml --out DIR`"
+                    f"`python -m atpid_control bench SCENE.yaml --out DIR{way}`"
                 )
 
     @property
