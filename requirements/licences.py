@@ -72,7 +72,8 @@ def found() -> dict[str, set[str]]:
     A package of ROS counts once, by its wheel, whose name begins with `ros-`.
     """
     groups = defaultdict(set)
-    every = {one.metadata["Name"]: one for one in distributions()}
+    here = [one for one in distributions() if str(one.locate_file("")).startswith(sys.prefix)]
+    every = {one.metadata["Name"]: one for one in here}
     for name, one in every.items():
         in_wheel = f"ros-{name.replace('_', '-')}" in every or name == "ament_cmake_test"
         if not name.startswith("atpid") and not in_wheel:

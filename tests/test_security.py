@@ -31,11 +31,15 @@ FOREIGN = 0.95
 #: Ports from here on are the system's own choice (Linux, ip_local_port_range).
 EPHEMERAL = 32768
 #: Those of the stand that the bench runs as well.
-NODES = {"identifier_node", "selector_node", "motor_node", "recorder_node"}
+NODES = {"identifier_node", "selector_node", "motor_node", "recorder_node", "supervisor_node"}
 #: Commands it sends, at least.
 MESSAGES = 20
-#: What the simulated ceiling of the bench opens beside what the stand's does.
-SIMULATED = {"motor_node": Rights(subscribe={"/plant/truth"})}
+#: What is opened in the bench beside what the policy of the stand names, and what is not, without hardware.
+SIMULATED = {
+    "motor_node": Rights(subscribe={"/plant/truth"}),
+    "supervisor_node": Rights(request={"/plant_node/get_parameters"}),
+}
+ON_THE_STAND = {"supervisor_node": Rights(request={"/labjack_node/get_state", "/ni_node/get_state"})}
 #: sros2's form of a policy (policy.xsd): attributes and elements of each element.
 FORM = {
     "policy": ({"version"}, {"enclaves"}),
@@ -83,17 +87,17 @@ def who(rights: dict[str, Rights], kind: str, name: str) -> set[str]:
     return {node for node, one in rights.items() if name in getattr(one, kind)}
 
 
-def test_only_the_selector_commands_and_only_an_operator_arms(kept: str) -> None:
+def test_only_the_selector_commands_and_an_operator_or_the_supervisor_for_him_arms(kept: str) -> None:
     rights = read_policy(kept)
     sole = {"/ceiling/command": "selector_node", "/ceiling/state": "motor_node", "/excitation": "identifier_node",
             "/sensors/laser": "labjack_node", "/sensors/accelerometer": "ni_node",
             "/supervisor/state": "supervisor_node"}  # fmt: skip
     for topic, node in sole.items():
         assert who(rights, "publish", topic) == {node}
-    for service in ("set_parameters", "set_parameters_atomically", "stop"):
-        assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR}
     for service in ("rearm", "change_state"):  # by the supervisor where an operator has asked it to
         assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR, "supervisor_node"}
+    for service in ("set_parameters", "set_parameters_atomically", "stop"):
+        assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR}
     assert rights[OPERATOR].publish == {"/rosout", "/parameter_events"}
     assert {name.rpartition("/")[2] for name in rights["recorder_node"].request} == {
         "list_parameters", "get_parameters",
@@ -199,7 +203,7 @@ def test_each_right_of_the_policy_is_used_by_the_graph_and_no_other_is_needed(wa
     for name, opened in watched.opened.items():
         missing = opened - rights[name] - SIMULATED.get(name, Rights())
         assert not missing, f"{name} needs {missing}"
-        unused = rights[name] - opened - policy.LATER.get(name, Rights())
+        unused = rights[name] - opened - policy.LATER.get(name, Rights()) - ON_THE_STAND.get(name, Rights())
         if name == "recorder_node":  # it gets a node's parameters once and then needs no client any more
             unused.request.clear()
         assert not unused, f"{name} does not need {unused}"

@@ -6,8 +6,10 @@ from itertools import count
 
 import pytest
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
+from builtin_interfaces.msg import Time as TimeMsg
 from motor_graph import Stand
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from atpid_driver.nodes.commander import Commander
 
@@ -39,7 +41,8 @@ def test_beside_an_unauthorised_publisher_nothing_moves_until_it_is_gone(stand: 
     stand.states.clear()
 
     def both() -> None:
-        foreign.publish(CeilingCommand(height=FOREIGN, sequence=9))
+        far = Header(stamp=TimeMsg(sec=2**31 - 1))
+        foreign.publish(CeilingCommand(header=far, height=FOREIGN, sequence=9))
         stand.command(0.5, 2.0)
 
     stand.until(lambda: refusals(stand) and len(stand.states) > 50, both)

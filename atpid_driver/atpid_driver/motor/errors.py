@@ -20,10 +20,6 @@ class HeightRefusedError(MotorError):
     """A height outside the limits; the ceiling stays on its present target."""
 
 
-class CommanderError(MotorError):
-    """A command of which it is not certain that its sender may command; the ceiling stays."""
-
-
 class CommandStaleError(MotorError):
     """A command that waited longer than the time-out between receipt and execution."""
 

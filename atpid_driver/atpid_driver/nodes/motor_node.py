@@ -34,7 +34,7 @@ from atpid_common.nodes.parameters import LiveParameters, Publish
 from atpid_common.nodes.supervision import Supervision
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import ActsFaults, Mode, Reading
-from atpid_driver.motor.errors import CommanderError, CommandStaleError, HeightRefusedError, MotorError, NotReadyError
+from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.freshness import Freshness
 from atpid_driver.motor.simulated import SimulatedActuator
@@ -175,7 +175,9 @@ class MotorNode(DeviceNode):
 
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
-        if not handshake:
+        if not handshake and self._is_foreign(command, info):
+            self._supervision.stale.received(COMMANDS)
+        elif not handshake:
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
             if self._begin is None:
                 self._begin = self._now()
@@ -193,25 +195,29 @@ class MotorNode(DeviceNode):
             if not self._active:
                 text = f"ceiling height {command.height:g} m refused: the motor node is {self._state_and_remedy()}"
                 raise NotReadyError(text)
-            self._check_sender(info)
             if not self._permit.granted:
                 raise NotReadyError(f"ceiling height {command.height:g} m not taken up: {self._permit.reason}")
             self._check_fresh(late, info)
             self._actuator.move(command.height, command.sequence, self._now())
-        except CommanderError as error:
-            if self._commander.to_report():
-                self._publish_event(Event.ALARM, Event.REFUSED, command.height, str(error))
         except MotorError as error:
             self._refuse(command, error)
         else:
             self._last_refused = None
 
-    def _check_sender(self, info: dict[str, int]) -> None:
-        """Refuse a command where it is not certain that its sender may command; with several senders nothing moves."""
-        if not self.settings.lockstep and self._commander.judge(info.get("publication_sequence_number") or 0):
-            if self._commander.several:
-                self._stop_moving()
-            raise CommanderError(f"command ignored: {self._commander.problem}")
+    def _is_foreign(self, command: CeilingCommand, info: dict[str, int]) -> bool:
+        """Whether it is not certain that the sender may command, which is reported; with several senders nothing moves.
+
+        To be asked first: a foreign command must leave no trace, such as its stamp.
+        """
+        if self.settings.lockstep or not self._commander.judge(info.get("publication_sequence_number") or 0):
+            return False
+        if self._commander.several:
+            self._initial = None
+            self._stop_moving()
+        if self._commander.to_report():
+            text = f"command ignored: {self._commander.problem}"
+            self._publish_event(Event.ALARM, Event.REFUSED, command.height, text)
+        return True
 
     def _check_fresh(self, late: float, info: dict[str, int]) -> None:
         """Refuse a command older than `command_timeout`, or made before the motor was armed.
