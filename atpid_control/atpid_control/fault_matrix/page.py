@@ -27,7 +27,7 @@ Sensors, motor and clock are run in lockstep: the standard bench at 0.03 m, 0.02
 fault is there from {begin:g} to {end:g} s. *Height apart*: the largest difference of the commanded height
 while the fault is there. Serial link and recorder are run in real time, at 0.03 m, the fault from
 {paced:g} to {over:g} s, while the ceiling is on its way: the link on the emulated stand, with the real
-firmware, whose own state is looked at; the recorder as a process, whose file is.
+firmware, whose own state is looked at every 20 ms; the recorder as a process, whose file is.
 
 A scene acts faults by its key `faults` ([scenes](scenes.md)):
 
@@ -38,7 +38,7 @@ faults:
 ```
 
 In a running graph in real time the parameter of that name takes `PART KIND FROM TO [VALUE]` with
-the times in seconds of the run; `['']` ends them. The plant has the sensors' faults and the clock's,
+the times in seconds of the run; `['']` ends them. The plant has the faults of sensors and clock,
 the motor node those of motor and height sensor or, with a board, of the serial link, counted from
 its first command:
 
