@@ -79,7 +79,7 @@ def test_the_default_fidelity_follows_any_ceiling_with_any_law() -> None:
 
 
 def test_an_unknown_fidelity_is_refused() -> None:
-    with pytest.raises(PlantError, match="fidelity 'exact': allowed are auto, simplified, impact, soft"):
+    with pytest.raises(PlantError, match="fidelity 'exact': allowed are auto, simplified, impact, finite, soft"):
         Plant(scene(), "exact")
 
 

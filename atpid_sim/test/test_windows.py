@@ -30,9 +30,9 @@ def test_one_window_is_judged_as_a_run() -> None:
 def test_the_irregular_window_is_named_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     spans: list[tuple[float, float]] = []
 
-    def noted(integration: Integration, amplitude: float, steps: int) -> Verdict:
+    def noted(integration: Integration, amplitude: float, steps: int, *errors: float) -> Verdict:
         spans.append((integration.table[0, columns.START], integration.table[-1, columns.END]))
-        return judge(integration, amplitude, steps)
+        return judge(integration, amplitude, steps, *errors)
 
     monkeypatch.setattr(windows, "judge", noted)
     found = windows.verdicts(changing(), WINDOWS)

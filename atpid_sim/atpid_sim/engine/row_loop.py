@@ -8,7 +8,7 @@ from atpid_sim.contact.dispatch import energy
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.contact_phase import contact
 from atpid_sim.engine.error_control import DEPTH_FLOOR, Control, control_of
-from atpid_sim.engine.finite_contact import tabulated_contact
+from atpid_sim.engine.finite_contact import hold, tabulated_contact
 from atpid_sim.engine.flight import flight
 from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, stick
 from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
@@ -91,7 +91,7 @@ def _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out,
     """One contact, or flight with the contact at its end, of the fidelity `finite`; returns the local time reached."""
     if n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
         if is_held(segment, tau, system):
-            return stick(y, n, segment, tau, until, system, control, view, out)
+            return hold(y, n, segment, tau, until, system, law, p, control, view, out)
         return contact(y, n, segment, tau, until, system, law, p, control, view, out)
     tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
     if y[at.DEEPEST] < 0.0:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_sim.engine import columns
+from atpid_sim.engine.state import State
 from atpid_sim.outcome import Outcome
 from atpid_sim.simulation.integration import Integration, Observation, negligible_displacement, sample_series
 from atpid_sim.system import Array
@@ -17,8 +18,10 @@ from atpid_sim.system import Array
 _CHECKS = ((1e-2, 1e-5), (1e-2, -1e-5), (1e-3, 3e-6))
 #: Steps of a run from which fewer and coarser checks are made, and which those are.
 _EXPENSIVE, _FEW_CHECKS = 1_000_000, ((1e-1, 1e-5), (1e-1, -1e-5))
-#: Disturbance of start and drive, in model errors: what a model leaves out acts in another way than these do.
-_MODEL = 2.0
+#: Disturbance of the drive, in model errors: what a model leaves out acts in another way than this does.
+_MODEL = 5.0
+#: Clearance over the diameter below which the ceiling holds the grain, as the engine has it.
+_SHUT = 5e-6
 #: Share of that disturbance by which the drive is larger throughout: no damping removes it.
 _DRIVE = 1e-2
 #: Columns of the drive table that are proportional to the support's motion.
@@ -59,21 +62,24 @@ class _Motion(NamedTuple):
 UNCHECKED = Verdict(float("nan"), False, None)
 
 
-def judge(integration: Integration, amplitude: float, steps: int, model_error: float = 0.0) -> Verdict:
+def judge(
+    integration: Integration, amplitude: float, steps: int, model_error: float = 0.0, held_error: float = 0.0
+) -> Verdict:
     """Repeat a run that took `steps` with finer tolerances and disturbances, and compare amplitudes [m].
 
     A run whose amplitude changes by more than a thousandth (or twenty tolerances, up to a hundredth) is not
     reproducible: it gets the spread of an ensemble beside its error. Where the motions diverge on the way and converge
     again, as after a chaotic transient, whether they do so in time is random: then the whole ensemble has to
-    agree. A finer run that does not reach its end leaves the error unknown. model_error: that of a fidelity level whose
-    contacts come from a table; runs disturbed by twice as much, and what they differ by, count as well.
+    agree. A finer run that does not reach its end leaves the error unknown. model_error, held_error: relative errors of
+    a fidelity level whose contacts come from a table, in the steady window and while the ceiling holds the grain; runs
+    disturbed by five times as much, and what they differ by, count as well.
     """
     limit = max(_LEAST, min(_TOLERANCES * integration.rtol, _MOST_ALLOWED))
     again = _Repetition(integration, amplitude, steps)
     motions = [again.run(share, disturbance) for share, disturbance in (_CHECKS if steps < _EXPENSIVE else _FEW_CHECKS)]
     amplitudes = [motion.amplitude for motion in motions]
-    for sign in (_MODEL, -_MODEL) if model_error > 0.0 else ():
-        amplitudes.append(again.run(_CHECKS[0][0], sign * model_error, 0, sign * model_error).amplitude)
+    if model_error > 0.0:
+        amplitudes += [again.off_model(_MODEL * model_error, _MODEL * held_error, late) for late in (False, True)]
     negligible = negligible_displacement(integration.scene)
     worst = _worst(amplitudes, amplitude, negligible)
     if worst <= limit and not _diverged(motions):
@@ -116,13 +122,28 @@ class _Repetition:
         with ThreadPoolExecutor() as pool:
             return list(pool.map(lambda d: self.run(_ENSEMBLE_SHARE, float(d), 0).amplitude, disturbances))
 
-    def run(self, share: float, disturbance: float, samples: int = _MOST, drive: float | None = None) -> _Motion:
+    def run(self, share: float, disturbance: float, samples: int = _MOST) -> _Motion:
         """Return a run with a share of the tolerance and a disturbed start and drive."""
-        scene, original = self.integration.scene, self.integration
-        state = original.initial_state()
+        state = self.integration.initial_state()
         state.y[[columns.BEAM, columns.GRAIN]] += disturbance * self.amplitude
-        table = original.table.copy()
-        table[:, _SUPPORT] *= 1.0 + (_DRIVE * disturbance if drive is None else drive)
+        table = self.integration.table.copy()
+        table[:, _SUPPORT] *= 1.0 + _DRIVE * disturbance
+        return self._motion(share, state, table, samples)
+
+    def off_model(self, error: float, held_error: float, late: bool) -> float:
+        """Return the amplitude [m] with a drive larger by the errors, or, `late`, smaller and late by that of held."""
+        table = self.integration.table.copy()
+        held = table[:, columns.HEIGHT] <= 2.0 * self.integration.system.radius * (1.0 + _SHUT)
+        held &= table[:, columns.CEILING_VELOCITY] <= 0.0
+        table[:, _SUPPORT] *= 1.0 - error if late else 1.0 + error
+        if late:
+            table[held, columns.PHASE] -= held_error
+        else:
+            table[np.ix_(held, _SUPPORT)] *= 1.0 + held_error
+        return self._motion(_CHECKS[0][0], self.integration.initial_state(), table, 0).amplitude
+
+    def _motion(self, share: float, state: State, table: Array, samples: int) -> _Motion:
+        scene, original = self.integration.scene, self.integration
         begin = state.time
         period = max(1.0 / (_PER_PERIOD * scene.frequency_hz), (scene.duration - begin) / _MOST)
         series = sample_series(min(samples, int((scene.duration - begin) / period)))

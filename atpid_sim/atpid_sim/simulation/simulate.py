@@ -15,7 +15,7 @@ from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation import reproducibility
 from atpid_sim.simulation.decay import largest_decrement
 from atpid_sim.simulation.energy import Ledger
-from atpid_sim.simulation.fidelity import choose
+from atpid_sim.simulation.fidelity import choose, judged_errors
 from atpid_sim.simulation.integration import (
     Integration,
     Observation,
@@ -114,8 +114,8 @@ def simulate(
     amplitude, last = run.last.amplitude, run.last
     verdict = reproducibility.UNCHECKED
     if check:
-        model_error = choice.model_error if choice.fidelity == "finite" else 0.0
-        verdict = reproducibility.judge(integration, amplitude, last.steps, model_error)
+        errors = judged_errors(scene, choice, undamped)
+        verdict = reproducibility.judge(integration, amplitude, last.steps, *errors)
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,

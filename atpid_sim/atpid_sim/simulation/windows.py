@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from atpid_sim.engine import drive
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.fidelity import choose
+from atpid_sim.simulation.fidelity import choose, judged_errors
 from atpid_sim.simulation.integration import Integration, Observation, drive_table
 from atpid_sim.simulation.reproducibility import Verdict, judge
 
@@ -21,7 +21,8 @@ def verdicts(scene: Scene, windows: Sequence[Window], fidelity: str = "auto") ->
     of the last window.
     """
     table = drive_table(scene, tuple(t for window in windows for t in window))
-    level = choose(scene, fidelity).fidelity
+    choice = choose(scene, fidelity)
+    level, errors = choice.fidelity, judged_errors(scene, choice)
     found: list[Verdict | None] = []
     state, done = Integration(scene, level, table=table).initial_state(), 0.0
     for begin, end in windows:
@@ -33,6 +34,6 @@ def verdicts(scene: Scene, windows: Sequence[Window], fidelity: str = "auto") ->
         outcome = part.advance(state, part.table, Observation((begin, end)), part.step_limit)
         if outcome != Outcome.DONE:
             raise NumericalFailure(f"{outcome.sentence} (between {done:g} and {end:g} s)")
-        found.append(judge(part, state.amplitude, state.steps) if state.amplitude > 0.0 else None)
+        found.append(judge(part, state.amplitude, state.steps, *errors) if state.amplitude > 0.0 else None)
         done = end
     return found
