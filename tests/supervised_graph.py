@@ -10,6 +10,7 @@ from atpid_interfaces.msg import CeilingState, Event, SupervisorState
 from graph_runs import parameters, scene_file
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from atpid_common.nodes.messages import EVENTS_KEPT, STATES
 from atpid_control.bench.running import commands_of
@@ -55,7 +56,7 @@ class Supervised:
         _, given = parameters(scene_file(scene, folder, **changes), folder, lockstep=False)
         given["supervisor_node"] |= supervisor
         write_parameters(given, folder / "parameters.yaml")
-        self.nodes = Processes(commands_of(folder / "parameters.yaml"), folder)
+        self.nodes = Processes(commands_of(folder / "parameters.yaml"), folder, restarts=1)
         self.executor, self.watch = SingleThreadedExecutor(), Watch()
         self.executor.add_node(self.watch)
 
@@ -79,6 +80,17 @@ class Supervised:
         answer = client.call_async(kind.Request())
         self.until(answer.done)
         return answer.result()
+
+    def arm(self, service: str = "motor_node/rearm") -> None:
+        """Arm the motor; again where it is refused, since a busy machine withdraws the permission or misses a beat."""
+
+        def armed() -> bool:
+            if self.watch.mode in (CeilingState.FAULT, CeilingState.DISARMED):
+                self.call(Trigger, service)
+                self.spin(0.2)
+            return self.watch.mode in (CeilingState.MOVING, CeilingState.HOLDING)
+
+        self.until(armed)
 
     def close_nodes(self) -> None:
         """Stop the nodes in order."""

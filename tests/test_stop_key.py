@@ -59,9 +59,8 @@ class Terminal:
 def emulator(tmp_path: Path) -> Iterator[Emulator]:
     if missing_tools() and not os.environ.get("CI"):
         pytest.skip("left out: the AVR tools are missing")
-    with Emulator(
-        tmp_path / "board", eeprom=tmp_path / "eeprom", height=0.02, bootloader=0.05, reset_on_open=True
-    ) as made:
+    options = {"height": 0.02, "bootloader": 0.05, "reset_on_open": True}
+    with Emulator(tmp_path / "board", eeprom=tmp_path / "eeprom", **options) as made:
         made.pace(1.0)
         yield made
 
@@ -74,8 +73,8 @@ def stand(emulator: Emulator, root: Path, scenes: Path, tmp_path: Path) -> Itera
     with own_domain():
         made = Terminal(
             "atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path / "bag",
-            "--map", root / "atpid_control/config/maps/standard.npz",
-            "--labjack-config", labjack, "--motor-config", motor,
+            "--map", root / "atpid_control/config/maps/standard.npz", "--labjack-config", labjack,
+            "--motor-config", motor,
         )  # fmt: skip
         yield made
         if made.status is None:

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from supervised_graph import Supervised
 
 from atpid_control.bags.read import open_bag
+from atpid_control.graph import NodeDiedError
 from atpid_control.graph.domain import own_domain
 
 pytestmark = pytest.mark.slow
@@ -59,13 +60,35 @@ def test_a_hung_node_is_named_the_ceiling_held_and_the_motor_off(start: Start, t
     running.spin(1.0)
     assert watch.mode == CeilingState.FAULT, "a person arms it, not the node that is back"
     assert watch.ceiling[-1].height == height
-    running.call(Trigger, "motor_node/rearm")
-    running.until(lambda: watch.mode in (CeilingState.MOVING, CeilingState.HOLDING))
+    running.arm()
+    killed_and_started_again(running, "selector_node")
     running.close_nodes()
     bag = open_bag(tmp_path / "bag")
+    assert "selector_node answers again" in " ".join(event.text for _, event in bag.messages("/events"))
     assert "recorder_node does not answer" in " ".join(event.text for _, event in bag.messages("/events"))
     states = {message.state for _, message in bag.messages("/supervisor/state")}
     assert {SupervisorState.READY, SupervisorState.FAULT} <= states
+
+
+def killed_and_started_again(running: Supervised, name: str) -> None:
+    """Kill a node: it is started again once, and the motor stays off until a person arms it."""
+    watch = running.watch
+    killed = time.monotonic()
+    running.nodes[name].process.kill()
+    lines: list[str] = []
+    running.until(lambda: lines.extend(running.nodes.check("")) or lines)
+    assert lines == [f"{name} ended with status -9 and is started again; 0 restarts are left"]
+    running.until(lambda: watch.when(Event.RESUMED, f"{name} answers again") > killed)
+    running.until(lambda: watch.state.state == SupervisorState.READY)
+    assert watch.when(Event.STALE, f"{name} has ended") > killed
+    assert watch.mode == CeilingState.FAULT
+    height = watch.ceiling[-1].height
+    running.arm()
+    assert watch.ceiling[-1].height == pytest.approx(height, abs=0.05)
+    running.nodes[name].process.kill()
+    running.until(lambda: running.nodes[name].status is not None)
+    with pytest.raises(NodeDiedError, match=f"{name} ended with status -9"):
+        running.nodes.check("")
 
 
 def test_a_level_that_is_passed_switches_the_motor_off_and_so_does_the_operator_until_a_rearm(start: Start) -> None:
@@ -79,8 +102,7 @@ def test_a_level_that_is_passed_switches_the_motor_off_and_so_does_the_operator_
     height = watch.ceiling[-1].height
     running.spin(0.5)
     assert (watch.mode, watch.ceiling[-1].height) == (CeilingState.DISARMED, height)
-    assert running.call(Trigger, "supervisor_node/rearm").success
-    running.until(lambda: watch.mode in (CeilingState.MOVING, CeilingState.HOLDING))
+    running.arm("supervisor_node/rearm")
     asked = time.monotonic()
     assert running.call(Trigger, "supervisor_node/stop").success
     running.until(lambda: watch.mode == CeilingState.DISARMED)

@@ -83,14 +83,20 @@ def keep_running(nodes: Processes) -> None:
 
     with watching(lambda _text: None) as (watch, listen), stop_key(watch.stop_motor):
         while True:
-            nodes.check(except_for="")
+            _check(nodes, watch, except_for="")
             listen()
+
+
+def _check(nodes: Processes, watch: Any, except_for: str) -> None:
+    for text in nodes.check(except_for):
+        to_stderr(text)
+        watch.restarted(text)
 
 
 def run_realtime(
     commands: Sequence[tuple[str, list[str]]], logs: Path, progress: Callable[[float], None], *,
     source: str = "plant_node", namespace: str = "", follow: Callable[[float, Any], None] | None = None,
-    calls: Sequence[tuple[float, str]] = (),
+    calls: Sequence[tuple[float, str]] = (), restarts: int = 0,
 ) -> None:  # fmt: skip
     """Run the graph until the node `source` has ended; `progress` is called with the data time [s].
 
@@ -103,7 +109,7 @@ def run_realtime(
     from atpid_control.nodes.composition import watching
 
     with (
-        Processes(commands, logs) as nodes,
+        Processes(commands, logs, restarts=restarts) as nodes,
         watching(to_stderr, namespace, follow, calls) as (watch, listen),
         stop_key(watch.stop_motor),
     ):
@@ -111,7 +117,7 @@ def run_realtime(
         elapsed, since = 0.0, time.monotonic()
         while last.status is None:
             listen()
-            nodes.check(except_for=source)
+            _check(nodes, watch, except_for=source)
             if watch.elapsed != elapsed:
                 elapsed, since = watch.elapsed, time.monotonic()
                 progress(elapsed)

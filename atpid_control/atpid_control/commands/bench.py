@@ -46,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--emulated-stand", action="store_true", help=emulated)
     priority = "real time: SCHED_FIFO priority of every node, 1 to 99, with its memory locked, where that is allowed"
     add("--priority", type=whole(0, 99), default=0, help=priority)
+    restarts = "real time: how often, in all, a killed identifier or selector is started again; default: the run ends"
+    add("--restarts", type=whole(0, 100), default=0, help=restarts)
     domain = "ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one"
     add("--domain", type=whole(0, MOST), help=domain)
 
@@ -104,7 +106,7 @@ def _run_nodes(
         try:
             if paced:
                 print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
-                run_realtime(commands(parameter_file), out / "log", progress)
+                run_realtime(commands(parameter_file), out / "log", progress, restarts=args.restarts)
             else:
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from atpid_common import files
-from atpid_common.arguments import file_path
+from atpid_common.arguments import file_path, whole
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
 from atpid_control.bench.running import keep_running
@@ -30,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", type=file_path, help="height map; not given: the one the scene names")
     parser.add_argument("--bag", type=file_path, help="folder of the bag to make; not given: run-<id> in this folder")
     parser.add_argument("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
+    restarts = "how often, in all, a killed identifier or selector is started again; default: the stand ends"
+    parser.add_argument("--restarts", type=whole(0, 100), default=0, help=restarts)
     for name, file in (("labjack", LABJACK), ("ni", _NI), ("motor", SERIAL_MOTOR)):
         text = f"parameter file of {file.name}; not given: {file.config} of the package"
         parser.add_argument(f"--{name}-config", type=file_path, metavar="FILE", help=text)
@@ -49,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder,
         suppress(KeyboardInterrupt),
         stoppable(),
-        Processes(commands_of(args, Path(folder)), None) as nodes,
+        Processes(commands_of(args, Path(folder)), None, restarts=args.restarts) as nodes,
     ):
         keep_running(nodes)
     return DONE

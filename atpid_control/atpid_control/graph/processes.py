@@ -19,6 +19,8 @@ from atpid_control.graph import BenchError, NodeDiedError, segments
 _TIMEOUT = 10.0
 _LAST_LINES = 3
 _ERROR = "error: "  # begins the line with which a node refuses its input
+#: Nodes that may be started again in mid-run: they hold nothing that the run depends on, and move nothing.
+RESTARTABLE = ("identifier_node", "selector_node")
 #: What starts a process: it is sent SIGTERM if the bench is killed, so that no node keeps running.
 _START = ("setpriv", "--pdeathsig", "TERM")
 #: And a node: these signals are blocked until it handles them, so that none is lost or a traceback while Python starts.
@@ -30,12 +32,12 @@ class NodeProcess:
 
     def __init__(self, name: str, command: Sequence[str], log: Path | None) -> None:
         """Start it, in a session of its own: Ctrl-C at the terminal reaches the bench, which stops them in order."""
-        self.name, self.log = name, log
+        self.name, self.command, self.log = name, command, log
         environment = os.environ | {"PYTHONUNBUFFERED": "1", "RCUTILS_COLORIZED_OUTPUT": "0"}
         if not Path(command[0]).exists() and shutil.which(command[0]) is None:
             raise BenchError(f"{name}: {command[0]} cannot be started: no such file; `make setup`")
         with ExitStack() as stack:
-            sink = stack.enter_context(log.open("wb")) if log else None
+            sink = stack.enter_context(log.open("ab")) if log else None
             try:
                 self.process = subprocess.Popen(
                     [*(START_NODE if name.endswith("_node") else _START), *command],
@@ -74,12 +76,13 @@ class NodeProcess:
 class Processes:
     """All nodes of a run, as a context: leaving it ends all processes."""
 
-    def __init__(self, commands: Iterable[tuple[str, Sequence[str]]], logs: Path | None) -> None:
-        """Take (name, command) in the order of stopping: sources first, the recorder last.
+    def __init__(self, commands: Iterable[tuple[str, Sequence[str]]], logs: Path | None, *, restarts: int = 0) -> None:
+        """Take (name, command) in the order of stopping: the motor first, the recorder last.
 
-        logs: folder of the log files; None: what the nodes print goes to the terminal.
+        logs: folder of the log files; None: what the nodes print goes to the terminal. restarts: how often, in all,
+        a node of `RESTARTABLE` that was ended by a signal is started again.
         """
-        self._commands, self._logs = list(commands), logs
+        self._commands, self._logs, self._left = list(commands), logs, restarts
         self.nodes: list[NodeProcess] = []
 
     def __enter__(self) -> Processes:
@@ -105,12 +108,24 @@ class Processes:
                 node.stop()
             segments.clean(age=0.0)
 
-    def check(self, except_for: str) -> None:
-        """Raise NodeDiedError, with its name and the reason, if any node but `except_for` has ended."""
-        for node in self.nodes:
-            if node.status is not None and node.name != except_for:
+    def check(self, except_for: str) -> list[str]:
+        """Look whether all nodes but `except_for` run; return a line for each that was started again.
+
+        Raises NodeDiedError, with its name and the reason, for one that has ended and is not.
+        """
+        restarted = []
+        for place, node in enumerate(self.nodes):
+            if node.status is None or node.name == except_for:
+                continue
+            ended = f"{node.name} ended with status {node.status}"
+            # one that ended by itself refused its input, and would again
+            if node.status >= 0 or node.name not in RESTARTABLE or not self._left:
                 where = f" (whole log: {node.log})" if node.log else ""
-                raise NodeDiedError(f"{node.name} ended with status {node.status}: {node.reason()}{where}")
+                raise NodeDiedError(f"{ended}: {node.reason()}{where}")
+            self._left -= 1
+            self.nodes[place] = NodeProcess(node.name, node.command, node.log)
+            restarted.append(f"{ended} and is started again; {self._left} restarts are left")
+        return restarted
 
     def __getitem__(self, name: str) -> NodeProcess:
         return next(node for node in self.nodes if node.name == name)

@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 
 from atpid_common.loopback import confine
 from atpid_common.nodes.checked import subscribe
+from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, STATES, nanoseconds_of
 from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import ANNOUNCE_AFTER, COMPILING, announced, to_stderr
@@ -168,7 +169,7 @@ ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class BenchWatch(Node):
     """Follows the estimates' stamps, the events and, until the first estimate, the log; passes on the operator's stop.
 
-    It publishes nothing.
+    It publishes an event where a node was started again, and nothing else.
     """
 
     def __init__(
@@ -193,7 +194,12 @@ class BenchWatch(Node):
         subscribe(self, Excitation, "excitation", self._on_excitation, STATES)
         subscribe(self, Event, "events", self._on_event, EVENTS)
         self.create_subscription(Log, "/rosout", self._on_log, ROSOUT)
+        self._events = EventPublisher(self)
         self._stops = [self.create_client(Trigger, f"{name}/stop") for name in STOPPED_BY]
+
+    def restarted(self, text: str) -> None:
+        """Publish that a node was started again."""
+        self._events.publish(Event.ALARM, Event.SUPERVISION, text)
 
     def stop_motor(self) -> None:
         """Ask for the motor to be switched off, from any thread; the answers are printed while it spins."""
