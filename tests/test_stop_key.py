@@ -59,8 +59,8 @@ class Terminal:
 def emulator(tmp_path: Path) -> Iterator[Emulator]:
     if missing_tools() and not os.environ.get("CI"):
         pytest.skip("left out: the AVR tools are missing")
-    options = {"height": 0.02, "bootloader": 0.05, "reset_on_open": True}
-    with Emulator(tmp_path / "board", eeprom=tmp_path / "eeprom", **options) as made:
+    eeprom = tmp_path / "eeprom"
+    with Emulator(tmp_path / "board", eeprom=eeprom, height=0.02, bootloader=0.05, reset_on_open=True) as made:
         made.pace(1.0)
         yield made
 

@@ -75,8 +75,8 @@ def killed_and_started_again(running: Supervised, name: str) -> None:
     watch = running.watch
     killed = time.monotonic()
     running.nodes[name].process.kill()
-    lines: list[str] = []
-    running.until(lambda: lines.extend(running.nodes.check("")) or lines)
+    running.until(lambda: running.nodes[name].status is not None)
+    lines = running.nodes.check("")
     assert lines == [f"{name} ended with status -9 and is started again; 0 restarts are left"]
     running.until(lambda: watch.when(Event.RESUMED, f"{name} answers again") > killed)
     running.until(lambda: watch.state.state == SupervisorState.READY)

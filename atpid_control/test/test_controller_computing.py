@@ -85,9 +85,13 @@ class Twin:
 class Loop:
     """A controller whose computations the test finishes, fed with one estimate each 50 ms."""
 
-    def __init__(self, executor: Executor | None = None, twin: Twin | None = None) -> None:
+    def __init__(
+        self, executor: Executor | None = None, twin: Twin | None = None, fallback: Linear | None = None
+    ) -> None:
         self.executor, self.selector, self.time, self.height = Held(), Linear(), 0.0, 0.017
-        self.controller = SelectingController(SETTINGS, self.selector, (0.017, 1.0), twin, executor or self.executor)
+        executor = executor or self.executor
+        self.controller = SelectingController(SETTINGS, self.selector, (0.017, 1.0), twin, executor, fallback)
+        self.events: list[tuple[str, int, str]] = []
 
     def feed(self, *amplitudes: float, quality: Quality = Quality.STEADY, beam: float = math.nan) -> list[Command]:
         """Return the commands that answer these amplitudes; the ceiling is at once where it is sent."""
@@ -96,7 +100,10 @@ class Loop:
             estimate = Estimate(
                 quality=quality, amplitude=amplitude, amplitude_std=1e-6, frequency=5.49, beam_amplitude=beam
             )
-            commands.append(self.controller.answer(self.time, estimate, self.height).command)
+            answer = self.controller.answer(self.time, estimate, self.height)
+            commands.append(answer.command)
+            if answer.kind:
+                self.events.append((answer.kind, answer.severity, answer.text))
             self.time += 0.05
             self.height = commands[-1].height if commands[-1].height > 0.0 else self.height
         return commands
@@ -261,3 +268,49 @@ def test_a_thread_computes_with_a_lower_priority_than_the_loop() -> None:
 
     with threaded("computation") as executor:
         assert executor.submit(nice).result() > nice()
+
+
+class Looked(Linear):
+    """A look-up: lower heights, at once."""
+
+    method, simulates = "lookup", False
+
+    def select(self, amplitude: float, *args: float, **kwargs: float) -> Selection:
+        given = super().select(amplitude, *args, **kwargs)
+        return Selection(0.9 * given.height, given.beam_amplitude, given.efficiency, self.method)
+
+
+def test_a_method_that_is_late_is_replaced_by_the_look_up_until_it_answers_in_time() -> None:
+    loop = Loop(fallback=Looked())
+    late = loop.feed(*[0.015] * (3 + 20))
+    assert [command.method for command in late] == ["direct"] * 22 + ["lookup"]
+    assert late[-1].height == pytest.approx(0.9 * 0.285)
+    assert loop.events == [("fallback", 2, "direct has given no height for 20 estimates: heights are looked up")]
+    loop.executor.compute()
+    assert {command.method for command in loop.feed(*[0.015] * 5)} == {"lookup"}, "a late height is dropped"
+    # out of use it is asked first, and the look-up answers meanwhile, without another event
+    assert loop.feed(*[0.02] * 5)[-1].method == "lookup"
+    assert len(loop.events) == 1
+    loop.executor.compute()
+    (answered,) = loop.feed(0.02)
+    assert (answered.method, answered.height) == ("direct", pytest.approx(0.38))
+    assert loop.events[1:] == [("fallback", 0, "direct gives heights in time again")]
+
+
+def test_a_method_that_fails_is_replaced_by_the_look_up() -> None:
+    loop = Loop(InlineExecutor(), fallback=Looked())
+    loop.selector.error = SelectionError("no height for this excitation")
+    assert loop.feed(*[0.015] * (4 + 20))[-1].method == "lookup"
+    assert [kind for kind, _, _ in loop.events] == ["refused", "fallback"]
+    loop.selector.error = None
+    assert loop.feed(*[0.02] * 4)[-1].method == "direct"
+    assert [kind for kind, _, _ in loop.events] == ["refused", "fallback", "fallback"]
+
+
+def test_without_a_look_up_the_ceiling_is_held_which_is_announced_once() -> None:
+    loop = Loop()
+    assert all(math.isnan(command.height) for command in loop.feed(*[0.015] * 60))
+    assert loop.events == [("fallback", 2, "direct has given no height for 20 estimates: the ceiling is held")]
+    loop.executor.compute()
+    assert loop.feed(0.015)[0].height == pytest.approx(0.285)
+    assert loop.events[-1] == ("fallback", 0, "direct gives heights in time again")

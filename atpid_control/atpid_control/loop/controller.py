@@ -10,7 +10,8 @@ import numpy as np
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
 from atpid_control.loop.drift import DriftAlarm, ModelCheck, Twin
-from atpid_control.loop.hold import OFF_RESONANCE, Hold, Verdict
+from atpid_control.loop.fallback import Fallback
+from atpid_control.loop.hold import NO_HEIGHT, OFF_RESONANCE, Hold, Verdict
 from atpid_control.loop.protocol import ALARM, Answer, Command, ControlSettings
 from atpid_control.loop.step_back import StepBackMonitor
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
@@ -26,6 +27,7 @@ class _Computation:
     verdict: Verdict
     margin: float  # [-]
     result: Future[Selection]
+    begun: int  # estimates before it
 
 
 class SelectingController:
@@ -37,12 +39,13 @@ class SelectingController:
 
     def __init__(
         self, settings: ControlSettings, selector: HeightSelector, limits: tuple[float, float],
-        twin: Twin | None = None, executor: Executor | None = None,
+        twin: Twin | None = None, executor: Executor | None = None, fallback: HeightSelector | None = None,
     ) -> None:  # fmt: skip
         """Take the method, and the lowest and highest height [m].
 
         twin: predicts the beam's amplitude, to be compared with the measured one; None: it is not compared.
-        executor: where heights and twin are computed, one call at a time; None: inline.
+        executor: where heights and twin are computed, one call at a time; None: inline. fallback: looks heights up
+        where the method fails or is late; None: the ceiling is held.
         """
         executor = executor or InlineExecutor()
         # a height that is only looked up comes with the answer, in real time as in lockstep
@@ -51,7 +54,9 @@ class SelectingController:
         self._step_back = StepBackMonitor(settings.step_back, limits[0])
         self._model_check = ModelCheck(twin, DriftAlarm(settings.drift), executor) if twin is not None else None
         self._settings = settings
+        self._fallback = Fallback(selector.method, fallback, settings.fallback_count)
         self._computation: _Computation | None = None
+        self._estimates = 0
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
         self._command = Command(method=selector.method)
         self._refusal = ""
@@ -62,12 +67,13 @@ class SelectingController:
         another_margin = settings.margin != before.margin
         if another_margin or settings.hold != before.hold:
             self._hold.configure(settings.hold, select_anew=another_margin and self._command.sequence > 0)
-        self._step_back.settings = settings.step_back
+        self._step_back.settings, self._fallback.count = settings.step_back, settings.fallback_count
         if self._model_check is not None and settings.drift != before.drift:
             self._model_check.alarm = DriftAlarm(settings.drift)
 
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
+        self._estimates += 1
         verdict = self._hold.judge(estimate)
         standing = abs(height - self._command.height) <= _ARRIVED
         step = self._step_back.watch(estimate.beam_amplitude, self._expected, standing)
@@ -76,6 +82,9 @@ class SelectingController:
             return self._selected(computed, estimate)
         if step:
             return self._stepped_back()
+        replaced = self._replaced(verdict, estimate, height)
+        if replaced is not None:
+            return replaced
         if verdict.refused:
             self._command = replace(self._command, reason=verdict.reason)
             return self._refuse(verdict.reason, verdict.reason, estimate)
@@ -98,7 +107,7 @@ class SelectingController:
             excitation = (verdict.amplitude, verdict.amplitude_std, estimate.frequency)
             select, margin = self._selector.select, self._settings.margin
             result = self._executor.submit(select, *excitation, margin=margin, height=height)
-            self._computation = _Computation(verdict, margin, result)
+            self._computation = _Computation(verdict, margin, result, self._estimates)
         return done or self._take_done(estimate)
 
     def _take_done(self, estimate: Estimate) -> _Computation | None:
@@ -113,8 +122,34 @@ class SelectingController:
         error = done.result.exception()
         if error is not None and not isinstance(error, SelectionError):
             raise error  # a defect, also where its result is not needed any more
-        valid = done.margin == self._settings.margin and self._hold.agrees(done.verdict.amplitude, estimate)
+        late = self._fallback.selector is not None and self._estimates - done.begun >= self._fallback.count
+        valid = (
+            not late and done.margin == self._settings.margin and self._hold.agrees(done.verdict.amplitude, estimate)
+        )
         return done if valid else None
+
+    def _replaced(self, verdict: Verdict, estimate: Estimate, height: float) -> Answer | None:
+        """Return the answer in place of a method that has given no height for too long; None: it is not needed."""
+        asked = verdict.select or verdict.reason == NO_HEIGHT
+        if not asked:
+            self._fallback.not_asked()
+        if not asked or not self._fallback.due():
+            return None
+        selector, excitation = self._fallback.selector, (estimate.amplitude, estimate.amplitude_std, estimate.frequency)
+        if selector is None:
+            # a refusal was reported already; one that is only late was not
+            late = verdict.select and not self._fallback.active
+            return (
+                self._fallback.announced(Answer(self._command), estimate.amplitude, "the ceiling is held")
+                if late
+                else None
+            )
+        try:
+            selection = selector.select(*excitation, margin=self._settings.margin, height=height)
+        except SelectionError:
+            return None  # held, as without a fallback
+        taken = Verdict(True, f"{self._selector.method} gave no height", estimate.amplitude, estimate.amplitude_std)
+        return self._fallback.announced(self._taken(selection, taken), estimate.amplitude, "heights are looked up")
 
     def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
         """Compare the beam with the twin where excitation, ceiling and beam have settled."""
@@ -153,9 +188,13 @@ class SelectingController:
             selection = computed.result.result()
         except SelectionError as error:
             self._hold.failed(verdict.amplitude)
-            reason = "no height for this amplitude"
+            reason = NO_HEIGHT
             self._command = replace(self._command, reason=reason)
             return self._refuse(reason, str(error), estimate)
+        return self._fallback.answered(self._taken(selection, verdict))
+
+    def _taken(self, selection: Selection, verdict: Verdict) -> Answer:
+        """Command a height that was selected."""
         self._hold.acted(verdict.amplitude)
         self._restart()
         self._command = self._limited(selection, verdict)

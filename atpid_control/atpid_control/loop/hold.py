@@ -14,7 +14,7 @@ from itertools import pairwise
 from atpid_common.errors import InputError
 from atpid_control.identification import Estimate, Quality
 
-OFF_RESONANCE = "frequency off resonance"
+OFF_RESONANCE, NO_HEIGHT = "frequency off resonance", "no height for this amplitude"
 
 
 class HoldError(InputError):
@@ -92,7 +92,7 @@ class Hold:
             self._reset()
             return Verdict(False, "inside dead band")
         if self.inside(estimate, self._failed):
-            return Verdict(False, "no height for this amplitude", refused=True)
+            return Verdict(False, NO_HEIGHT, refused=True)
         if estimate.amplitude < self.acted_amplitude and not inside:
             self._rising.clear()
             self._falling += 1

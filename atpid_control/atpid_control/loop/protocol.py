@@ -13,7 +13,7 @@ from atpid_control.loop.hold import HoldSettings
 from atpid_control.loop.step_back import StepBack
 
 #: Severities of an Event.
-WARNING, ALARM = 1, 2
+INFO, WARNING, ALARM = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Answer:
     """The command that answers one estimate and, where there is an event, its kind, text and quantity."""
 
     command: Command
-    kind: str = ""  # refused, step_back or drift; empty: no event
+    kind: str = ""  # refused, step_back, drift or fallback; empty: no event
     text: str = ""
     value: float = math.nan
     severity: int = WARNING
@@ -60,3 +60,4 @@ class ControlSettings:
     step_back: StepBack
     drift: DriftSettings
     margin: float  # standard deviations of the amplitude the height must be safe for [-]
+    fallback_count: int = 20  # estimates in a row without a height of the method, before the look-up answers

@@ -48,13 +48,18 @@ def control_settings(value: Value, frequency: float) -> ControlSettings:
         ),
         drift=_read(DriftSettings, value, "drift_"),
         margin=float(value("margin")),
+        fallback_count=int(value("fallback_count")),
     )
 
 
-def controller_of(value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None = None) -> Controller:
+def controller_of(
+    value: Value, scene: Scene, selector: HeightSelector, executor: Executor | None = None,
+    fallback: HeightSelector | None = None,
+) -> Controller:  # fmt: skip
     """Return the controller for a scene, by the parameters of selector.yaml.
 
-    executor: where heights are computed; None: inline. Raises HoldError or WatchError where the parameters contradict
+    executor: where heights are computed; None: inline. fallback: looks heights up where the selector fails.
+    Raises HoldError or WatchError where the parameters contradict
     themselves.
     """
     if not isinstance(scene.ceiling, ControlledCeiling):
@@ -62,7 +67,7 @@ def controller_of(value: Value, scene: Scene, selector: HeightSelector, executor
     # only a tone has a steady state to compare the beam with
     twin = SteadyTwin(scene) if isinstance(scene.excitation, HarmonicExcitation) else None
     settings = control_settings(value, scene.frequency_hz)
-    return SelectingController(settings, selector, scene.ceiling.range, twin, executor)
+    return SelectingController(settings, selector, scene.ceiling.range, twin, executor, fallback)
 
 
 def identification_settings(value: Value) -> identification.Settings:

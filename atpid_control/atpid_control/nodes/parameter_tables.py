@@ -88,6 +88,10 @@ SELECTOR = (
         "margin", 3.0, "standard deviations of the amplitude the height must be safe for; 0: bare optimum", "-", 0.0,
         100.0,
     ),
+    _live(
+        "fallback_count", 20, "estimates in a row without a height, before the look-up answers where a map is given",
+        "", 1, 10_000,
+    ),
     Row("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
     _live(
         "stale_timeout", 0.4, "silence of excitation or ceiling/state after which an event is published", "s", 0.1,

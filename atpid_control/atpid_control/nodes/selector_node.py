@@ -88,7 +88,9 @@ class SelectorNode(Node):
         # warm-up call: a method that simulates loads its kernels now, not while the structure vibrates
         with suppress(SelectionError):
             selector.select(scene.grain.radius, frequency=scene.frequency_hz)
-        inner = controller_of(self.parameters.__getitem__, scene, selector, self._loop_executor)
+        given = self.parameters["map"] or scene.ceiling.map
+        fallback = self._make_selector("lookup") if selector.simulates and given else None
+        inner = controller_of(self.parameters.__getitem__, scene, selector, self._loop_executor, fallback)
         return SearchingController(inner, scene.ceiling.range)
 
     def _make_topics(self) -> None:
