@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import rclpy
 from atpid_interfaces.msg import CeilingState, Event, SupervisorState
+from graph_runs import scene_file
 from std_srvs.srv import Trigger
 from supervised_graph import Supervised
 
@@ -20,6 +21,7 @@ from atpid_control.graph.domain import own_domain
 pytestmark = pytest.mark.slow
 
 STEADY = {"duration": 90.0, "steady_window": [80.0, 90.0], "amplitude": [[0.0, 0.0], [0.5, 0.015], [90.0, 0.015]]}
+WIDER = {"closed": 0.017, "range": [0.017, 1.4], "speed": 0.3, "controller": "lookup"}
 Start = Callable[..., Supervised]
 
 
@@ -62,6 +64,8 @@ def test_a_hung_node_is_named_the_ceiling_held_and_the_motor_off(start: Start, t
     assert watch.ceiling[-1].height == height
     running.arm()
     killed_and_started_again(running, "selector_node")
+    checked = running.call(Trigger, "supervisor_node/check")
+    assert (checked.success, checked.message) == (True, "loop check passed")
     running.close_nodes()
     bag = open_bag(tmp_path / "bag")
     assert "selector_node answers again" in " ".join(event.text for _, event in bag.messages("/events"))
@@ -118,3 +122,16 @@ def test_a_needed_node_that_stays_away_ends_the_run_with_its_name(start: Start) 
     assert supervisor.status == 2
     assert supervisor.reason() == "selector_node has not answered for 1 s: the run ends"
     running.nodes["selector_node"].process.send_signal(signal.SIGCONT)
+
+
+def test_a_loop_that_fails_its_check_is_refused_with_what_failed(scenes: Path, tmp_path: Path, start: Start) -> None:
+    (tmp_path / "other").mkdir()
+    other = scene_file(scenes / "thesis_4_3.yaml", tmp_path / "other", ceiling=WIDER)
+    running = start(scene=str(other), check_time=3.0)
+    supervisor = running.nodes["supervisor_node"]
+    running.until(lambda: supervisor.status is not None)
+    assert supervisor.status == 2
+    expected = "loop check: ceiling: scene 0.017 to 1.4 m, motor node 0.017 to 1 m; allowed: a scene inside the motor's"
+    assert supervisor.reason().startswith(expected)
+    assert any(event.kind == Event.ABORT and event.text.startswith(expected) for _, event in running.watch.events)
+    running.until(lambda: running.watch.mode == CeilingState.DISARMED)

@@ -22,7 +22,9 @@ def generate_launch_description() -> LaunchDescription:
         GraphNode("atpid_control", "identifier_node", config("atpid_control", "identifier.yaml")),
         GraphNode("atpid_control", "selector_node", config("atpid_control", "selector.yaml"), selector),
         GraphNode("atpid_driver", "motor_node", LaunchConfiguration("motor_config"), {"supervised": True}),
-        GraphNode("atpid_control", "supervisor_node", config("atpid_control", "supervisor.yaml")),
+        GraphNode(
+            "atpid_control", "supervisor_node", config("atpid_control", "supervisor.yaml"), {"scene": text("scene")}
+        ),
         GraphNode(
             "atpid_sim", "plant_node", config("atpid_sim", "plant.yaml"), {"scene": text("scene")}, ends_run=True
         ),

@@ -25,7 +25,9 @@ def generate_launch_description() -> LaunchDescription:
         GraphNode("atpid_control", "identifier_node", config("atpid_control", "identifier.yaml")),
         GraphNode("atpid_control", "selector_node", config("atpid_control", "selector.yaml"), selector),
         GraphNode("atpid_driver", "motor_node", LaunchConfiguration("motor_config"), {"supervised": True}),
-        GraphNode("atpid_control", "supervisor_node", config("atpid_control", "supervisor.yaml")),
+        GraphNode(
+            "atpid_control", "supervisor_node", config("atpid_control", "supervisor.yaml"), {"scene": text("scene")}
+        ),
         GraphNode("atpid_driver", "labjack_node", LaunchConfiguration("labjack_config")),
         GraphNode("atpid_driver", "ni_node", LaunchConfiguration("ni_config"), condition=with_ni),
     )

@@ -75,7 +75,7 @@ def parameters_emulated(
     blocks = {"blocks_per_second": 1.0 / scene.recording.block}
     parameters["labjack_node"] = LABJACK.configured() | sampled | blocks
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
-    parameters[SUPERVISOR.name] = supervised((*PARTS, LABJACK, _FEED))
+    parameters[SUPERVISOR.name] = supervised((*PARTS, LABJACK, _FEED), scene, scene_file)
     return parameters
 
 

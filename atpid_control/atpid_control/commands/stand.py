@@ -63,7 +63,7 @@ def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[
     supervised = [part.name for part in (SERIAL_MOTOR, LABJACK, *([_NI] if args.ni else []), *_LOOP)]
     nodes: list[tuple[Part, Path | None, dict[str, Any]]] = [
         (SERIAL_MOTOR, args.motor_config, {"supervised": True}),
-        (SUPERVISOR, None, {"nodes": supervised}),
+        (SUPERVISOR, None, scene | {"nodes": supervised}),
         (LABJACK, args.labjack_config, {}),
         *([(_NI, args.ni_config, {})] if args.ni else []),
         (NODES["identifier_node"], None, {}),

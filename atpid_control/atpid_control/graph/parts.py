@@ -103,13 +103,17 @@ def parameters_for(
         parameters["recorder_node"] |= {"faults": injected}
     if not lockstep:
         parameters["motor_node"]["supervised"] = True
-        parameters[SUPERVISOR.name] = supervised(PARTS)
+        parameters[SUPERVISOR.name] = supervised(PARTS, scene, scene_file)
     return parameters
 
 
-def supervised(parts: Iterable[Part]) -> dict[str, Any]:
-    """Return the supervisor's parameters for the nodes of a run: all of them have to answer."""
-    return SUPERVISOR.configured() | {"nodes": [part.name for part in parts]}
+def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> dict[str, Any]:
+    """Return the supervisor's parameters for the nodes of a run: all of them have to answer.
+
+    A scene with faults is run with them: its loop is not checked.
+    """
+    own: dict[str, Any] = {"nodes": [part.name for part in parts], "scene": str(scene_file)}
+    return SUPERVISOR.configured() | own | ({"check_time": 0.0} if scene.injected else {})
 
 
 def ceiling_parameters(scene: Scene) -> dict[str, float]:

@@ -106,6 +106,8 @@ SUPERVISOR = (
         "needed", ["identifier_node", "selector_node", "recorder_node"],
         "those of them without whose answers the ceiling is held and the motor gets no heartbeat",
     ),
+    Row("scene", "", "scene file, whose ceiling's limits the loop check compares; empty: they are not"),
+    Row("check_time", 5.0, "time from the first sample until the loop check has to pass; 0: none", "s", 0.0, 3600.0),
     Row("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
     Row("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
     *(

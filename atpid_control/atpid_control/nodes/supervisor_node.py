@@ -25,6 +25,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
+from atpid_control.nodes.loop_checker import LoopChecker
 from atpid_control.nodes.node_questions import NodeQuestions
 from atpid_control.nodes.parameter_tables import SUPERVISOR
 from atpid_control.nodes.quantity_watch import QuantityWatch
@@ -67,11 +68,13 @@ class SupervisorNode(Node):
         self._states = self.create_publisher(SupervisorState, "supervisor/state", STATES)
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._questions = NodeQuestions(self, self._answers)
+        self._check = LoopChecker(self, self._answers.nodes, self._values["scene"], self._values["check_time"])
         for topic in SENSORS:
             subscribe(self, SampleBlock, topic, self._on_block, BLOCKS)
         subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         self.create_service(Trigger, "~/stop", self._on_stop)
         self.create_service(Trigger, "~/rearm", self._on_rearm)
+        self.create_service(Trigger, "~/check", self._on_check)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._own_timers = [
             self.create_timer(TURN, self._turn, clock=steady),
@@ -85,11 +88,30 @@ class SupervisorNode(Node):
         self._questions.ask(now)
         self._publish(now)
         lost = self._supervision.given_up(now, self._values["give_up"])
-        if lost and not self.done.done():
-            self.error = f"{lost} has not answered for {self._values['give_up']:g} s: the run ends"
-            self._events.publish(Event.ALARM, Event.SUPERVISION, self.error, self._answers.silence(lost, now))
-            print(f"error: {self.error}", file=sys.stderr, flush=True)
-            self.done.set_result(BAD_INPUT)
+        if lost:
+            silence = self._answers.silence(lost, now)
+            self._end(f"{lost} has not answered for {self._values['give_up']:g} s: the run ends", silence)
+        self._check_loop(now)
+
+    def _check_loop(self, now: float) -> None:
+        before = self._check.passed
+        found = self._check.turn(now)
+        for line in found:
+            self._events.publish(Event.ALARM, Event.ABORT, f"loop check: {line}")
+        if found:
+            self._stop(f"loop check: {'; '.join(found)}")
+            self._end(f"loop check: {'; '.join(found)}", float(len(found)))
+        elif self._check.passed and not before:
+            self._events.publish(Event.INFO, Event.SUPERVISION, "loop check passed")
+
+    def _end(self, text: str, value: float) -> None:
+        """End the run, with a line that gives the reason."""
+        if self.done.done():
+            return
+        self.error = text
+        self._events.publish(Event.ALARM, Event.SUPERVISION, text, value)
+        print(f"error: {text}", file=sys.stderr, flush=True)
+        self.done.set_result(BAD_INPUT)
 
     def _report(self, change: Change) -> None:
         if change.back:
@@ -121,6 +143,7 @@ class SupervisorNode(Node):
 
     def _on_block(self, block: SampleBlock) -> None:
         if not block.handshake:
+            self._check.on_block(block, time.monotonic())
             self._quantities.on_block(block, time.monotonic())
 
     def _on_state(self, state: CeilingState) -> None:
@@ -153,6 +176,12 @@ class SupervisorNode(Node):
             self._quantities.rearm()
             self._publish(time.monotonic())
             self._questions.rearm_motor()
+        return response
+
+    def _on_check(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Make the loop check now; nothing is moved or stopped."""
+        found = self._check.failures(time.monotonic())
+        response.success, response.message = not found, "\n".join(found) or "loop check passed"
         return response
 
     def _statuses(self) -> list[DiagnosticStatus]:

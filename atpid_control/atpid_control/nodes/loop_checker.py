@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop check, from the graph's messages: once, soon after the first sample, and on request."""
+
+from math import nan
+
+import numpy as np
+from atpid_interfaces.msg import RecorderStatus, SampleBlock
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.task import Future
+
+from atpid_common.nodes.checked import subscribe
+from atpid_common.nodes.messages import STATES, STATUS
+from atpid_control.supervision.loop_check import Ceiling, Found, Sensors, failures
+from atpid_sim.scene import ControlledCeiling, load_scene
+
+_LIMITS = ["lowest", "highest", "speed"]
+
+
+class LoopChecker:
+    """Collects what the check compares; `failures` returns what fails now."""
+
+    def __init__(self, node: Node, nodes: tuple[str, ...], scene: str, allowed: float) -> None:
+        """Subscribe; scene: file, empty: its limits are not compared; allowed: until all has to be right [s], 0: ever.
+
+        Raises SceneError.
+        """
+        self._nodes, self._allowed = nodes, allowed
+        ceiling = load_scene(scene).ceiling if scene else None
+        self._scene = Ceiling(*ceiling.range, ceiling.speed) if isinstance(ceiling, ControlledCeiling) else None
+        self._sensors, self._motor = Sensors(), Ceiling(nan, nan, nan)
+        self._status, self._errors = RecorderStatus(), dict[str, str]()
+        self._channels: set[str] = set()
+        self._begun: float | None = None
+        self.passed = allowed == 0.0
+        self._limits = node.create_client(GetParameters, "motor_node/get_parameters")
+        self._asked: Future | None = None
+        subscribe(node, RecorderStatus, "recorder/status", self._on_recorder, STATUS)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, STATES)
+
+    def on_block(self, block: SampleBlock, now: float) -> None:
+        """Take a block of samples received at the steady time `now` [s]."""
+        self._begun = self._begun or now
+        data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(block.channels))
+        for column, channel in enumerate(block.channels):
+            self._channels.add(channel)
+            self._sensors.push(channel, data[:, column], now)
+
+    def turn(self, now: float) -> list[str]:
+        """Go on at the steady time `now` [s]; return what fails still when the time allowed is over."""
+        if self._asked is None and self._scene is not None and self._limits.service_is_ready():
+            self._asked = self._limits.call_async(GetParameters.Request(names=_LIMITS))
+            self._asked.add_done_callback(self._on_limits)
+        if self.passed or self._begun is None:
+            return []
+        found = self.failures(now)
+        self.passed = not found or now - self._begun > self._allowed  # it is made once
+        return found if self.passed else []
+
+    def failures(self, now: float) -> list[str]:
+        """Return what fails at the steady time `now` [s], one line each."""
+        motor = self._motor if np.isfinite(self._motor.speed) else None
+        return failures(
+            Found(
+                now=now,
+                sensors=self._sensors,
+                scene=self._scene if "motor_node" in self._nodes else None,
+                motor=motor,
+                recorder_expected="recorder_node" in self._nodes,
+                recording=self._status.recording,
+                written=sum(self._status.written),
+                errors=self._errors,
+            )
+        )
+
+    def _on_limits(self, answer: Future) -> None:
+        if answer.exception() is None:
+            values = [value.double_value for value in answer.result().values]
+            self._motor = Ceiling(*values) if len(values) == len(_LIMITS) else self._motor
+
+    def _on_recorder(self, status: RecorderStatus) -> None:
+        self._status = status
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        """Keep what a source's watch reports of a channel: dead, frozen, clipped."""
+        for status in array.status:
+            channel = status.name.rsplit(": ", 1)[-1]
+            if channel not in self._channels:
+                continue
+            if status.level == DiagnosticStatus.ERROR:
+                self._errors[channel] = status.message
+            else:
+                self._errors.pop(channel, None)
