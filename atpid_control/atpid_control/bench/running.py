@@ -6,7 +6,7 @@ Only nodes/ imports rclpy; it is imported when a run begins, so that this module
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -108,10 +108,11 @@ def run_realtime(
     """
     from atpid_control.nodes.composition import watching
 
+    moves = any(name == "motor_node" for name, _ in commands)  # a replay has no motor
     with (
         Processes(commands, logs, restarts=restarts) as nodes,
         watching(to_stderr, namespace, follow, calls) as (watch, listen),
-        stop_key(watch.stop_motor),
+        stop_key(watch.stop_motor) if moves else nullcontext(),
     ):
         last = nodes[source]
         elapsed, since = 0.0, time.monotonic()

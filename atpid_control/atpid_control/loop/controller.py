@@ -135,21 +135,19 @@ class SelectingController:
             self._fallback.not_asked()
         if not asked or not self._fallback.due():
             return None
-        selector, excitation = self._fallback.selector, (estimate.amplitude, estimate.amplitude_std, estimate.frequency)
+        selector, amplitude = self._fallback.selector, estimate.amplitude
         if selector is None:
-            # a refusal was reported already; one that is only late was not
-            late = verdict.select and not self._fallback.active
-            return (
-                self._fallback.announced(Answer(self._command), estimate.amplitude, "the ceiling is held")
-                if late
-                else None
-            )
+            # a refusal was reported already; a method that is only late was not
+            announce = verdict.select and not self._fallback.active
+            held = Answer(self._command)
+            return self._fallback.announced(held, amplitude, "the ceiling is held") if announce else None
+        excitation = (amplitude, estimate.amplitude_std, estimate.frequency)
         try:
             selection = selector.select(*excitation, margin=self._settings.margin, height=height)
         except SelectionError:
             return None  # held, as without a fallback
-        taken = Verdict(True, f"{self._selector.method} gave no height", estimate.amplitude, estimate.amplitude_std)
-        return self._fallback.announced(self._taken(selection, taken), estimate.amplitude, "heights are looked up")
+        taken = Verdict(True, f"{self._selector.method} gave no height", amplitude, estimate.amplitude_std)
+        return self._fallback.announced(self._taken(selection, taken), amplitude, "heights are looked up")
 
     def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
         """Compare the beam with the twin where excitation, ceiling and beam have settled."""
@@ -188,9 +186,8 @@ class SelectingController:
             selection = computed.result.result()
         except SelectionError as error:
             self._hold.failed(verdict.amplitude)
-            reason = NO_HEIGHT
-            self._command = replace(self._command, reason=reason)
-            return self._refuse(reason, str(error), estimate)
+            self._command = replace(self._command, reason=NO_HEIGHT)
+            return self._refuse(NO_HEIGHT, str(error), estimate)
         return self._fallback.answered(self._taken(selection, verdict))
 
     def _taken(self, selection: Selection, verdict: Verdict) -> Answer:
