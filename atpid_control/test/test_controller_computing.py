@@ -293,7 +293,8 @@ def test_a_method_that_is_late_is_replaced_by_the_look_up_until_it_answers_in_ti
     assert len(loop.events) == 1
     loop.executor.compute()
     (answered,) = loop.feed(0.02)
-    assert (answered.method, answered.height) == ("direct", pytest.approx(0.38))
+    assert answered.method == "direct"
+    assert answered.height == pytest.approx(0.38)
     assert loop.events[1:] == [("fallback", 0, "direct gives heights in time again")]
 
 
