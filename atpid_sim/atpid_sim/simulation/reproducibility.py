@@ -139,7 +139,7 @@ class _Repetition:
         if late:
             table[held, columns.PHASE] -= held_error
         else:
-            table[np.ix_(held, _SUPPORT)] *= 1.0 + held_error
+            table[np.ix_(np.flatnonzero(held), np.asarray(_SUPPORT))] *= 1.0 + held_error
         return self._motion(_CHECKS[0][0], self.integration.initial_state(), table, 0).amplitude
 
     def _motion(self, share: float, state: State, table: Array, samples: int) -> _Motion:
