@@ -83,6 +83,7 @@ def test_types(kind: object, allowed: list[str], impossible: list[str]) -> None:
         ("recording", "verify BAG --support 0:1", "--support: given with verify; allowed: with extract"),
         ("standin", "standin --unplug", "a fault is given without a device"),
         ("reading", "reading mine.npz --position 0 --terminal AIN0", "readings mine.npz"),
+        ("study", "study free_decay --out DIR --scenes nowhere", "--scenes: given nowhere, no folder"),
     ],
 )  # fmt: skip
 def test_what_was_once_accepted_or_refused_too_late(

@@ -21,9 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("name", type=word, metavar="NAME", help="a study; all: every one; list: their names")
     parser.add_argument("--out", type=file_path, help="folder for rows and pictures; a finished study in it is kept")
-    parser.add_argument(
-        "--scenes", type=file_path, default=Path("scenes"), help="folder of the scenes; default: scenes"
-    )
+    parser.add_argument("--scenes", type=file_path, help="folder of the scenes; default: scenes")
     scheduler = "compute on the Dask cluster of this scheduler (optional extra)"
     parser.add_argument("--scheduler", type=word, metavar="ADDRESS", help=scheduler)
     parser.add_argument(
@@ -43,12 +41,13 @@ def run(args: argparse.Namespace) -> int:
     if args.out is None:
         raise StudyError("--out: none given; give a folder for rows and pictures")
     swept = {key for name in chosen for grid in load(name).sweep for key in grid}
-    if "scene_file" in swept and not args.scenes.is_dir():
-        raise StudyError(f"--scenes: given {args.scenes}, no folder; give that of the scenes")
+    scenes = args.scenes or Path("scenes")
+    if (args.scenes or "scene_file" in swept) and not scenes.is_dir():
+        raise StudyError(f"--scenes: given {scenes}, no folder; give that of the scenes")
     output.folder(args.out)
     if args.page is not None:
         output.page(args.page)
-    done = [_one(name, args.out, args.scenes, args.scheduler) for name in chosen]
+    done = [_one(name, args.out, scenes, args.scheduler) for name in chosen]
     if args.page is not None:
         for path in page.write_page(done, args.page):
             print(path)

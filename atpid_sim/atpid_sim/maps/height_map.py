@@ -27,6 +27,8 @@ from atpid_sim.system import Array
 FORMAT = 1
 
 _GRIDS = ("heights", "beam_amplitudes", "efficiencies", "reproducible")
+#: Least mass fraction of a row [-]: no grain weighs less, and ratios of rows are numbers.
+_LEAST_FRACTION = 1e-12
 #: Two mass fractions this close are the same [-].
 _SAME_FRACTION = 1e-9
 #: Size of a map's file at most, unpacked [bytes].
@@ -187,7 +189,7 @@ class HeightMap:
         return bool(
             self.tolerance > 0.0
             and ((self.amplitudes > 0.0) & (self.amplitudes <= _FARTHEST)).all()
-            and ((self.mass_fractions > 0.0) & (self.mass_fractions < 1.0)).all()
+            and ((self.mass_fractions >= _LEAST_FRACTION) & (self.mass_fractions < 1.0)).all()
             and ((heights >= diameter * (1.0 - 1e-9)) & (heights <= _FARTHEST)).all()
             and ((beams >= 0.0) & (beams <= _FARTHEST)).all()
             and (shares <= 1.0).all()
