@@ -22,6 +22,7 @@ from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.fidelity import choose, finite_error
 from atpid_sim.simulation.integration import Integration, Observation, impact_log
 from atpid_sim.simulation.simulate import Result, simulate, trajectory
+from atpid_sim.studies.extremes import broken, fidelities_for, run_case
 from atpid_sim.system import reduced_mass
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
@@ -137,6 +138,13 @@ def test_a_law_without_a_force_has_no_finite_contacts() -> None:
     with pytest.raises(ValueError, match="fidelity finite: the contact law impact has no force"):
         simulate(scene, "finite")
     assert choose(scene.with_(tolerance=1e-6)).fidelity == "impact"
+
+
+@pytest.mark.parametrize("number", [*range(12), 24])
+def test_an_extreme_system_ends_soundly(number: int) -> None:
+    """Number 24 is elastic: what its contacts lose is below the error of a table, and not negative."""
+    for fidelity in fidelities_for(7, number, ["finite"]):
+        assert broken(run_case(7, number, fidelity)) == ""
 
 
 @pytest.mark.slow

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from atpid_sim.commands.tradeoff import _answer, _draw, _markdown
+from atpid_sim.commands.tradeoff import _answer, _draw, _markdown, _steady
 from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.scene import load_scene
 from atpid_sim.studies.baselines import run_baseline
 from atpid_sim.studies.tradeoff import (
     REFERENCE,
+    STEADY_ERROR,
     Point,
     Reference,
     _error_as_read,
@@ -20,6 +21,7 @@ from atpid_sim.studies.tradeoff import (
     answers,
     measure,
     reference_of,
+    steady_trade,
     tightest,
     with_front,
 )
@@ -114,3 +116,12 @@ def test_fidelities_converge_to_the_reference() -> None:
     assert found["soft", 1e-8].amplitude_error < 1e-7
     assert found["soft", 1e-6].trajectory_error < 1e-4
     assert found["finite", 1e-6].amplitude_error < 1e-3  # the damper is open for half a second: what was closed counts
+
+
+def test_the_steady_motion_is_solved_for_sooner_than_waited_for() -> None:
+    found = steady_trade(STANDARD)
+    assert found is not None
+    assert max(found.error, found.waited_error) <= STEADY_ERROR
+    assert found.time_s < 0.5 * found.waited_time_s  # 0.15 on a quiet machine
+    assert "ratio" in _steady(found)
+    assert "No steady motion" in _steady(steady_trade(load_scene(SCENES / "irregular.yaml")))
