@@ -271,8 +271,7 @@ class MotorNode(DeviceNode):
         if self._active and before and not self._was_granted:
             severity = Event.INFO if self._permit.ending else Event.ALARM
             self._publish_event(severity, Event.SUPERVISION, nan, f"the ceiling is held: {self._permit.reason}")
-            with suppress(MotorError):  # not ready: it does not move
-                self._actuator.move(nan, self._actuator.observe(self._now()).sequence, self._now())
+            self._stop_moving()
 
     def _stop(self, reason: str) -> None:
         """Switch the motor off, once; it stays off until it is activated again."""
