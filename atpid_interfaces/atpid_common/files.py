@@ -5,8 +5,10 @@ import stat
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
@@ -16,6 +18,8 @@ _UNREADABLE = (
     EOFError, ValueError, KeyError, TypeError, RuntimeError, MemoryError, OverflowError, NotImplementedError,
     SyntaxError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
+#: What PyYAML raises for a text that is no YAML, or whose tags promise another kind of value: `!!bool maybe`.
+_NOT_YAML = (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 class FileError(InputError):
@@ -48,6 +52,14 @@ def read_text(path: Path, most: int) -> str:
         raise FileError(f"{path}: cannot be read: {error.strerror}; give the path of a file") from None
     except UnicodeDecodeError:
         raise FileError(f"{path}: is not text in UTF-8") from None
+
+
+def parse_yaml(text: str | bytes) -> Any:
+    """Return what a YAML text holds, plain types only. Raises FileError with the reason."""
+    try:
+        return yaml.safe_load(text)
+    except _NOT_YAML as error:
+        raise FileError(f"not YAML: {next(iter(str(error).splitlines()), type(error).__name__)}") from None
 
 
 def read_arrays(path: Path, most: int) -> dict[str, NDArray[np.generic]]:

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from atpid_common.errors import AtpidError
+from atpid_common.files import parse_yaml
 from atpid_common.injected_faults import Injected
 from atpid_common.message_checks import CHECKS, check_as
 from atpid_control.bags import check_rules as rules
@@ -83,8 +83,8 @@ class _Check:
                     self.limits.narrow(*scene.ceiling.range, scene.ceiling.speed)
                 self._expect(scene.injected)
             elif name.endswith((".yaml", ".yml")):
-                self._of_node(yaml.safe_load(data))
-        except (AtpidError, yaml.YAMLError, UnicodeDecodeError) as error:
+                self._of_node(parse_yaml(data))
+        except (AtpidError, UnicodeDecodeError) as error:
             self.findings.add("file", f"{name}: {str(error).splitlines()[0]}")
 
     def _expect(self, faults: tuple[Injected, ...]) -> None:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from atpid_common.files import FileError, parse_yaml
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.metadata import SCENE, commit_of
 from atpid_control.bags.read import Bag, open_bag
@@ -138,8 +137,8 @@ def changes_while_running(bag: Bag) -> list[str]:
 def _blocks(data: bytes) -> dict[str, Any]:
     """Return the blocks with `ros__parameters` of a parameter file; none where it is another file."""
     try:
-        document = yaml.safe_load(data) if len(data) < _MOST_BYTES else None
-    except (yaml.YAMLError, ValueError, LookupError, TypeError, RecursionError):
+        document = parse_yaml(data) if len(data) < _MOST_BYTES else None
+    except FileError:
         return {}
     if not isinstance(document, dict):
         return {}

@@ -13,7 +13,6 @@ from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import yaml
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
@@ -21,7 +20,7 @@ from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord,
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
-from atpid_common.files import FileError, read_text
+from atpid_common.files import FileError, parse_yaml, read_text
 from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError, in_words
@@ -190,10 +189,10 @@ def _compare(file: Path, counts: Counter[str]) -> None:
     if not path.is_file():
         raise BagError(f"{file.parent}: {metadata.FILE_NAME} is missing, so the recording was not closed; {repair}")
     try:
-        document = yaml.safe_load(read_text(path, _MOST_METADATA))
+        document = parse_yaml(read_text(path, _MOST_METADATA))
         listed = document["rosbag2_bagfile_information"]["topics_with_message_count"]
         counted = {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in listed}
-    except (FileError, yaml.YAMLError, LookupError, TypeError, ValueError, OverflowError, RecursionError):
+    except (FileError, LookupError, TypeError, ValueError, OverflowError):
         raise BagError(f"{path}: not what rosbag2 writes; {repair}") from None
     wrong = sorted(topic for topic in counted.keys() | counts.keys() if counted.get(topic, 0) != counts[topic])
     if wrong:
@@ -276,7 +275,7 @@ def _qos(channel: Channel) -> list[Any]:
     """Return the offered profiles a channel lists; none where they cannot be read: those of rosbag2 then apply."""
     text = channel.metadata.get("offered_qos_profiles", "")
     try:
-        found = yaml.safe_load(text) if len(text) < _MOST_METADATA else None
-    except (yaml.YAMLError, ValueError, RecursionError):
+        found = parse_yaml(text) if len(text) < _MOST_METADATA else None
+    except FileError:
         return []
     return found if isinstance(found, list) else []

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rich.console import Console
 
 from atpid_common.arguments import MOST_SEED, file_path, real, whole
+from atpid_common.files import FileError, parse_yaml
 from atpid_common.output import writing
 from atpid_control.bench import outdir
 from atpid_control.graph import BenchError
@@ -83,8 +83,8 @@ def _faults(path: Path | None) -> list[Mapping[str, Any]]:
     with writing(path, "--faults"):
         text = path.read_text(encoding="utf-8")
     try:
-        listed = yaml.safe_load(text)
-    except yaml.YAMLError:
+        listed = parse_yaml(text)
+    except FileError:
         listed = None
     if not isinstance(listed, list) or not listed or not all(isinstance(one, Mapping) for one in listed):
         raise BenchError(f"--faults: given {path}; allowed: a YAML list of faults, each with part and kind")

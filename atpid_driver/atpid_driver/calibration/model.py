@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import yaml
 from numpy.polynomial.polynomial import polyder, polyval
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from atpid_common.files import FileError, read_text
+from atpid_common.files import FileError, parse_yaml, read_text
 from atpid_driver.errors import DriverError
 
 MOST_BYTES = 100_000  # the longest of ours has some hundreds
@@ -67,11 +67,13 @@ class Calibration(BaseModel):
 def load(path: Path) -> Calibration:
     """Read a calibration file; CalibrationError names the file, the key, what was given and what is allowed."""
     try:
-        values: Any = yaml.safe_load(read_text(path, MOST_BYTES))
+        text = read_text(path, MOST_BYTES)
     except FileError as error:
         raise CalibrationError(f"calibration file {error}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: an impossible date
-        raise CalibrationError(f"calibration file {path} is not YAML: {str(error).splitlines()[0]}") from None
+    try:
+        values = parse_yaml(text)
+    except FileError as error:
+        raise CalibrationError(f"calibration file {path} is {error}") from None
     if not isinstance(values, dict):
         raise CalibrationError(f"calibration file {path} must be a table of keys, it is a {type(values).__name__}")
     try:
