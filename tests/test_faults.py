@@ -23,7 +23,7 @@ from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalSt
 from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
 from atpid_sim.scene import SceneError, standard_bench
 
-#: A representative of each kind and part; `python -m atpid_control faults` runs all. Part, kind, event, latest [s].
+#: How faults are detected, where that is more than the matrix itself requires: part, kind, event, latest [s].
 ROWS = [
     ("support_laser", "off", "fault", 0.25),
     ("support_laser", "stuck", "fault", 0.25),
@@ -57,6 +57,17 @@ def without(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Callable
 
     with own_domain(None):
         yield lambda part: reference(reference_of(part)), folder
+
+
+OTHERS = sorted(set(rows()) - {(part, kind) for part, kind, *_ in ROWS})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("part", "kind"), [one for one in OTHERS if one[0] in LOCKSTEP])
+def test_a_fault_is_felt(part: str, kind: str, without: tuple[Callable[[str], Finished], Path]) -> None:
+    reference, folder = without
+    fault = Injected(part, kind, BEGIN, END)
+    assert problems(row_of(fault, run((fault,), folder, f"{part}-{kind}"), reference(part))) == []
 
 
 @pytest.mark.slow
