@@ -207,7 +207,8 @@ def _impossible(name: str, words: list[str], place: int, value: str) -> bool:
     """Return whether the type of the option before `place` refuses the value, by the parser of the command itself."""
     parser = _PARSERS.get(name)
     if parser is None:  # of the commands with a parser of their own
-        return value in ("", "\0", "a\0b", "x" * 5000, "\n") or value in ("nan", "-1e999")
+        number = words[place] not in (*INPUTS, *OUTPUTS)  # a file may be called nan
+        return value in ("", "\0", "a\0b", "x" * 5000) or (number and value in ("\n", "nan", "-1e999"))
     found = parser._option_string_actions.get(words[place - 1])
     return found is not None and callable(found.type) and refused(found, value)
 

@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from atpid_common import output
 from atpid_common.arguments import file_path, real, whole
 from atpid_common.cli import Parser, guarded
+from atpid_control.bags import check_new
 from atpid_control.bags.playback import compare, load_playback
 from atpid_control.bags.read import Bag, open_bag
 from atpid_control.bags.replay_files import IDENTIFIER, PLAYED, RECORDER, REPLAY, SELECTOR, write_replay_files
@@ -83,6 +85,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         given = parser.parse_args(argv)
+        if given.record is not None:
+            check_new(given.record)
+            output.folder(given.record.parent, "--record")
         files = write_replay_files(
             given.bag, given.out, rate=given.rate, record=given.record, scene=given.scene, height_map=given.map
         )
