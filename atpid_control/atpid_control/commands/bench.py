@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from atpid_common.arguments import file_path, whole
+from atpid_common.arguments import file_path, positive, whole
 from atpid_common.output import writing
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.bench import outdir
@@ -48,6 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--priority", type=whole(0, 99), default=0, help=priority)
     restarts = "real time: how often, in all, a killed identifier or selector is started again; default: the run ends"
     add("--restarts", type=whole(0, 100), default=0, help=restarts)
+    move = (
+        "real time, "
+        "before the run: move the ceiling by METRES and back; direction, distance or speed that is wrong ends the run"
+    )
+    add("--move", type=positive("m"), default=0.0, metavar="METRES", help=move)
     domain = "ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one"
     add("--domain", type=whole(0, MOST), help=domain)
 
@@ -56,6 +61,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the bench; return 0. Raises AtpidError."""
     if not 0 <= args.priority <= 99 or (args.priority and not (args.real_time or args.emulated_stand)):
         raise BenchError(f"--priority: given {args.priority}; allowed: 1 to 99, with --real-time or --emulated-stand")
+    if args.move and not (args.real_time or args.emulated_stand):
+        raise BenchError(f"--move: given {args.move:g}; allowed: with --real-time or --emulated-stand")
     scene = load_scene(args.scene)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
@@ -93,6 +100,8 @@ def _run_nodes(
     # the map is stored in the bag, which has to replay the same commands after the map has changed
     chosen = parameters["selector_node"]["map"]
     parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
+    if args.move:
+        parameters["motor_node"]["check_move"] = args.move
     if args.priority:
         for values in parameters.values():
             values |= {"real_time_priority": args.priority, "lock_memory": True}

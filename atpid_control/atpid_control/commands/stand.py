@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from atpid_common import files
-from atpid_common.arguments import file_path, whole
+from atpid_common.arguments import file_path, positive, whole
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
 from atpid_control.bench.running import keep_running
@@ -32,6 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
     restarts = "how often, in all, a killed identifier or selector is started again; default: the stand ends"
     parser.add_argument("--restarts", type=whole(0, 100), default=0, help=restarts)
+    move = (
+        "before the run: move the ceiling by METRES and back; direction, distance or speed that is wrong ends the run"
+    )
+    parser.add_argument("--move", type=positive("m"), default=0.0, metavar="METRES", help=move)
     for name, file in (("labjack", LABJACK), ("ni", _NI), ("motor", SERIAL_MOTOR)):
         text = f"parameter file of {file.name}; not given: {file.config} of the package"
         parser.add_argument(f"--{name}-config", type=file_path, metavar="FILE", help=text)
@@ -62,7 +66,7 @@ def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[
     scene = {"scene": str(args.scene.absolute())}
     supervised = [part.name for part in (SERIAL_MOTOR, LABJACK, *([_NI] if args.ni else []), *_LOOP)]
     nodes: list[tuple[Part, Path | None, dict[str, Any]]] = [
-        (SERIAL_MOTOR, args.motor_config, {"supervised": True}),
+        (SERIAL_MOTOR, args.motor_config, {"supervised": True} | ({"check_move": args.move} if args.move else {})),
         (SUPERVISOR, None, scene | {"nodes": supervised}),
         (LABJACK, args.labjack_config, {}),
         *([(_NI, args.ni_config, {})] if args.ni else []),

@@ -2,7 +2,7 @@
 """The protocol that every ceiling implements. Heights are floor to ceiling [m], times integer nanoseconds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from math import nan
 from typing import Protocol, runtime_checkable
@@ -73,6 +73,7 @@ class Reading:
     velocity: float = 0.0
     speed: float = 0.0
     sequence: int = 0
+    time: float = field(default=nan, compare=False)  # when, by the board's own clock; NaN: it is of now [s]
 
     @property
     def ready(self) -> bool:

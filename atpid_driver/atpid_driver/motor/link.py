@@ -258,6 +258,7 @@ class Link:
             velocity=speed if upward or not speed else -speed,
             speed=self._settings.speed,
             sequence=self._sequence,
+            time=reply.uptime,
         )
 
     def _lost(self, error: MotorError) -> None:

@@ -11,6 +11,7 @@ from math import isfinite, nan
 from atpid_common.injected_faults import CEILING, LINK, Injected, overlapping, parsed
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.errors import SettingsError
+from atpid_driver.motor.known_motion import check_distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,7 @@ class MotorSettings:
     faults: Sequence[str] = ()  # to act: PART KIND FROM TO [VALUE]
     supervised: bool = False
     supervision_timeout: float = 0.3
+    check_move: float = 0.0  # 0: none
     limits: Limits = field(init=False)
     injected: tuple[Injected, ...] = field(init=False)
 
@@ -46,6 +48,11 @@ class MotorSettings:
             raise SettingsError(f"faults: given {both[0]} and {both[1]}; allowed: one fault of a part at a time")
         if isfinite(self.initial_height):
             self.limits.check(self.initial_height)
+        check_distance(self.check_move, self.limits)
+        if self.check_move and self.lockstep:
+            raise SettingsError(
+                f"check_move {self.check_move:g} m in lockstep: nothing moves before a run; set it to 0"
+            )
         for name in ("rate", "command_timeout", "stale_timeout", "identify_timeout", "supervision_timeout", "baud"):
             value = float(getattr(self, name))
             if not (isfinite(value) and value > 0.0):

@@ -44,6 +44,10 @@ TABLE = (
     ),
     Row("supervised", False, "move, and send heartbeats, only while the supervisor permits it; not used in lockstep"),
     Row("supervision_timeout", 0.3, "silence of the supervisor that withdraws its permission", "s", 0.1, 10.0),
+    Row(
+        "check_move", 0.0, "before a run the ceiling moves by this distance and back: direction, distance and speed "
+        "are checked; 0: none", "m", 0.0, 10.0,
+    ),
     Row("port", "", "serial port of the board by its stable name, /dev/serial/by-id/..."),
     Row("baud", 250_000, "baud rate of the serial port"),
     Row(
@@ -64,8 +68,10 @@ def settings_of(value: Value) -> MotorSettings:
 
 
 def state_of(reading: Reading, header: Header, *, handshake: bool) -> CeilingState:
-    """Return the message of a reading, whose fields it has; `handshake` marks an answer to the handshake."""
-    return CeilingState(header=header, handshake=handshake, fault=in_words(reading.faults), **asdict(reading))
+    """Return the message of a reading, whose fields it has but for `time`; `handshake` marks its answer."""
+    fields = asdict(reading)
+    del fields["time"]
+    return CeilingState(header=header, handshake=handshake, fault=in_words(reading.faults), **fields)
 
 
 def status_of(

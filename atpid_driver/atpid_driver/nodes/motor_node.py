@@ -3,7 +3,8 @@
 
 configure opens and identifies (motor off), activate arms and homes, deactivate stops (motor off).
 In lockstep each command is answered by one state at its stamp; in real time states go out on the node's own period,
-and a ceiling that gets no more commands is stopped where it is. Where it is supervised it moves, and sends its
+and a ceiling that gets no more commands is stopped where it is. Where asked, a run begins only after the ceiling has
+moved by a known distance and back. Where it is supervised it moves, and sends its
 heartbeat, only while the supervisor permits it.
 """
 
@@ -20,10 +21,11 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
+from rclpy.task import Future
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from atpid_common.errors import InputError
+from atpid_common.errors import BAD_INPUT, InputError
 from atpid_common.injected_faults import Injected
 from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
@@ -37,6 +39,7 @@ from atpid_driver.motor.ceiling_actuator import ActsFaults, Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
 from atpid_driver.motor.faults import NO_FAULT, in_words
 from atpid_driver.motor.freshness import Freshness
+from atpid_driver.motor.known_motion import KnownMotion, KnownMotionError
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
 from atpid_driver.nodes.commander import Commander
@@ -79,6 +82,9 @@ class MotorNode(DeviceNode):
         # a run in lockstep begins at 0; one in real time with its first command, by the steady clock [ns]
         self._begin: int | None = 0 if self.settings.lockstep else None
         self._initial: float | None = None
+        self._known_motion = KnownMotion(self.settings.check_move, self.settings.limits)
+        self.done: Future = Future()  # of the exit status: this node ends where the known motion fails
+        self.error = ""
         self._last_refused: object = None
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
         self._latencies, self._freshness = Latencies(), Freshness()
@@ -129,6 +135,12 @@ class MotorNode(DeviceNode):
             since = self._begin * 1e-9
             self._actuator.inject([replace(one, begin=one.begin + since, end=one.end + since) for one in faults])
 
+    def _begin_faults(self) -> None:
+        """Count the times of injected faults from now on, where none are counted yet."""
+        if self._begin is None:
+            self._begin = self._now()
+            self._inject(self._injected)
+
     def _on_event(self, event: Event) -> None:
         self._supervision.on_event(event)
         if event.kind == Event.STARTED:
@@ -155,6 +167,7 @@ class MotorNode(DeviceNode):
 
     def _deactivate(self) -> None:
         self._active, self._initial = False, None
+        self._known_motion.restart()
         self._actuator.deactivate(self._now())
 
     def _release(self) -> None:
@@ -179,18 +192,19 @@ class MotorNode(DeviceNode):
             self._supervision.stale.received(COMMANDS)
         elif not handshake:
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
-            if self._begin is None:
-                self._begin = self._now()
-                self._inject(self._injected)
+            self._begin_faults()
             self._supervision.stale.received(COMMANDS, self._stamp, (self._stamp - before) * 1e-9 if before else 0.0)
             self._latencies.add(info.get("received_timestamp", 0) - self._stamp)
             self._move(command, self._freshness.age(self._stamp, time.monotonic_ns()), info)
         reading = self._read()
-        if (handshake and reading.ready and self._initial is None) or (self.settings.lockstep and not handshake):
+        prepared = self._initial is None and self._known_motion.passed
+        if (handshake and reading.ready and prepared) or (self.settings.lockstep and not handshake):
             self._publish(reading, command.header.stamp, handshake=handshake)
 
     def _move(self, command: CeilingCommand, late: float, info: dict[str, int]) -> None:
         self._initial = None
+        if not self._known_motion.passed:
+            self._end("known motion: a height was commanded before it was made; start the source with handshake: true")
         try:
             if not self._active:
                 text = f"ceiling height {command.height:g} m refused: the motor node is {self._state_and_remedy()}"
@@ -253,6 +267,8 @@ class MotorNode(DeviceNode):
         reading = self._read()
         if self._initial is not None and self._active and reading.ready and self._permit.granted:
             self._go_to_initial(self._initial, reading)
+        elif not self._known_motion.passed and self._active and self._initial is None:
+            self._move_as_known(reading)
         self._publish(reading, self.get_clock().now().to_msg())
 
     def _go_to_initial(self, height: float, reading: Reading) -> None:
@@ -264,6 +280,40 @@ class MotorNode(DeviceNode):
             self._actuator.move(height, 0, self._now())
         except MotorError as error:
             self._report_once(str(error))
+
+    def _move_as_known(self, reading: Reading) -> None:
+        """Go on with the known motion, before a run; where it fails, switch the motor off and end the node."""
+        motion, now = self._known_motion, time.monotonic()
+        if not self._permit.granted:
+            motion.restart()
+            return
+        if not motion.announced and not reading.ready:
+            return  # it homes, or waits for a person
+        if announcement := motion.announcement(reading.height, now):
+            self._publish_event(Event.INFO, Event.SUPERVISION, self.settings.check_move, announcement)
+            self._begin_faults()
+        try:
+            height = motion.turn(reading, now)
+            if isfinite(height):
+                self._actuator.move(height, 0, self._now())
+        except MotorError as error:
+            self._end(str(error) if isinstance(error, KnownMotionError) else f"known motion: {error}")
+        else:
+            if motion.passed:
+                self._begin = None  # injected faults begin again with the run
+                if isinstance(self._actuator, ActsFaults):
+                    self._actuator.inject(())
+                self._publish_event(Event.INFO, Event.SUPERVISION, self.settings.check_move, "known motion passed")
+
+    def _end(self, text: str) -> None:
+        """Switch the motor off and end the node, with a line that gives the reason."""
+        if self.done.done():
+            return
+        self._stop(text)
+        self.error = text
+        self._publish_event(Event.ALARM, Event.ABORT, nan, text)
+        print(f"error: {text}", file=sys.stderr, flush=True)
+        self.done.set_result(BAD_INPUT)
 
     def _hold_without_permit(self) -> None:
         """Stop a moving ceiling as soon as motion is no longer permitted; heartbeats end with it."""
