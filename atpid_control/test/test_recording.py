@@ -263,6 +263,16 @@ def test_a_kill_loses_at_most_one_chunk(tmp_path: Path) -> None:
     assert (folder / "run_0.mcap.damaged").is_file()
 
 
+def test_what_came_before_an_ended_chunk_survives_a_crash(tmp_path: Path) -> None:
+    writer = small_bag(tmp_path / "run")
+    writer.end_chunk()
+    size = writer.size
+    writer.end_chunk()  # without messages
+    assert writer.size == size
+    assert repair(tmp_path / "run").messages == 40
+    writer.close()
+
+
 def test_a_repaired_bag_keeps_description_and_channels(tmp_path: Path) -> None:
     writer = small_bag(tmp_path / "run")
     writer.sync()

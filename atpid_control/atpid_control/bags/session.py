@@ -214,6 +214,11 @@ class Session:
             **lost,
         }
 
+    def end_chunk(self) -> None:
+        """Make sure that a crash from now on loses only what comes later. Raises BagError."""
+        if self.recording:
+            self._guarded(self.writer.end_chunk)
+
     def sync(self) -> None:
         """Make sure that a power cut from now on loses only what comes later. Raises BagError."""
         if self.recording:

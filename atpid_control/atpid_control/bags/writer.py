@@ -20,7 +20,7 @@ from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.metadata import RESULT, RUN, BagSummary, Qos, RunInfo, TopicSummary
 
-#: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.03 s of 1 kHz samples sent one by one.
+#: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.3 s of the bench.
 CHUNK = 16_384
 LIBRARY = "atpid_control"
 _PIECE = 2**20  # of the index, read at once [bytes]
@@ -185,6 +185,11 @@ class BagWriter:
             self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, self._sequences[topic])
         self._sequences[topic] += 1
         self.summary.add(topic, log_ns)
+
+    def end_chunk(self) -> None:
+        """End the chunk in progress, against a crash; one without messages is not written. Raises BagError."""
+        with self._writing():
+            self._writer.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
         """End the chunk in progress and flush to the disk, against a power cut. Raises BagError."""

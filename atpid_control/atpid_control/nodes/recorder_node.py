@@ -54,7 +54,15 @@ PARAMETERS = (
     Row("topics", list(DEFAULT), "what to record: 'name pkg/msg/Type', then best_effort or transient_local"),
     Row("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
     Row("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
-    Row("chunk", 0, "size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
+    Row("chunk", 0, "largest size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
+    Row(
+        "chunk_period",
+        0.08,
+        "after which a chunk ends that is not full: what a crash can lose; 0: never; not used in lockstep",
+        "s",
+        0.0,
+        3600.0,
+    ),
     Row(
         "faults",
         [""],
@@ -105,9 +113,10 @@ class RecorderNode(Node):
             self.create_timer(TURN, partial(self._guarded, self._turn), clock=steady),
             self.create_timer(STATUS_PERIOD, self._each_second, clock=steady),
         ]
-        period, sync = self._values["sync_period"], partial(self._guarded, self._sync)
-        if period > 0.0:
-            self._own_timers.append(self.create_timer(period, sync, clock=steady))
+        chunk_period = 0.0 if self._lockstep else self._values["chunk_period"]
+        for period, act in ((self._values["sync_period"], self._sync), (chunk_period, self._end_chunk)):
+            if period > 0.0:
+                self._own_timers.append(self.create_timer(period, partial(self._guarded, act), clock=steady))
 
     # recording
 
@@ -194,6 +203,10 @@ class RecorderNode(Node):
             begun = time.monotonic()
             self.session.sync()
             self._judge_disk(time.monotonic() - begun)
+
+    def _end_chunk(self) -> None:
+        if self.session is not None:
+            self.session.end_chunk()
 
     def _keep_parameters(self, name: str, values: Mapping[str, Any]) -> None:
         text = yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False)
