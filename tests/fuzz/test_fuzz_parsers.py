@@ -67,7 +67,7 @@ def reached(name: str, content: bytes) -> int:
 
 
 def keep(name: str, content: bytes) -> Path:
-    """Keep a file that broke something, for whoever mends it."""
+    """Keep a file that broke something, so that it can be mended."""
     path = KEPT / name / hashlib.sha256(content).hexdigest()[:8]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)

@@ -58,7 +58,7 @@ class Answers:
                     self._silent.remove(name)
                     changes.append(Change(name, silence, back=True))
                 continue
-            # what came meanwhile has not been received yet: the answer is owed for as long as nobody could take it
+            # what came meanwhile has not been received yet: the time in which this process stood does not count
             self._last[name] = min(self._last[name] + held_up, now)
             if now - self._last[name] > self._answer_time:
                 self._silent.add(name)
