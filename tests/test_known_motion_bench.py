@@ -32,7 +32,8 @@ def test_the_ceiling_moves_before_the_run_and_is_back_when_it_begins(scenes: Pat
     bag = run(scenes, tmp_path)
     events = [event.text for _, event in bag.messages("/events") if event.header.frame_id == "motor_node"]
     assert events[0] == "known motion: in 1 s the ceiling moves from 0.017 to 0.117 m and back"
-    assert events.index("known motion passed") == 3, events[:5]
+    # tried again where a busy machine withdrew the supervisor's permission meanwhile
+    assert "known motion passed" in events, events[:10]
     first = next(when for when, block in bag.messages("/sensors/laser") if not block.handshake)
     before = [state for when, state in bag.messages("/ceiling/state") if when < first and state.homed]
     assert max(state.height for state in before) == pytest.approx(0.117)

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 
 from atpid_common.interrupt import ENDING_SIGNALS
-from atpid_control.graph import BenchError, NodeDiedError, segments
+from atpid_control.graph import BenchError, NodeDiedError
 
 #: How long a node may take to end after SIGINT, and after SIGTERM, before it is killed [s].
 _TIMEOUT = 10.0
@@ -99,14 +99,10 @@ class Processes:
         self.stop()
 
     def stop(self) -> None:
-        """Stop one after the other; a second Ctrl-C must not leave half of them running.
-
-        The shared memory of a node that was killed is removed; nodes that close a port at the same time leave it, too.
-        """
+        """Stop one after the other; a second Ctrl-C must not leave half of them running."""
         with _handled(signal.SIG_IGN):
             for node in self.nodes:
                 node.stop()
-            segments.clean(age=0.0)
 
     def check(self, except_for: str) -> list[str]:
         """Look whether all nodes but `except_for` run; return a line for each that was started again.

@@ -93,6 +93,8 @@ def _on_command_line(launch_file: Path) -> bool:
     return by_package or any(path.samefile(launch_file) for path in named)
 
 
+#: asyncio's exit status of a process whose own is lost: that it had ended was noticed first by the sending of a signal.
+_NOT_KNOWN = 255
 #: How long a node may take to end after SIGINT before it is sent SIGTERM, and after that before it is killed [s].
 SIGTERM_TIMEOUT, SIGKILL_TIMEOUT = 5.0, 10.0
 
@@ -213,6 +215,8 @@ def _outcome_of(ended: NodeEnded, *, stopping: bool, shutdown: bool) -> NodeEnde
     name, status = ended.node.label, ended.status
     if shutdown and status == -signal.SIGINT:
         return ""  # interrupted before `START` could block it: the node had not begun
+    if stopping and status == _NOT_KNOWN:
+        return ""
     if status != 0:
         rest = " while it was being stopped" if stopping else "; the launch ends"
         how = f"ended with exit status {status}" if status > 0 else f"was ended by {signal.Signals(-status).name}"
