@@ -53,7 +53,7 @@ def test_a_hung_node_is_named_the_ceiling_held_and_the_motor_off(start: Start, t
     hung = time.monotonic()
     running.until(lambda: watch.when(Event.STALE, "recorder_node does not answer") > hung)
     # 0.45 s of the supervisor's own time; the rest for a machine with other work
-    assert watch.when(Event.STALE, "recorder_node does not answer") - hung < 1.0
+    assert watch.when(Event.STALE, "recorder_node does not answer") - hung < 2.0
     named = next(event.value for _, event in watch.events if "recorder_node does not answer" in event.text)
     assert named <= 0.5
     running.until(lambda: watch.state.state == SupervisorState.FAULT and not watch.state.permit)
