@@ -48,8 +48,8 @@ test-fast: setup ## the same without the slow tests, while working
 	@$(IN_WORKSPACE) $(CHECKS); exec $(PYTEST) -m "not slow"
 
 .PHONY: fuzz
-fuzz: setup ## ten thousand hostile files to each parser and as many command lines, a million requests (an hour or two)
-	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load tests/fuzz
+fuzz: setup ## 10^4 hostile files to each parser and command lines, 10^5 messages to each node, 10^6 requests (hours)
+	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load tests/fuzz tests/test_hostile_messages.py
 
 .PHONY: benchmark
 benchmark: setup ## how fast the parts are that run with the stand

@@ -24,6 +24,7 @@ from atpid_interfaces.msg import (
     SampleBlock,
 )
 from graph_runs import parameters
+from hypothesis import settings
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
@@ -51,6 +52,8 @@ TEXTS = [
     "labjack:1",
     "\u00b5" * 50,
 ]
+#: Messages to each node: as many as `make fuzz` gives, or few.
+COUNT = 100_000 if settings.get_current_profile_name() == "long" else 2_000
 RANGES = {"uint8": 8, "uint32": 32, "uint64": 64}
 
 
@@ -106,7 +109,7 @@ def test_a_node_outlives_what_cannot_be(node: Node) -> None:
     subscriptions = [each for each in node.subscriptions if each.msg_type.__name__ in CHECKS]
     assert subscriptions
     refused = 0
-    for _ in range(2000):
+    for _ in range(COUNT):
         chosen = subscriptions[rng.integers(len(subscriptions))]
         message = hostile(chosen.msg_type, rng)
         refused += bool(check(message))
