@@ -110,7 +110,7 @@ def test_a_module_that_sends_nothing_is_a_time_out(make: Make, control: Control)
     device.read()
     control.stall(True)
     with pytest.raises(StreamLostError, match="-200284"):
-        read_blocks(device, 3)
+        read_blocks(device, 1000)  # what was sampled before is still there, on a busy machine more than a block
 
 
 @pytest.mark.parametrize(
