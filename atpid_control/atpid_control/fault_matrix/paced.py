@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from atpid_interfaces.msg import Event
+
 from atpid_common.injected_faults import LINK, Injected
 from atpid_control.bags import BagError, open_bag, verify
 from atpid_control.bags.check import check
@@ -58,6 +60,11 @@ class Paced:
     looks: list[Look] = field(default_factory=list)
     reported: list[tuple[float, float]] = field(default_factory=list)  # time [s], height [m] of ceiling/state
     error: str = ""  # how the run ended early
+
+    @property
+    def late(self) -> bool:
+        """Whether the simulated plant fell behind the clock: on a busy machine the run is not that of the fault."""
+        return any(event.kind == Event.BEHIND for event in self.events)
 
 
 @dataclass(frozen=True)
