@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 from collections.abc import Sequence
 from typing import Any
@@ -68,7 +69,7 @@ def changed_document(draw: st.DrawFn, seeds: Sequence[Any]) -> Any:
             holder = value
             key = draw(st.sampled_from(sorted(value, key=str) if isinstance(value, dict) else range(len(value))))
             value = value[key]
-        new = draw(st.sampled_from(VALUES) | st.floats() | st.text(max_size=10))
+        new = copy.deepcopy(draw(st.sampled_from(VALUES) | st.floats() | st.text(max_size=10)))  # changed in turn
         if holder is None:
             return new
         act = draw(st.sampled_from(["value", "value", "value", "remove", "add", "wrap"]))
