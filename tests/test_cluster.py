@@ -15,6 +15,7 @@ import pytest
 from atpid_control.thesis.run import finished
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene
+from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.cluster import ClusterError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -76,8 +77,8 @@ def test_a_study_on_a_cluster_has_the_same_rows(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
 ) -> None:
     here, far = (
-        finished("masses", tmp_path / name, ROOT / "scenes", lambda done: None, scheduler)
-        for name, scheduler in (("here", None), ("far", cluster[0]))
+        finished("masses", tmp_path / name, ROOT / "scenes", lambda done: None, Workers(cluster=address))
+        for name, address in (("here", None), ("far", cluster[0]))
     )
     assert far.rows == here.rows
     assert far.picture is not None

@@ -16,8 +16,10 @@ from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.maps import DamperResponse, MapError
 from atpid_sim.periodic import Conditions, ReturnMap, periodic_motion
 from atpid_sim.scene import Scene, standard_bench
+from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.fidelity import complete_fidelity
 from atpid_sim.simulation.integration import Integration
+from atpid_sim.simulation.journal import JournalError
 from atpid_sim.studies.atlas import build
 from atpid_sim.studies.atlas.atlas import Atlas
 from atpid_sim.studies.atlas.column import FAILED, TYPES, Cell, Column, column_at, column_of, sweep
@@ -174,8 +176,8 @@ def test_an_interrupted_atlas_goes_on_where_it_stopped(tmp_path: Path, monkeypat
         if done == 2:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        build.build_atlas(scene, TINY, out, stop, workers=1)
+    with pytest.raises(KeyboardInterrupt, match=r"interrupted: 2 of 3 done; the same command goes on from them, kept "):
+        build.build_atlas(scene, TINY, out, stop, Workers(1))
     assert not out.exists()
     computed: list[Place] = []
 
@@ -194,7 +196,7 @@ def test_an_interrupted_atlas_goes_on_where_it_stopped(tmp_path: Path, monkeypat
             assert np.array_equal(array, loaded.blocks[block][name], equal_nan=array.dtype.kind == "f"), name
     with (tmp_path / "atlas.npz.journal").open("w") as journal:
         journal.write(json.dumps({"atlas": 1, "system": {}}) + "\n")
-    with pytest.raises(MapError, match="begun for another system or tolerance"):
+    with pytest.raises(JournalError, match="begun for another system or tolerance"):
         build.build_atlas(scene, TINY, out)
 
 

@@ -1,13 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many runs on all cores give what one after the other gives."""
 
+import re
+import signal
+import subprocess
+import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from atpid_sim.cli import main
 from atpid_sim.scene import load_scene
-from atpid_sim.simulation.batch import cores, on_all_cores, simulate_many
+from atpid_sim.simulation.batch import Batch, Workers, cores, on_all_cores, simulate_many
+from atpid_sim.simulation.journal import JournalError, Record
 from atpid_sim.simulation.simulate import simulate
 
 SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"
@@ -41,3 +48,70 @@ def test_each_core_gets_work() -> None:
     assert jobs == {0: True, 1: True, 2: True}
     assert cores() >= 1
     assert list(on_all_cores(lambda job: job, [])) == []
+
+
+def _record(path: Path, seed: int = 1) -> Record[int, int]:
+    return Record(path, {"squares": seed}, lambda job: (job,), lambda answer: {"is": answer}, lambda kept: kept["is"])
+
+
+def test_a_batch_that_was_interrupted_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    record, computed = _record(tmp_path / "squares.journal"), []
+
+    def square(job: int) -> int:
+        computed.append(job)
+        return job * job
+
+    def stop(done: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as ended:
+        Batch(square, range(100)).run(Workers(1), stop, record)
+    kept = f"the same command goes on from them, kept in {record.path}"
+    assert str(ended.value) == f"interrupted: 3 of 100 done; {kept}"
+    computed.clear()
+    seen: list[int] = []
+    assert Batch(square, range(10)).run(Workers(2), seen.append, record) == [job * job for job in range(10)]
+    assert sorted(computed) == list(range(3, 10))
+    assert seen == list(range(3, 11))
+    with pytest.raises(JournalError, match="begun for another system or tolerance; remove it or choose another"):
+        Batch(square, range(10)).run(record=_record(record.path, 2))
+    record.finish()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_batch_without_a_journal_says_how_much_was_done() -> None:
+    def stop(done: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match=r"^interrupted: 0 of 3 done$"):
+        Batch(lambda job: job, range(3)).run(progress=stop)
+
+
+@pytest.mark.slow
+def test_processes_give_what_threads_give() -> None:
+    jobs = list(range(-3, 4))
+    assert Batch(abs, jobs, processes=True).run(Workers(2)) == Batch(abs, jobs).run(Workers(2)) == list(map(abs, jobs))
+    assert Batch(abs, [], processes=True).run() == []
+
+
+@pytest.mark.parametrize("command", ["map", "atlas", "extremes", "sweep"])
+def test_each_command_has_the_options_of_a_batch(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert "--workers K" in printed
+    assert "--cluster ADDRESS" in printed
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_command_in_one_line(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "atpid_sim", "extremes", "--systems", "20000", "--out", str(tmp_path)]
+    journal = tmp_path / "extremes.json.journal"
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") > 3):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.005)
+        process.send_signal(signal.SIGINT)
+        _, printed = process.communicate()
+    assert process.returncode == 130
+    assert re.fullmatch(r"interrupted: \d+ of 3\d+ done; the same command goes on from them, kept in .*\n", printed)

@@ -68,7 +68,7 @@ def test_the_journal_of_another_system_is_refused(scene: Scene, tmp_path: Path) 
     with pytest.raises(MapError, match="begun for another system"):
         build_map(scene, [0.01, 0.02], [0.1], out)
     journal.write_text("not a journal\n")
-    with pytest.raises(MapError, match="is not the journal of a map"):
+    with pytest.raises(MapError, match="is no journal of this command"):
         build_map(scene, [0.01, 0.02], [0.1], out)
 
 
@@ -76,7 +76,7 @@ def test_two_runs_cannot_make_the_same_map(scene: Scene, tmp_path: Path) -> None
     out = tmp_path / "map.npz"
     with (tmp_path / "map.npz.journal").open("a+b") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
-        with pytest.raises(MapError, match="another run is making this map"):
+        with pytest.raises(MapError, match="another run is writing it"):
             build_map(scene, [0.01, 0.02], [0.1], out)
 
 

@@ -11,9 +11,11 @@ import pytest
 from atpid_sim.cli import main
 from atpid_sim.engine import columns
 from atpid_sim.engine.beam import support_at
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.excitation import support_rows
-from atpid_sim.studies.sweep import sweep
+from atpid_sim.simulation.simulate import simulate
+from atpid_sim.studies.sweep import _opened, sweep
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 
@@ -69,12 +71,12 @@ def test_a_sweep_that_fills_the_memory_is_refused_at_once() -> None:
 def test_heights_of_any_ceiling_are_swept(ceiling: dict[str, Any], kind: str) -> None:
     scene = STANDARD.with_(ceiling=ceiling, duration=3.0, steady_window=[2.0, 3.0])
     done = sweep(scene, 0.05, 0.2, 2)
-    assert done.heights == [0.05, 0.2]
-    assert done.results[0].amplitude != done.results[1].amplitude
+    assert done.heights.tolist() == [0.05, 0.2]
+    assert done.amplitudes[0] != done.amplitudes[1]
     alone = {"height": 0.2} if kind == "fixed" else {"closed": ceiling.get("closed", 0.017), "open": 0.2}
     if kind == "opening":
         alone |= {"start": 1.0, "end": 2.0}
-    assert sweep(scene.with_(ceiling=alone), 0.2, 0.2, 1).results[0].amplitude == done.results[1].amplitude
+    assert sweep(scene.with_(ceiling=alone), 0.2, 0.2, 1).amplitudes[0] == done.amplitudes[1]
 
 
 def test_a_controlled_ceiling_and_no_height_are_refused() -> None:
@@ -94,3 +96,21 @@ def test_the_command_refuses_what_it_cannot_do(arguments: list[str], capsys: pyt
 def test_the_command_sweeps_one_height(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sweep", "--points", "1"]) == 0
     assert json.loads(capsys.readouterr().out)["best_height"] == 0.02
+
+
+@pytest.mark.parametrize("fidelity", ["simplified", "impact", "finite", "soft"])
+def test_a_sweep_has_what_each_height_has_alone(fidelity: str) -> None:
+    """To the last digit, although what the runs have in common is integrated once; closed and open ceilings mixed."""
+    scene = STANDARD.with_(duration=8.5, steady_window=[8.0, 8.5])
+    done = sweep(scene, 0.017, 0.2, 4, 1e-4, fidelity)
+    alone = [simulate(_opened(scene, float(height)), fidelity, 1e-4, check=False) for height in done.heights]
+    assert done.amplitudes.tolist() == [result.amplitude for result in alone]
+    assert done.residuals.tolist() == [result.energy_residual for result in alone]
+    assert done.impacts.tolist() == [result.impacts for result in alone]
+    assert (done.integration_s > 0.0).all()
+
+
+def test_a_height_that_cannot_be_simulated_ends_the_sweep() -> None:
+    deep = STANDARD.with_(contact={"law": "hertz", "young_modulus": 2e4, "poisson_ratio": 0.2}, tolerance=1e-3)
+    with pytest.raises(NumericalFailure, match=r"deeper into a wall than its radius.* \(at \d"):
+        sweep(deep, 0.1, 0.2, 3)

@@ -14,7 +14,9 @@ from atpid_control.comparison import page
 from atpid_control.comparison.picture import draw
 from atpid_control.comparison.run import Compared, compare, load_scenes, steps, to_json
 from atpid_control.comparison.structures import ComparisonError
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
+from atpid_sim.simulation.journal import beside
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.md",
         help="write the page of the documentation, its picture beside it",
     )
+    add_workers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,9 +44,11 @@ def run(args: argparse.Namespace) -> int:
     results = []
     for name, scene in scenes.items():
         with counting(name, steps(scene)) as count:
-            results.append(compare(scene, name, count))
+            results.append(compare(scene, name, count, workers_of(args), beside(folder / f"{name}.json")))
     with output.writing(folder):
         (folder / "methods.json").write_text(json.dumps(to_json(results), indent=1, allow_nan=False), encoding="utf-8")
+    for name in scenes:
+        beside(folder / f"{name}.json").unlink(missing_ok=True)
     Console(width=150, highlight=False, markup=False).print(_table(results))
     print(draw(results, folder / "methods.png"))
     if args.page is not None:

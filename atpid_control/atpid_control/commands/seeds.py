@@ -12,6 +12,7 @@ from rich.table import Table
 
 from atpid_common.arguments import file_path, real, whole
 from atpid_control.studies.seeds import SeedRun, configured, run_all
+from atpid_sim.commands.options import add_journal, add_workers, workers_of
 from atpid_sim.display import counting
 
 
@@ -26,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="signal to noise at the smallest amplitude [dB]; default: the scene's noise",
     )
     add("--margin", type=real(0.0, 100.0), help="standard deviations the height is safe for; default: selector.yaml")
+    add_workers(parser, "processes")
+    add_journal(parser)
     add("--json", action="store_true", help="print every run as JSON instead of the table")
 
 
@@ -34,11 +37,9 @@ def run(args: argparse.Namespace) -> int:
     parameters = configured()
     if args.margin is not None:
         parameters["selector_node"]["margin"] = args.margin
-    done = []
+    seeds = range(1, args.seeds + 1)
     with counting("runs", len(args.scenes) * args.seeds) as count:
-        for one in run_all(args.scenes, range(1, args.seeds + 1), parameters, args.decibels):
-            done.append(one)
-            count(len(done))
+        done = run_all(args.scenes, seeds, parameters, args.decibels, count, workers_of(args), args.journal)
     if args.json:
         print(json.dumps([asdict(one) for one in done]))
     else:

@@ -14,7 +14,9 @@ from atpid_control.thesis import page
 from atpid_control.thesis.points import jobs
 from atpid_control.thesis.run import Finished, finished
 from atpid_control.thesis.study import StudyError, load, names
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
+from atpid_sim.simulation.batch import Workers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,8 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", type=word, metavar="NAME", help="a study; all: every one; list: their names")
     parser.add_argument("--out", type=file_path, help="folder for rows and pictures; a finished study in it is kept")
     parser.add_argument("--scenes", type=file_path, help="folder of the scenes; default: scenes")
-    scheduler = "compute on the Dask cluster of this scheduler (optional extra)"
-    parser.add_argument("--scheduler", type=word, metavar="ADDRESS", help=scheduler)
+    add_workers(parser)
     parser.add_argument(
         "--page", type=path_to(".md"), metavar="FILE.md", help="of all: write the page, pictures beside it"
     )
@@ -47,16 +48,16 @@ def run(args: argparse.Namespace) -> int:
     output.folder(args.out)
     if args.page is not None:
         output.page(args.page)
-    done = [_one(name, args.out, scenes, args.scheduler) for name in chosen]
+    done = [_one(name, args.out, scenes, workers_of(args)) for name in chosen]
     if args.page is not None:
         for path in page.write_page(done, args.page):
             print(path)
     return 0
 
 
-def _one(name: str, folder: Path, scenes: Path, scheduler: str | None) -> Finished:
+def _one(name: str, folder: Path, scenes: Path, workers: Workers) -> Finished:
     with counting(name, len(jobs(load(name), scenes))) as count:
-        one = finished(name, folder, scenes, count, scheduler)
+        one = finished(name, folder, scenes, count, workers)
     Console(width=150, highlight=False, markup=False).print(_table(one))
     return one
 

@@ -3,8 +3,9 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +19,8 @@ from atpid_control.selection.registry import make_selector
 from atpid_control.selection.search import SearchSelector
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
+from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
 
 #: What is compared, in the order of the tables.
@@ -29,9 +31,6 @@ SELECTED = ("lookup", "learned", "pca", "direct", "direct, margin", "search")
 DETUNING = np.geomspace(0.25, 4.0, 33)
 #: What stays as it was designed there.
 HELD = ("lookup", "direct, margin")
-
-#: Number of steps done.
-Progress = Callable[[int], None]
 
 
 class Answer(NamedTuple):
@@ -65,17 +64,20 @@ class Compared:
         return np.asarray(self.reductions[what][0])
 
 
-def compare(scene: Scene, name: str, progress: Progress) -> Compared:
-    """Return the comparison for one scene. Raises what a run, a map or a scene that does not fit raises."""
+def compare(
+    scene: Scene, name: str, progress: Progress, workers: Workers = HERE, journal: Path | None = None
+) -> Compared:
+    """Return the comparison for one scene. Raises what a run, a map or a scene that does not fit raises.
+
+    workers: for the simulations; the methods' answers are timed, so each is computed alone, here. journal: file of the
+    answers, from which a comparison that was killed goes on; the caller removes it.
+    """
     amplitudes, others = levels(scene), structures(scene)
     fixed, tuned = fixed_heights(scene, amplitudes), dict(zip(PASSIVE[4:], tuned_masses(scene), strict=True))
     selectors = _selectors(scene)
-    answers: dict[tuple[str, int, int], Answer] = {}
-    for what in SELECTED:
-        for row, structure in enumerate(others):
-            for column, amplitude in enumerate(amplitudes):
-                answers[what, row, column] = _answer(what, selectors, structure, amplitude)
-                progress(len(answers))
+    places = list(product(SELECTED, range(len(others)), range(len(amplitudes))))
+    asked = Batch(lambda at: _answer(at[0], selectors, others[at[1]], amplitudes[at[2]]), places)
+    answers = dict(zip(places, asked.run(Workers(1), progress, _record(journal, scene)), strict=True))
     heights = {key: answer.height for key, answer in answers.items()}
     heights |= {
         (what, row, column): height
@@ -89,12 +91,19 @@ def compare(scene: Scene, name: str, progress: Progress) -> Compared:
     }
     return Compared(
         name, 2.0 * scene.grain.radius, description(scene), amplitudes, tuple(one.name for one in others),
-        _simulated(others, amplitudes, heights) | _tuned_reductions(tuned, others, len(amplitudes)), seconds,
+        _simulated(others, amplitudes, heights, workers) | _tuned_reductions(tuned, others, len(amplitudes)), seconds,
         tuple(dict.fromkeys(f"{what}: {_cause(one)}" for (what, *_), one in answers.items() if one.refusal)),
         {what: [heights[what, 0, k] for k in range(len(amplitudes))] for what in (*PASSIVE[1:4], *SELECTED)},
         {what: _about(one, scene) for what, one in tuned.items()}, _theory(fixed, scene),
-        _detuned(scene, amplitudes[0], {what: heights[what, 0, 0] for what in HELD}, tuned),
+        _detuned(scene, amplitudes[0], {what: heights[what, 0, 0] for what in HELD}, tuned, workers),
     )  # fmt: skip
+
+
+def _record(journal: Path | None, scene: Scene) -> Record[tuple[str, int, int], Answer] | None:
+    if journal is None:
+        return None
+    purpose = {"compare": 1, "scene": scene.to_mapping()}
+    return Record(journal, purpose, tuple, Answer._asdict, lambda plain: Answer(**plain))
 
 
 def _selectors(model: Scene) -> dict[str, HeightSelector | SelectionError]:
@@ -133,15 +142,19 @@ def _cause(answer: Answer) -> str:
 
 
 def _simulated(
-    others: list[Structure], amplitudes: tuple[float, ...], heights: dict[tuple[str, int, int], float]
+    others: list[Structure],
+    amplitudes: tuple[float, ...],
+    heights: dict[tuple[str, int, int], float],
+    workers: Workers,
 ) -> dict[str, Array]:
     """Return the reductions (s, n) at the heights {(what, structure, amplitude): height [m]}; closed: 0."""
     dampers = [DamperResponse(one.scene, RTOL) for one in others]
     found = {
         what: np.full((len(others), len(amplitudes)), math.nan) for what in dict.fromkeys(key[0] for key in heights)
     }
-    jobs = dict.fromkeys((row, column, h) for (_, row, column), h in heights.items() if not math.isnan(h))
-    done = dict(on_all_cores(lambda job: 1.0 - remaining(dampers[job[0]], amplitudes[job[1]], job[2]), jobs))
+    jobs = list(dict.fromkeys((row, column, h) for (_, row, column), h in heights.items() if not math.isnan(h)))
+    batch = Batch(lambda job: 1.0 - remaining(dampers[job[0]], amplitudes[job[1]], job[2]), jobs)
+    done = dict(zip(jobs, batch.run(workers), strict=True))
     for (what, row, column), height in heights.items():
         found[what][row, column] = done.get((row, column, height), math.nan)
     return {"closed": np.zeros((len(others), len(amplitudes)))} | found
@@ -170,15 +183,18 @@ def _theory(fixed: Fixed, scene: Scene) -> dict[str, float]:
     return {"clearance": fixed.theory.clearance, "reduction": promised, "multiplier": fixed.theory.multiplier}
 
 
-def _detuned(scene: Scene, amplitude: float, heights: dict[str, float], tuned: dict[str, Tuned]) -> dict[str, Array]:
+def _detuned(
+    scene: Scene, amplitude: float, heights: dict[str, float], tuned: dict[str, Tuned], workers: Workers
+) -> dict[str, Array]:
     """Return reductions (d,) on structures of other stiffness, each at its own resonance; nothing is designed anew."""
     others = [with_beam(scene, "stiffness", float(factor)) for factor in DETUNING]
 
     def reduction(job: tuple[int, float]) -> float:
         return 1.0 - remaining(DamperResponse(others[job[0]], RTOL), amplitude, job[1])
 
-    jobs = [(k, height) for k in range(len(others)) for height in heights.values() if not math.isnan(height)]
-    found = dict(on_all_cores(reduction, jobs))
+    heights_of = {height for height in heights.values() if not math.isnan(height)}
+    jobs = [(k, height) for k in range(len(others)) for height in heights_of]
+    found = dict(zip(jobs, Batch(reduction, jobs).run(workers), strict=True))
     held = {w: np.array([found.get((k, h), math.nan) for k in range(len(others))]) for w, h in heights.items()}
     return held | {what: np.array([1.0 - one.remaining(other) for other in others]) for what, one in tuned.items()}
 

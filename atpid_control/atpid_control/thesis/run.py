@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run a study: all points on all cores, its rows and picture written; what is finished is kept."""
+"""Run a study: its points computed, its rows and picture written; what is finished is kept."""
 
 import csv
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -18,16 +18,12 @@ from atpid_common.folders import content_key
 from atpid_control.thesis.measured import Measured
 from atpid_control.thesis.measures import MEASURES
 from atpid_control.thesis.picture import draw
-from atpid_control.thesis.points import Job, Point, jobs
+from atpid_control.thesis.points import Job, jobs
 from atpid_control.thesis.rows import Row, rows_of
 from atpid_control.thesis.study import FOLDER, Study, StudyError, load
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import Scene, scene_from_mapping
-from atpid_sim.simulation.batch import on_all_cores
-from atpid_sim.simulation.cluster import on_cluster
-
-#: Number of points done.
-Progress = Callable[[int], None]
+from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
+from atpid_sim.simulation.journal import Record, beside
 
 
 @dataclass(frozen=True)
@@ -40,10 +36,10 @@ class Finished:
     picture: Path | None
 
 
-def finished(name: str, folder: Path, scenes: Path, progress: Progress, scheduler: str | None = None) -> Finished:
+def finished(name: str, folder: Path, scenes: Path, progress: Progress, workers: Workers = HERE) -> Finished:
     """Return a study's rows, from `folder/NAME` where they are kept for the same inputs, else computed and kept there.
 
-    scheduler: address of a Dask cluster, in place of this machine's cores. Raises StudyError, SceneError, OutputError,
+    A study that was killed goes on where it stopped. Raises StudyError, SceneError, OutputError, JournalError,
     ClusterError and NumericalFailure, each in one line.
     """
     study, place = load(name), folder / name
@@ -51,49 +47,48 @@ def finished(name: str, folder: Path, scenes: Path, progress: Progress, schedule
     kept = _kept(rows_file, key)
     if kept is None or (study.panels and not picture.is_file()):
         output.folder(place)
-        points, found = compute(name, scenes, progress, scheduler)
+        record: Record[int, Measured] = Record(
+            beside(place / "points.json"), {"inputs": key}, lambda number: (number,), _to_plain, _from_plain
+        )
+        points, found = compute(name, scenes, progress, workers, record)
         kept = rows_of(study, points, found)
         if study.panels:
             draw(study, points, found, picture)
         _write(place, key, kept, points, found)
+        record.finish()
     return Finished(name, study, kept, picture if study.panels else None)
 
 
 def compute(
-    name: str, scenes: Path, progress: Progress, scheduler: str | None = None
+    name: str,
+    scenes: Path,
+    progress: Progress,
+    workers: Workers = HERE,
+    record: Record[int, Measured] | None = None,
 ) -> tuple[list[Job], list[Measured]]:
     """Return the points of a study and what was measured at each; raises as `finished`."""
     study = load(name)
     if study.measure not in MEASURES:
         raise StudyError(f"{name}.yaml: measure: given {study.measure!r}; allowed: {', '.join(MEASURES)}")
     points = jobs(study, scenes)
-    answers = (
-        on_all_cores(lambda job: _measured(name, *job), points)
-        if scheduler is None
-        else on_cluster(scheduler, _measured_far, ((job, (name, *_plain_job(job))) for job in points))
-    )
-    done: dict[int, Measured] = {}
-    for job, found in answers:
-        done[job.number] = found
-        progress(len(done))
-    return points, [done[job.number] for job in points]
+    batch = Batch(lambda number: _measured(name, points[number]), range(len(points)))
+    return points, batch.run(workers, progress, record)
 
 
-def _plain_job(job: Job) -> tuple[int, Point, dict[str, Any]]:
-    return job.number, job.point, job.scene.to_mapping()
-
-
-def _measured_far(name: str, number: int, point: Point, scene: dict[str, Any]) -> Measured:
-    """Return what a study measures at one point; runs on a worker, which has the study's file as well."""
-    return _measured(name, number, point, scene_from_mapping(scene, source="scene of the study"))
-
-
-def _measured(name: str, number: int, point: Point, scene: Scene) -> Measured:
+def _measured(name: str, job: Job) -> Measured:
     study = load(name)
     try:
-        return MEASURES[study.measure](Job(number, point, scene), study.options)
+        return MEASURES[study.measure](job, study.options)
     except NumericalFailure as failure:
-        raise NumericalFailure(f"at {point}: {failure}") from None
+        raise NumericalFailure(f"at {job.point}: {failure}") from None
+
+
+def _to_plain(found: Measured) -> dict[str, Any]:
+    return {"values": found.values, "curves": {name: curve.tolist() for name, curve in found.curves.items()}}
+
+
+def _from_plain(kept: Mapping[str, Any]) -> Measured:
+    return Measured(kept["values"], {name: np.array(curve) for name, curve in kept["curves"].items()})
 
 
 def inputs_key(name: str) -> str:

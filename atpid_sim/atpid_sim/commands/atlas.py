@@ -4,7 +4,8 @@
 import argparse
 
 from atpid_common import output
-from atpid_common.arguments import file_path, rising, whole
+from atpid_common.arguments import file_path, rising
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.scene import load_scene, standard_bench
 from atpid_sim.studies.atlas.build import build_atlas
@@ -31,17 +32,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"support amplitudes [m]; default {_AMPLITUDES}",
     )  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="a coarse grid: seconds instead of minutes")
-    parser.add_argument("--workers", type=whole(1, 1000), default=None, metavar="K", help="threads; default: all cores")
+    add_workers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the atlas, its tables and its pictures; return 0. Raises SceneError, MapError, OutputError."""
+    """Make the atlas, its tables and its pictures; return 0. Raises SceneError, JournalError, OutputError."""
     scene = standard_bench() if args.scene is None else load_scene(args.scene)
     lowest, highest = args.amplitudes
     plan = plan_of(lowest, highest, args.quick)
     folder = output.folder(args.out)
     with counting("atlas, columns", len(plan.places), kept=True) as count:
-        atlas = build_atlas(scene, plan, folder / "atlas.npz", count, args.workers)
+        atlas = build_atlas(scene, plan, folder / "atlas.npz", count, workers_of(args))
     atlas.write_tables(folder)
     draw_atlas(atlas, 2.0 * scene.grain.radius, folder / "atlas.png", thesis=args.scene is None)
     draw_stability(atlas, scene, folder / "atlas_stability.png")

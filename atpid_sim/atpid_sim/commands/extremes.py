@@ -10,11 +10,13 @@ import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import MOST_SEED, file_path, refuse, whole
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.batch import Batch
 from atpid_sim.simulation.integration import FIDELITIES
-from atpid_sim.studies.extremes import TOLERANCE, Case, broken, fidelities_for, run_case
+from atpid_sim.simulation.journal import Record, beside
+from atpid_sim.studies.extremes import TOLERANCE, Case, broken, case_of, fidelities_for, run_case
 
 _QUANTILES = (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))
 
@@ -33,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=file_path, required=True, metavar="DIR", help="folder for extremes.json and extremes.md"
     )
+    add_workers(parser)
 
 
 def _fidelities(text: str) -> list[str]:
@@ -50,17 +53,20 @@ def run(args: argparse.Namespace) -> int:
         for index in range(args.first, args.first + args.systems)
         for fidelity in fidelities_for(args.seed, index, args.fidelities)
     ]
-    cases: list[Case] = []
+    purpose = {"extremes": 1, "seed": args.seed, "tolerance": TOLERANCE}
+    record: Record[tuple[int, str], Case] = Record(
+        beside(folder / "extremes.json"), purpose, tuple, Case._asdict, case_of
+    )
+    batch = Batch(lambda job: run_case(args.seed, *job), jobs)
     with counting("extreme systems", len(jobs)) as count:
-        for _, case in on_all_cores(lambda job: run_case(args.seed, *job), jobs):
-            cases.append(case)
-            count(len(cases))
+        cases = batch.run(workers_of(args), count, record)
     wrong = [text for text in map(broken, cases) if text]
     summary = _summary(cases, args.seed, wrong)
     text = _markdown(cases, summary)
     with output.writing(folder):
         (folder / "extremes.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
         (folder / "extremes.md").write_text(text, encoding="utf-8")
+    record.finish()
     print(text)
     if wrong:
         raise NumericalFailure(f"{len(wrong)} of {len(cases)} runs broke a guarantee; the first: {wrong[0]}")

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, refuse, whole, word
+from atpid_common.arguments import file_path, path_to, refuse
+from atpid_sim.commands.options import add_workers
 from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
 from atpid_sim.scene import Scene, load_scene
@@ -44,14 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.h",
         help="also write a table for the motor's firmware, one mass fraction",
     )
-    parser.add_argument(
-        "--scheduler",
-        type=word,
-        metavar="ADDRESS",
-        help="compute on the Dask cluster of this scheduler (optional extra)",
-    )
+    add_workers(parser)
     output.add_force(parser)
-    parser.add_argument("--workers", type=whole(1, 1000), default=None, metavar="K", help="threads; default: all cores")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     _warn(scene, amplitudes, fractions)
     with counting("height map", len(amplitudes) * len(fractions), kept=True) as count:
         made = build_map(
-            scene, amplitudes, fractions, args.out, lambda done, _: count(done), args.workers, args.scheduler
+            scene, amplitudes, fractions, args.out, lambda done, _: count(done), args.workers, args.cluster
         )
     if args.header:
         write_header(made, fractions[0], args.header)

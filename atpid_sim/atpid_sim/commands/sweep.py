@@ -5,6 +5,7 @@ import argparse
 import json
 
 from atpid_common.arguments import real, whole
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import cores
 from atpid_sim.simulation.integration import FIDELITIES
@@ -24,23 +25,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rtol", type=real(1e-13, 0.1), default=1e-6, metavar="R", help="relative tolerance; default 1e-6"
     )
     parser.add_argument("--fidelity", default="soft", choices=FIDELITIES, help="fidelity level; default soft")
+    add_workers(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the sweep and print one JSON object; return 0. Raises NumericalFailure."""
+    task, workers = standard_task(0.01, 0.1, 0.2), workers_of(args)
     with counting("heights", args.points) as count:
-        done = sweep(standard_task(0.01, 0.1, 0.2), 0.02, 0.4, args.points, args.rtol, args.fidelity, count)
-    best = min(done.results, key=lambda result: result.amplitude)
+        done = sweep(task, 0.02, 0.4, args.points, args.rtol, args.fidelity, count, workers)
+    best = int(done.amplitudes.argmin())
     result = {
         "points": args.points,
         "cores": cores(),
         "fidelity": args.fidelity,
         "wall_s": done.wall_s,
         "simulations_per_second": args.points / done.wall_s,
-        "integration_ms": 1e3 * sum(result.wall_s for result in done.results) / len(done.results),
+        "integration_ms": 1e3 * float(done.integration_s.mean()),
         "largest_energy_residual": done.residual,
-        "best_height": done.heights[done.results.index(best)],
-        "best_amplitude": best.amplitude,
+        "best_height": float(done.heights[best]),
+        "best_amplitude": float(done.amplitudes[best]),
     }
     print(json.dumps(result, indent=1))
     return 0

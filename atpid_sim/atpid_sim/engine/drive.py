@@ -54,12 +54,17 @@ def still_rows(duration: float) -> Array:
 
 def with_ceiling(rows: Array, heights: Points) -> Array:
     """Cut support rows at the ceiling's kinks and fill in its motion: heights (t [s], h [m]), straight in between."""
+    table = cut(rows, [t for t, _ in heights if rows[0, at.START] < t < rows[-1, at.END]])
+    enter_ceiling(table, heights)
+    return table
+
+
+def enter_ceiling(table: Array, heights: Points) -> None:
+    """Fill in the ceiling's motion where no row has a kink of it inside: heights (t [s], h [m])."""
     times, values = zip(*heights, strict=True)
-    table = cut(rows, [t for t in times if rows[0, at.START] < t < rows[-1, at.END]])
     table[:, at.HEIGHT] = np.interp(table[:, at.START], times, values)
     risen = np.interp(table[:, at.END], times, values) - table[:, at.HEIGHT]
     table[:, at.CEILING_VELOCITY] = risen / (table[:, at.END] - table[:, at.START])
-    return table
 
 
 def between(rows: Array, begin: float, end: float) -> Array:

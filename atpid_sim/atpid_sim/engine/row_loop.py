@@ -4,6 +4,8 @@
 import math
 from enum import IntEnum
 
+import numpy as np
+
 from atpid_sim.contact.dispatch import energy
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.contact_phase import contact
@@ -14,10 +16,12 @@ from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, st
 from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import View, record_extreme
-from atpid_sim.engine.state import steps_used
+from atpid_sim.engine.state import FIRST_STEP, steps_used
 from atpid_sim.kernel import kernel
 from atpid_sim.outcome import Outcome
 
+#: What `pass_sections` returns where the grain is in contact at the end.
+IN_CONTACT = -1
 #: Phases without any progress in time after which a run ends as STALLED.
 _STALLED = 1000
 
@@ -135,14 +139,19 @@ def _open_length(segment, diameter):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts):  # type: ignore[no-untyped-def]
+def _control(fidelity, table, system, law, p, rtol, budget, y):  # type: ignore[no-untyped-def]
+    """Budget and error control of a run from state y through the drive table."""
+    if fidelity == Fidelity.SOFT or fidelity == Fidelity.FINITE:
+        return control_of(table, system, law, p, rtol, budget, y)
+    return Control(budget, rtol, rtol, 0.0, 0.0, 0.0)
+
+
+@kernel
+def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts):  # type: ignore[no-untyped-def]
     """`integrate`, with an `Outcome`."""
     with_grain = mass != system.beam_mass
     diameter = 2.0 * system.radius
     stuck = 0
-    control = Control(budget, rtol, rtol, 0.0, 0.0, 0.0)
-    if fidelity == Fidelity.SOFT or fidelity == Fidelity.FINITE:
-        control = control_of(table, system, law, p, rtol, budget, y)
     if fidelity == Fidelity.SIMPLIFIED and not with_grain:
         n[at.MODE] = at.FREE
     for row in range(table.shape[0]):
@@ -168,7 +177,7 @@ def _integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampli
             else:
                 tau = one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view, out)
             y[at.TIME] = start + tau
-            if steps_used(n) >= budget:
+            if steps_used(n) >= control.budget:
                 return Outcome.STEP_BUDGET
             fault = _fault(fidelity, y, segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau, diameter)
             if fault != Outcome.DONE:
@@ -192,7 +201,62 @@ def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, samplin
     state (`columns`), changed in place, also when the run ends early. Fidelity and outcome pass as plain integers:
     numba converts a member of an enumeration in 10 us.
     """
-    outcome = _integrate(
-        fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts
-    )
+    control = _control(fidelity, table, system, law, p, rtol, budget, y)
+    outcome = _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts)
     return outcome.value
+
+
+@kernel
+def integrate_alike(fidelity, tables, common, system, masses, law, p, rtol, y, n, window, budget, contacts, outcomes):  # type: ignore[no-untyped-def]
+    """Integrate runs of one system that begin alike, each through its own of `tables` (runs, rows, DRIVE_COLUMNS).
+
+    y (runs, STATE_SIZE), n (runs, COUNTERS): their states, the same at first, changed in place; the first `common` rows
+    of all tables, which are the same and lie before the window, are integrated once. The support moves alike in all.
+    masses (runs,): what moves at the fidelity `simplified` [kg]; outcomes (runs,): the outcomes' values. Nothing is
+    sampled or logged; the rest as in `integrate`.
+    """
+    sampling, out, impacts = (0.0, 1.0), np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
+    control = _control(fidelity, tables[0], system, law, p, rtol, budget, y[0])
+    start = tables[0, :common]
+    begun = _integrate(
+        fidelity, start, system, masses[0], law, p, control, y[0], n[0], window, sampling, out, impacts, contacts
+    )
+    for run in range(tables.shape[0] - 1, -1, -1):  # the first last: the others go on from its state
+        y[run], n[run] = y[0], n[0]
+        ended = begun
+        if begun == Outcome.DONE:
+            ended = _integrate(
+                fidelity, tables[run], system, masses[run], law, p, control, y[run], n[run], window, sampling, out,
+                impacts, contacts,
+            )  # fmt: skip
+        outcomes[run] = ended.value
+
+
+@kernel
+def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, after, budget, contacts):  # type: ignore[no-untyped-def]
+    """Map states of free flight, displacement and velocity of beam and grain (runs, 4) [SI units], through the table.
+
+    The runs beyond those of `sections` go on from the one before. `after` (runs, 4) gets their ends; returns how many
+    it has, and the outcome's value of the next one, or IN_CONTACT. The rest as in `integrate`.
+    """
+    window, sampling = (math.inf, math.inf), (0.0, 1.0)
+    out, impacts = np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
+    y, n = np.zeros(at.STATE_SIZE), np.zeros(at.COUNTERS, dtype=np.int64)
+    for run in range(after.shape[0]):
+        y[:] = 0.0
+        n[:] = 0
+        n[at.MODE] = at.FREE
+        y[at.LOWEST], y[at.HIGHEST], y[at.FIRST_STEP] = math.inf, -math.inf, FIRST_STEP
+        begin = sections[run] if run < sections.shape[0] else after[run - 1]
+        y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY] = begin[0], begin[1], begin[2], begin[3]
+        control = _control(fidelity, table, system, law, p, rtol, budget, y)
+        ended = _integrate(
+            fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts
+        )
+        if ended != Outcome.DONE:
+            return run, ended.value
+        if n[at.MODE] != at.FREE:
+            return run, IN_CONTACT
+        end = after[run]
+        end[0], end[1], end[2], end[3] = y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY]
+    return after.shape[0], 0

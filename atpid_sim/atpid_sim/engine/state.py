@@ -14,7 +14,7 @@ from atpid_sim.kernel import kernel
 from atpid_sim.system import Array
 
 #: First step of a first contact, as the fourth root of a time [s^(1/4)]; later contacts start from their predecessor's.
-_FIRST_STEP = 0.05
+FIRST_STEP = 0.05
 
 
 @kernel
@@ -64,7 +64,7 @@ class State:
         y[columns.BEAM] = y[columns.GRAIN] = displacement
         y[columns.BEAM_VELOCITY] = y[columns.GRAIN_VELOCITY] = velocity
         y[columns.LOWEST], y[columns.HIGHEST] = np.inf, -np.inf
-        y[columns.FIRST_STEP] = _FIRST_STEP
+        y[columns.FIRST_STEP] = FIRST_STEP
         n = np.zeros(columns.COUNTERS, dtype=np.int64)
         n[columns.MODE] = columns.ON_FLOOR
         return State(y, n)

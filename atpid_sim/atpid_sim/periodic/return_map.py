@@ -79,7 +79,19 @@ class ReturnMap:
 
         Raises NumericalFailure where the run does not end as it should, or the grain is in contact at the end.
         """
-        return section_of(self._advance(section, NO_OBSERVATION))
+        after: Array = self.each(section[None])[0]
+        return after
+
+    def each(self, sections: Array) -> Array:
+        """Return the section states (k, 4) `periods` after each of these (k, 4), in one call; raises as for one."""
+        after, missing = self.integration.pass_sections(sections, self._table, len(sections))
+        if missing:
+            raise NumericalFailure(missing)
+        return after
+
+    def passages(self, section: Array, count: int) -> Array:
+        """Return the next section states (k, 4), `periods` apart: `count`, or those before a run that fails."""
+        return self.integration.pass_sections(section[None], self._table, count)[0]
 
     def orbit(self, section: Array) -> Orbit:
         """Return what happens until the next passage, from a section state (4,). Raises NumericalFailure."""
@@ -116,13 +128,14 @@ class ReturnMap:
 
     def differences(self, section: Array, steps: Array) -> Array:
         """Return the derivative (4, 4) at a section state by central differences of half-widths `steps` (4,), SI."""
-        columns_of = [(self(section + step) - self(section - step)) / (2.0 * step.sum()) for step in np.diag(steps)]
-        return np.array(columns_of).T
+        after = self.each(np.concatenate([section + np.diag(steps), section - np.diag(steps)]))
+        slope: Array = (after[:4] - after[4:]).T / (2.0 * steps)
+        return slope
 
-    def forward_differences(self, section: Array, steps: Array) -> Array:
-        """Return the same by forward differences, for Newton's steps: half the runs."""
-        after = self(section)
-        return np.array([(self(section + step) - after) / step.sum() for step in np.diag(steps)]).T
+    def forward_differences(self, section: Array, steps: Array) -> tuple[Array, Array]:
+        """Return the section state (4,) `periods` later, and the derivative by forward differences: half the runs."""
+        after = self.each(np.concatenate([section[None], section + np.diag(steps)]))
+        return after[0], (after[1:] - after[0]).T / steps
 
     def _advance(self, section: Array, observation: Observation) -> State:
         state = flying(section)

@@ -9,6 +9,7 @@ the period that verifies the motion.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
@@ -36,6 +37,8 @@ _NEAR, _SHRINKING = 0.03, 0.98
 _ALIKE = 2.5
 #: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed.
 _WIDTH, _FOLLOWING = 1e-5, 1e-4
+#: Periods followed in one call.
+_CHUNK = 8
 #: Step beyond which the derivative is taken again.
 _CURVED = 1e-2
 #: Step from which on the motion is the one of the tabulated contacts.
@@ -95,7 +98,7 @@ class SteadySearch:
 class _Approach:
     """A transient that contracts: its last section state, and how far apart its passages are."""
 
-    phase: float
+    once: ReturnMap  # of the run that was followed, over one period
     periods: int
     section: Array
     scale: Array
@@ -156,22 +159,30 @@ def _follow(scene: Scene, quick: Integration, conditions: Conditions) -> _Approa
     once = ReturnMap(quick, conditions, phase)
     scale = size_of(once.orbit(section).amplitude, conditions)
     before, apart_by = section, {1: [math.inf], 2: [math.inf]}  # distances of passages one and two periods apart
-    for count in range(1, int((scene.duration - begin) / period)):
-        try:
-            after = once(section)
-        except NumericalFailure:
-            return SteadyEnding.IRREGULAR
+    for count, after in enumerate(_passages(once, section, int((scene.duration - begin) / period) - 1), 1):
         apart_by[1].append(_distance(after, section, scale))
         apart_by[2].append(_distance(after, before, scale) if count > 1 else math.inf)
         before, section = section, after
         for periods, apart in apart_by.items():
-            rate = max((b / a if a > 0.0 else 0.0 for a, b in pairwise(apart[-_REGULAR - 1 :])), default=math.inf)
-            if len(apart) > _REGULAR + periods and rate <= _SHRINKING and apart[-1] <= _NEAR:
+            if apart[-1] > _NEAR or len(apart) <= _REGULAR + periods:
+                continue
+            rate = max(b / a if a > 0.0 else 0.0 for a, b in pairwise(apart[-_REGULAR - 1 :]))
+            if rate <= _SHRINKING:
                 remaining = apart[-1] / (1.0 - rate)
                 # a motion of period one draws together at every second passage as well, and there more evenly
                 repeats = 1 if apart_by[1][-1] <= _ALIKE * remaining else periods
-                return _Approach(phase, repeats, section, scale, begin + (count + 1) * period, remaining)
+                return _Approach(once, repeats, section, scale, begin + (count + 1) * period, remaining)
     return SteadyEnding.IRREGULAR
+
+
+def _passages(once: ReturnMap, section: Array, count: int) -> Iterator[Array]:
+    """Yield the next `count` section states (4,), a chunk a call of compiled code; ends early where a run fails."""
+    while count > 0:
+        chunk = once.passages(section, min(count, _CHUNK))
+        yield from chunk
+        if len(chunk) < min(count, _CHUNK):
+            return
+        section, count = chunk[-1], count - len(chunk)
 
 
 def _distance(one: Array, other: Array, scale: Array) -> float:
@@ -183,17 +194,22 @@ def _solve(
     approach: _Approach, quick: Integration, fine: Integration, conditions: Conditions, known: float
 ) -> SteadySearch:
     """Return the fixed point near a transient that contracts; known: relative error that steps do not remove."""
-    coarse = ReturnMap(quick, conditions, approach.phase, approach.periods)
+    coarse = approach.once
+    if approach.periods > 1:
+        coarse = ReturnMap(quick, conditions, approach.once.phase, approach.periods)
     exact = coarse.by(fine)
     scale, section, left = approach.scale, approach.section, math.inf
     slope = None
     try:
         for count in range(_STEPS):
             # first the motion of the tabulated contacts, next to the one that is asked for
-            near = count >= _STEPS // 2 or left <= _COARSE
+            near, orbit, after = count >= _STEPS // 2 or left <= _COARSE, None, None
             if slope is None or left > _CURVED:  # the derivative where the last step has led
-                slope = coarse.forward_differences(section, _WIDTH * scale)
-            after, orbit = exact.passed(section) if near else (coarse(section), None)
+                after, slope = coarse.forward_differences(section, _WIDTH * scale)
+            if near:
+                after, orbit = exact.passed(section)
+            elif after is None:
+                after = coarse(section)
             step = np.linalg.solve(np.eye(4) - slope, after - section)
             left = float(np.max(np.abs(step / scale)))
             if orbit is not None and left <= known:
@@ -215,8 +231,8 @@ def _described(
     if abs(multipliers[0]) >= 1.0:
         return SteadySearch(SteadyEnding.NOT_CONVERGED)
     found = SteadyState(
-        orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.phase, orbit.impacts,
-        fine.fidelity,
+        orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.once.phase,
+        orbit.impacts, fine.fidelity,
     )  # fmt: skip
     return SteadySearch(SteadyEnding.FOUND, found)
 

@@ -1,16 +1,92 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many runs on all cores. The kernels release the interpreter's lock, so threads are enough."""
+"""Many jobs, one way: on this machine's cores or on a Dask cluster, with progress, a journal, and an end by Ctrl-C."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from typing import TypeVar
+import signal
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Generic, TypeVar
 
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.cluster import on_cluster
+from atpid_sim.simulation.journal import Journal, Record
 from atpid_sim.simulation.simulate import Result, simulate
 
-Job = TypeVar("Job")
+Job = TypeVar("Job", bound=Hashable)
 Answer = TypeVar("Answer")
+
+#: Called with the number of jobs done.
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Workers:
+    """What computes a batch: threads or processes of this machine, or the workers of a Dask cluster."""
+
+    count: int | None = None  # on this machine; None: one a core
+    cluster: str | None = None  # address of the scheduler of a Dask cluster; None: this machine
+
+
+HERE = Workers()
+
+
+@dataclass(frozen=True)
+class Batch(Generic[Job, Answer]):
+    """Jobs, each different, and what computes the answer of one.
+
+    Threads are enough for kernels, which release the interpreter's lock. What computes in Python takes `processes`;
+    then, as for a cluster, work, jobs and answers are sent as pickles, and files have to be readable where it runs.
+    """
+
+    work: Callable[[Job], Answer]
+    jobs: Sequence[Job]
+    processes: bool = False
+
+    def computed(self, workers: Workers = HERE) -> Iterator[tuple[Job, Answer]]:
+        """Yield (job, answer) as they come, in any order; the first error ends the rest and is raised.
+
+        Each worker takes the next job when it has done one: dear jobs do not wait for each other. Raises ClusterError.
+        """
+        if workers.cluster is not None:
+            return on_cluster(workers.cluster, self.work, self.jobs)
+        if self.processes:
+            return _in_processes(self.work, self.jobs, workers.count)
+        return on_all_cores(self.work, self.jobs, workers.count)
+
+    def run(
+        self,
+        workers: Workers = HERE,
+        progress: Progress | None = None,
+        record: Record[Job, Answer] | None = None,
+    ) -> list[Answer]:
+        """Return the answers in the order of the jobs; raises as `computed`.
+
+        record: the journal of what is done. A run that was killed goes on where it stopped; the journal is removed by
+        `record.finish()`, once the caller has written what it makes of the answers. Ctrl-C ends the run with one line.
+        """
+        report = progress or (lambda _: None)
+        done: dict[Job, Answer] = {}
+        try:
+            with ExitStack() as ends:
+                journal = None
+                if record is not None:
+                    journal = ends.enter_context(closing(Journal(record.path, record.purpose)))
+                    done = {job: record.back(journal.points[key]) for job in self.jobs
+                            if (key := record.key(job)) in journal.points}  # fmt: skip
+                report(len(done))
+                missing = [job for job in self.jobs if job not in done]
+                for job, answer in Batch(self.work, missing, self.processes).computed(workers):
+                    done[job] = answer
+                    if record is not None and journal is not None:
+                        journal.record(record.key(job), record.plain(answer))
+                    report(len(done))
+        except KeyboardInterrupt:
+            kept = "" if record is None else f"; the same command goes on from them, kept in {record.path}"
+            raise KeyboardInterrupt(f"interrupted: {len(done)} of {len(self.jobs)} done{kept}") from None
+        return [done[job] for job in self.jobs]
 
 
 def cores() -> int:
@@ -30,9 +106,23 @@ def on_all_cores(
     if first is None:
         return
     yield first, work(first)
-    pool = ThreadPoolExecutor(workers or cores())
+    yield from _submitted(ThreadPoolExecutor(workers or cores()), work, waiting)
+
+
+def _in_processes(
+    work: Callable[[Job], Answer], jobs: Sequence[Job], workers: int | None
+) -> Iterator[tuple[Job, Answer]]:
+    if not jobs:
+        return
+    # a fork would copy the locks of threads but not the threads; Ctrl-C ends a process at once, without its traceback
+    context, default = get_context("spawn"), (signal.SIGINT, signal.SIG_DFL)
+    pool = ProcessPoolExecutor(min(workers or cores(), len(jobs)), context, signal.signal, default)
+    yield from _submitted(pool, work, jobs)
+
+
+def _submitted(pool: Executor, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[tuple[Job, Answer]]:
     try:
-        futures: dict[Future[Answer], Job] = {pool.submit(work, job): job for job in waiting}
+        futures: dict[Future[Answer], Job] = {pool.submit(work, job): job for job in jobs}
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
@@ -40,20 +130,14 @@ def on_all_cores(
 
 
 def simulate_many(
-    scenes: Iterable[Scene],
+    scenes: Sequence[Scene],
     fidelity: str = "auto",
     rtol: float | None = None,
     check: bool = True,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
+    workers: Workers = HERE,
 ) -> list[Result]:
-    """Return the result of each scene, in order, computed on all cores; errors as `simulate`.
-
-    `progress` is called with the number done after each.
-    """
-    numbered = list(enumerate(scenes))
-    results: dict[int, Result] = {}
-    for (index, _), result in on_all_cores(lambda job: simulate(job[1], fidelity, rtol, check=check), numbered):
-        results[index] = result
-        if progress is not None:
-            progress(len(results))
-    return [results[index] for index, _ in numbered]
+    """Return the result of each scene, in order; errors as `simulate`. `progress` is called with the number done."""
+    scenes = list(scenes)
+    work = Batch(lambda place: simulate(scenes[place], fidelity, rtol, check=check), range(len(scenes)))
+    return work.run(workers, progress)

@@ -21,30 +21,33 @@ class ClusterError(InputError):
     """A cluster that cannot be used; one line."""
 
 
-def on_cluster(address: str, work: Callable[..., Answer], jobs: Iterable[tuple[Job, tuple[Any, ...]]]
-               ) -> Iterator[tuple[Job, Answer]]:  # fmt: skip
+def on_cluster(address: str, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[tuple[Job, Answer]]:
     """Yield (job, answer of `work`) as the workers of the scheduler at `address` deliver them.
 
-    jobs: each with the arguments of `work`, which is a function of a module that workers can import. Raises
-    ClusterError where dask is not installed, no scheduler answers, or every worker that tried a job has exited; what
-    `work` raises is raised here.
+    Work, jobs and answers are sent as pickles; functions of the project by name, so that workers need it installed.
+    Raises ClusterError where dask is not installed, no scheduler answers, or every worker that tried a job has exited;
+    what `work` raises is raised here. Jobs that wait when the caller ends are cancelled.
     """
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
-        raise ClusterError("--scheduler needs Dask: pip install 'dask[distributed]', or leave the option out") from None
+        raise ClusterError("--cluster needs Dask: pip install 'dask[distributed]', or leave the option out") from None
     try:
         client = distributed.Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise ClusterError(
-            f"--scheduler: given {address}; no Dask scheduler answers there ({type(error).__name__}); "
+            f"--cluster: given {address}; no Dask scheduler answers there ({type(error).__name__}); "
             "start one with `dask scheduler`, or leave the option out"
         ) from None
     with client:
-        futures = {client.submit(work, *arguments, pure=False): job for job, arguments in jobs}
-        for future in distributed.as_completed(list(futures), loop=client.loop):
-            try:
-                yield futures[future], future.result()
-            except distributed.scheduler.KilledWorker:
-                lost = f"--scheduler: every worker that computed {futures[future]} exited; see their logs"
-                raise ClusterError(lost) from None
+        given = list(jobs)
+        futures = dict(zip(client.map(work, given, pure=False), given, strict=True))
+        try:
+            for future in distributed.as_completed(list(futures), loop=client.loop):
+                try:
+                    yield futures[future], future.result()
+                except distributed.scheduler.KilledWorker:
+                    lost = f"--cluster: every worker that computed {futures[future]} exited; see their logs"
+                    raise ClusterError(lost) from None
+        finally:
+            client.cancel(list(futures))

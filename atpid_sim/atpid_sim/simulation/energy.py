@@ -2,6 +2,10 @@
 """The energy ledger of a run: where the work of the support went."""
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
@@ -29,20 +33,37 @@ class Ledger:
 
 def ledger_of(system: System, contact: Contact, table: Array, first: State, last: State) -> Ledger:
     """Return the ledger between two states of a run through `table`."""
-    support = [drive.support_displacement(table, state.time) for state in (first, last)]
-    before, after = (stored_energy(system, state, u) for state, u in zip((first, last), support, strict=True))
-    flows = [
-        float(last.y[k] - first.y[k])
-        for k in (columns.INPUT, columns.BEAM_LOSS, columns.CONTACT_LOSS, columns.CEILING_WORK)
+    left = contact_energy(contact, system, last, table)
+    flows = _flows(system, table, first, last.y, last.time, left)
+    return Ledger(*(float(flow) for flow in flows))
+
+
+def residuals(system: System, contact: Contact, tables: Array, first: State, y: Array, n: NDArray[np.int64]) -> Array:
+    """Return the relative residuals (runs,) of the ledgers of runs that begin and end together, each through its table.
+
+    tables (runs, rows, DRIVE_COLUMNS), whose support moves alike; y (runs, STATE_SIZE), n (runs, COUNTERS): last states
+    """
+    touching = np.isin(n[:, columns.MODE], (columns.ON_FLOOR, columns.ON_CEILING))
+    left = np.zeros(len(y))
+    for run in np.flatnonzero(touching):
+        left[run] = contact_energy(contact, system, State(y[run], n[run]), tables[run])
+    residual: Array = _flows(system, tables[0], first, y, float(y[0, columns.TIME]), left)[-1]
+    return residual
+
+
+def _flows(system: System, table: Array, first: State, y: Array, end: float, left: float | Array) -> tuple[Any, ...]:
+    """Return the values of a ledger up to time `end` [s]; y (..., STATE_SIZE): the last state, left: energy of its
+    contact [J].
+    """
+    start_u, end_u = (drive.support_displacement(table, time) for time in (first.time, end))
+    work, beam_loss, contact_loss, ceiling = flows = [
+        y[..., k] - first.y[k] for k in (columns.INPUT, columns.BEAM_LOSS, columns.CONTACT_LOSS, columns.CEILING_WORK)
     ]
-    work, beam_loss, contact_loss, ceiling = flows
-    stored = after - before + contact_energy(contact, system, last, table)
-    sprung = max(
-        0.5 * system.stiffness * (state.beam - u) ** 2 for state, u in zip((first, last), support, strict=True)
-    )
+    stored = _stored(system, y, end_u) - _stored(system, first.y, start_u) + left
+    sprung = 0.5 * system.stiffness * np.maximum((first.beam - start_u) ** 2, (y[..., columns.BEAM] - end_u) ** 2)
     turnover = sum(abs(flow) for flow in flows) + abs(stored) + sprung
     gap = stored - (work - beam_loss - contact_loss + ceiling)
-    return Ledger(work, beam_loss, contact_loss, ceiling, stored, gap / turnover if turnover > 0.0 else 0.0)
+    return work, beam_loss, contact_loss, ceiling, stored, gap / np.where(turnover > 0.0, turnover, 1.0)
 
 
 def stored_energy(system: System, state: State, support: float) -> float:
@@ -50,12 +71,18 @@ def stored_energy(system: System, state: State, support: float) -> float:
 
     The energy of a contact is not in it (see `contact_energy`).
     """
-    stretch = state.beam - support
+    return float(_stored(system, state.y, support))
+
+
+def _stored(system: System, y: Array, support: float) -> Any:
+    beam, velocity = y[..., columns.BEAM], y[..., columns.BEAM_VELOCITY]
+    grain, grain_velocity = y[..., columns.GRAIN], y[..., columns.GRAIN_VELOCITY]
+    stretch = beam - support
     return (
-        0.5 * system.beam_mass * state.beam_velocity**2
-        + 0.5 * system.grain_mass * state.grain_velocity**2
+        0.5 * system.beam_mass * velocity**2
+        + 0.5 * system.grain_mass * grain_velocity**2
         + 0.5 * system.stiffness * stretch**2
-        + system.gravity * (system.beam_mass * state.beam + system.grain_mass * state.grain)
+        + system.gravity * (system.beam_mass * beam + system.grain_mass * grain)
     )
 
 

@@ -2,22 +2,24 @@
 """From a scene to a run of the engine: one object for every caller."""
 
 import math
+import time
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.contact_table import NO_TABLE
-from atpid_sim.engine.row_loop import Fidelity, integrate
+from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.scene.initial import Initial
 from atpid_sim.simulation.contact_tables import table_of
-from atpid_sim.simulation.energy import Ledger, ledger_of
+from atpid_sim.simulation.energy import Ledger, ledger_of, residuals
 from atpid_sim.simulation.excitation import frequency_at, support_rows
 from atpid_sim.system import Array, System
 
@@ -65,6 +67,15 @@ class Run(NamedTuple):
     samples: Array  # those written (SAMPLE_ROWS, k)
     impacts: Array  # those logged (k, IMPACT_COLUMNS)
     ledger: Ledger
+
+
+class AlikeRuns(NamedTuple):
+    """Runs that differ in the ceiling only: what is known at their end."""
+
+    amplitudes: Array  # of the beam in the steady window (runs,) [m]
+    residuals: Array  # of the energy ledgers, relative (runs,)
+    impacts: NDArray[np.int64]  # on floor and ceiling (runs,)
+    wall_s: float  # of all together, compiled [s]
 
 
 class Integration:
@@ -164,6 +175,53 @@ class Integration:
             )
         )  # fmt: skip
 
+    def pass_sections(self, sections: Array, table: Array, count: int) -> tuple[Array, str]:
+        """Return states of free flight (k, 4) mapped through a table, and why the next one of `count` is missing.
+
+        sections (n, 4): displacement and velocity of the beam, then of the grain [m, m/s, m, m/s]; runs beyond these go
+        on from the one before. The grain has to fly at the end. One call of compiled code.
+        """
+        after = np.empty((count, 4))
+        law, parameters = self.contact
+        limit = self._limit(table[-1, columns.END] - table[0, columns.START])
+        done, ended = pass_sections(
+            self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, sections, after, limit,
+            self._contacts,
+        )  # fmt: skip
+        if done == count:
+            return after, ""
+        grounded = "the grain is in contact at the phase of the section"
+        return after[:done], grounded if ended == IN_CONTACT else Outcome(ended).sentence
+
+    def advance_alike(self, tables: Array, common: int) -> AlikeRuns:
+        """Return where runs of the scene end, each through its own of `tables` (runs, rows, DRIVE_COLUMNS).
+
+        The tables differ in the ceiling only, and only behind their first `common` rows, which lie before the steady
+        window; nothing but the beam's range in that window is observed. Compiled, without the interpreter's lock.
+        """
+        first = self.initial_state()
+        count = len(tables)
+        y, n = np.tile(first.y, (count, 1)), np.tile(first.n, (count, 1))
+        ends = tables[:, :, columns.HEIGHT] + tables[:, :, columns.CEILING_VELOCITY] * (
+            tables[:, :, columns.END] - tables[:, :, columns.START]
+        )
+        highest = np.maximum(tables[:, :, columns.HEIGHT], ends).max(axis=1)
+        masses = np.where(_closed(self.scene, highest), self.scene.total_mass, self.scene.beam.mass)
+        outcomes = np.zeros(count, dtype=np.int64)
+        law, parameters = self.contact
+        begun = time.perf_counter()
+        integrate_alike(
+            self._fidelity, tables, common if (masses == masses[0]).all() else 0, self.system, masses, law, parameters,
+            self.rtol, y, n, self.scene.steady_window, self.step_limit, self._contacts, outcomes,
+        )  # fmt: skip
+        wall = time.perf_counter() - begun
+        if outcomes.any():
+            failed = int(np.flatnonzero(outcomes)[0])
+            raise NumericalFailure(failure_at(Outcome(int(outcomes[failed])), State(y[failed], n[failed])))
+        amplitudes = 0.5 * (y[:, columns.HIGHEST] - y[:, columns.LOWEST])
+        impacts = n[:, columns.FLOOR_HITS] + n[:, columns.CEILING_HITS]
+        return AlikeRuns(amplitudes, residuals(self.system, self.contact, tables, first, y, n), impacts, wall)
+
     def run(self, observation: Observation = NO_OBSERVATION, table: Array | None = None, limit: int | None = None,
             disturbance: float = 0.0) -> Run:  # fmt: skip
         """Integrate from the initial state through a table, by default that of the scene.
@@ -175,10 +233,7 @@ class Integration:
         first = state.copy()
         outcome = self.advance(state, rows, observation, self.step_limit if limit is None else limit)
         if outcome != Outcome.DONE:
-            raise NumericalFailure(
-                f"{outcome.sentence} (at {state.time:.6f} s: beam {state.beam:.6g} m, "
-                f"grain {state.grain:.6g} m above its rest, {state.steps} steps)"
-            )
+            raise NumericalFailure(failure_at(outcome, state))
         samples = observation.samples[:, : state.n[columns.SAMPLE]]
         impacts = observation.impacts[: state.n[columns.IMPACTS]]
         return Run(state, samples, impacts, self.ledger(first, state, rows))
@@ -188,6 +243,14 @@ class Integration:
         return ledger_of(self.system, self.contact, table, first, last)
 
 
+def failure_at(outcome: Outcome, state: State) -> str:
+    """Return a sentence: how a run ended, where and with what state."""
+    return (
+        f"{outcome.sentence} (at {state.time:.6f} s: beam {state.beam:.6g} m, "
+        f"grain {state.grain:.6g} m above its rest, {state.steps} steps)"
+    )
+
+
 def rtol_of(scene: Scene) -> float:
     """Return the relative tolerance at which the integrator meets the amplitude error that a scene asks for."""
     return min(_TOLERANCE_SHARE * scene.tolerance, LOOSEST)
@@ -195,8 +258,12 @@ def rtol_of(scene: Scene) -> float:
 
 def is_closed(scene: Scene) -> bool:
     """Return whether the ceiling holds the grain during the whole run."""
-    diameter = 2.0 * scene.grain.radius
-    return max(height for _, height in scene.ceiling.heights) <= diameter * (1.0 + 1e-9)
+    return bool(_closed(scene, max(height for _, height in scene.ceiling.heights)))
+
+
+def _closed(scene: Scene, highest: float | Array) -> Any:
+    """Return whether a ceiling holds the grain that is never higher than `highest` (...) [m]."""
+    return highest <= 2.0 * scene.grain.radius * (1.0 + 1e-9)
 
 
 def drive_table(scene: Scene, edges: tuple[float, ...] = ()) -> Array:

@@ -8,7 +8,7 @@ Earth's, ceilings that close on the grain at up to 10 m/s, no clearance at all, 
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,6 +60,11 @@ class Case(NamedTuple):
     finite: bool
     inside: bool  # whether the grain ended between the walls, within its own radius
     shortened: bool
+
+
+def case_of(plain: Mapping[str, Any]) -> Case:
+    """Return the case of a journal's line."""
+    return Case(**{**plain, "outcome": Outcome(plain["outcome"])})
 
 
 def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
