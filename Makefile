@@ -73,6 +73,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_control bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
 	python -m atpid_sim.studies.figures.free_decay --out docs/figures; \
 	python -m atpid_sim.studies.figures.contact --out docs/figures; \
+	python -m atpid_sim.studies.figures.speed --out docs/figures; \
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
 	python -m atpid_control design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 \

@@ -153,7 +153,8 @@ NOT_RUN = {
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",
     r"python -m nidaqmx installdriver$": "installs NI's driver",
-    r"python -m atpid_\w+( |\.studies\.)(tradeoff|extremes|sweep|seeds|figures \w)": "minutes; their parts have tests",
+    r"python -m atpid_\w+( |\.studies\.)(tradeoff|extremes|sweep|seeds|figures \w|figures\.speed)": "minutes; their "
+    "parts have tests",
     r"(ros2( launch| run)?|python -m PACKAGE\.nodes\.NODE .*|ros2 run PACKAGE NODE .*)$": "a name in a sentence",
     r"ros2 lifecycle set NODE configure": "the wheels have no ros2",
     r"ros2 service call /supervisor_node/rearm": "the wheels have no ros2; test_supervisor.py calls the service",

@@ -2,6 +2,7 @@
 """Frequency sweeps as drive tables, and sweeps over the height of the ceiling."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from atpid_sim.engine import columns
 from atpid_sim.engine.beam import support_at
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
+from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.excitation import support_rows
 from atpid_sim.simulation.simulate import simulate
 from atpid_sim.studies.sweep import _opened, sweep
@@ -114,3 +116,19 @@ def test_a_height_that_cannot_be_simulated_ends_the_sweep() -> None:
     deep = STANDARD.with_(contact={"law": "hertz", "young_modulus": 2e4, "poisson_ratio": 0.2}, tolerance=1e-3)
     with pytest.raises(NumericalFailure, match=r"deeper into a wall than its radius.* \(at \d"):
         sweep(deep, 0.1, 0.2, 3)
+
+
+def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    scene, journal = STANDARD.with_(duration=8.5, steady_window=[8.0, 8.5]), tmp_path / "sweep.journal"
+
+    def stop(done: int) -> None:
+        if done >= 32:
+            raise KeyboardInterrupt
+
+    swept_once = partial(sweep, scene, 0.02, 0.4, 40, 1e-4, "impact")
+    with pytest.raises(KeyboardInterrupt, match=r"interrupted: 2 of 3 done; the same command goes on from them"):
+        swept_once(stop, Workers(1), journal)
+    again = swept_once(None, Workers(1), journal)
+    assert again.computed == 8
+    assert not journal.exists()
+    assert again.amplitudes.tolist() == swept_once().amplitudes.tolist()

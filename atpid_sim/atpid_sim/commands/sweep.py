@@ -5,7 +5,7 @@ import argparse
 import json
 
 from atpid_common.arguments import real, whole
-from atpid_sim.commands.options import add_workers, workers_of
+from atpid_sim.commands.options import add_journal, add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import cores
 from atpid_sim.simulation.integration import FIDELITIES
@@ -26,20 +26,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--fidelity", default="soft", choices=FIDELITIES, help="fidelity level; default soft")
     add_workers(parser)
+    add_journal(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the sweep and print one JSON object; return 0. Raises NumericalFailure."""
     task, workers = standard_task(0.01, 0.1, 0.2), workers_of(args)
     with counting("heights", args.points) as count:
-        done = sweep(task, 0.02, 0.4, args.points, args.rtol, args.fidelity, count, workers)
+        done = sweep(task, 0.02, 0.4, args.points, args.rtol, args.fidelity, count, workers, args.journal)
     best = int(done.amplitudes.argmin())
     result = {
         "points": args.points,
         "cores": cores(),
         "fidelity": args.fidelity,
         "wall_s": done.wall_s,
-        "simulations_per_second": args.points / done.wall_s,
+        "simulations_per_second": done.computed / done.wall_s,
         "integration_ms": 1e3 * float(done.integration_s.mean()),
         "largest_energy_residual": done.residual,
         "best_height": float(done.heights[best]),

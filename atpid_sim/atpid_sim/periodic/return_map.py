@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_sim.engine import columns, drive
+from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, Observation, impact_log, sample_series
@@ -188,13 +188,13 @@ def _middle_of_longest(free: Array) -> int | None:
     if free.all():
         return 0
     first = int(np.argmin(free))  # begin behind a contact, so that no run is cut
-    best, length, run = None, 0, 0
-    for step in range(1, len(free) + 1):
-        place = (first + step) % len(free)
-        run = run + 1 if free[place] else 0
-        if run > length:
-            best, length = first + step, run
-    return None if best is None else (best - length // 2) % len(free)
+    ring = np.concatenate([free[first + 1 :], free[:first]])
+    edges = np.flatnonzero(np.diff(ring, prepend=False, append=False))
+    begins, ends = edges[::2], edges[1::2]
+    if not len(ends):
+        return None
+    longest = int(np.argmax(ends - begins))
+    return int(first + ends[longest] - (ends[longest] - begins[longest]) // 2) % len(free)
 
 
 def _run(
@@ -216,6 +216,8 @@ def _run(
 
 
 def _table(conditions: Conditions, phase: float, duration: float) -> Array:
-    rows = drive.harmonic_rows([(0.0, conditions.amplitude)], conditions.frequency, duration)
-    rows[:, columns.PHASE] += 2.0 * math.pi * phase
-    return drive.with_ceiling(rows, [(0.0, conditions.height)])
+    row = np.zeros((1, columns.DRIVE_COLUMNS))  # a few periods: `drive.harmonic_rows` takes as long as they do
+    row[0, columns.END] = duration
+    row[0, columns.A0], row[0, columns.OMEGA] = conditions.amplitude, 2.0 * math.pi * conditions.frequency
+    row[0, columns.PHASE], row[0, columns.HEIGHT] = 2.0 * math.pi * phase, conditions.height
+    return row

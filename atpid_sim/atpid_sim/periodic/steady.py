@@ -13,11 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.engine import drive
+from atpid_sim.engine.columns import END
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, passage
@@ -25,7 +26,7 @@ from atpid_sim.periodic.solve import size_of
 from atpid_sim.scene import HarmonicExcitation, Scene
 from atpid_sim.simulation.excitation import amplitude_points
 from atpid_sim.simulation.fidelity import choose, complete_fidelity
-from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, rtol_of
+from atpid_sim.simulation.integration import Integration, Observation, drive_table, rtol_of
 from atpid_sim.system import Array
 
 #: Periods before contraction is looked for, and how many distances in a row have to shrink.
@@ -38,7 +39,7 @@ _ALIKE = 2.5
 #: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed.
 _WIDTH, _FOLLOWING = 1e-5, 1e-4
 #: Periods followed in one call.
-_CHUNK = 8
+_CHUNK = 7
 #: Step beyond which the derivative is taken again.
 _CURVED = 1e-2
 #: Step from which on the motion is the one of the tabulated contacts.
@@ -47,6 +48,7 @@ _COARSE = 1e-4
 _STEPS, _FARTHEST = 12, 5.0
 #: Share of the tolerance with which the periods of the solution are integrated.
 _SHARE = 0.1
+_IDENTITY = np.eye(4)
 #: Least multiplier of which a logarithm is taken.
 _LEAST = 1e-12
 
@@ -147,22 +149,22 @@ def _follow(scene: Scene, quick: Integration, conditions: Conditions) -> _Approa
     """Follow the scene until its passages of a section draw together regularly."""
     period = 1.0 / conditions.frequency
     begin = period * (math.ceil(_still_from(scene) / period) + _SETTLED)
-    table = quick.table
     if begin >= scene.duration:
         return SteadyEnding.IRREGULAR
     state = quick.initial_state()
-    _advance(quick, state, drive.between(table, 0.0, begin))
+    table = drive_table(scene, (begin - period, begin))
+    _advance(quick, state, table[table[:, END] <= begin], Observation((begin - period, begin)))
     try:
         phase, section = passage(quick, conditions, state, 0.0)
     except NumericalFailure:
         return SteadyEnding.IN_CONTACT
     once = ReturnMap(quick, conditions, phase)
-    scale = size_of(once.orbit(section).amplitude, conditions)
-    before, apart_by = section, {1: [math.inf], 2: [math.inf]}  # distances of passages one and two periods apart
-    for count, after in enumerate(_passages(once, section, int((scene.duration - begin) / period) - 1), 1):
-        apart_by[1].append(_distance(after, section, scale))
-        apart_by[2].append(_distance(after, before, scale) if count > 1 else math.inf)
-        before, section = section, after
+    scale = size_of(state.amplitude, conditions)
+    apart_by = {1: [math.inf], 2: [math.inf]}  # distances of passages one and two periods apart
+    followed = _passages(once, section, scale, int((scene.duration - begin) / period) - 1)
+    for count, (section, *distances) in enumerate(followed, 1):
+        for apart, distance in zip(apart_by.values(), distances, strict=True):
+            apart.append(distance)
         for periods, apart in apart_by.items():
             if apart[-1] > _NEAR or len(apart) <= _REGULAR + periods:
                 continue
@@ -175,19 +177,27 @@ def _follow(scene: Scene, quick: Integration, conditions: Conditions) -> _Approa
     return SteadyEnding.IRREGULAR
 
 
-def _passages(once: ReturnMap, section: Array, count: int) -> Iterator[Array]:
-    """Yield the next `count` section states (4,), a chunk a call of compiled code; ends early where a run fails."""
+def _passages(once: ReturnMap, section: Array, scale: Array, count: int) -> Iterator[tuple[Array, float, float]]:
+    """Yield the next `count` section states (4,) and how far each is from the last and the last but one, relative to
+    the motion's size; ends early where a run fails. A chunk is one call of compiled code.
+    """
+    known = section[None]
     while count > 0:
-        chunk = once.passages(section, min(count, _CHUNK))
-        yield from chunk
-        if len(chunk) < min(count, _CHUNK):
+        wanted = min(count, _CHUNK)
+        chunk = np.concatenate([known, once.passages(known[-1], wanted)])
+        one = (np.abs(chunk[1:] - chunk[:-1]) / scale).max(axis=1).tolist()
+        two = (np.abs(chunk[2:] - chunk[:-2]) / scale).max(axis=1).tolist()
+        if len(known) == 1:
+            two = [math.inf, *two][: len(one)]
+        yield from zip(chunk[len(known) :], one[len(known) - 1 :], two, strict=True)
+        if len(chunk) < wanted + len(known):
             return
-        section, count = chunk[-1], count - len(chunk)
+        known, count = chunk[-2:], count - wanted
 
 
-def _distance(one: Array, other: Array, scale: Array) -> float:
-    """Return how far apart two section states are, relative to the motion's size."""
-    return float(max(map(abs, ((one - other) / scale).tolist())))
+def _size(step: Array, scale: Array) -> float:
+    """Return the largest part of a step (4,), relative to the motion's size."""
+    return float(max(map(abs, (step / scale).tolist())))
 
 
 def _solve(
@@ -199,24 +209,25 @@ def _solve(
         coarse = ReturnMap(quick, conditions, approach.once.phase, approach.periods)
     exact = coarse.by(fine)
     scale, section, left = approach.scale, approach.section, math.inf
-    slope = None
+    slope: Array | None = None
+    inverse: NDArray[np.floating[Any]] = _IDENTITY
     try:
         for count in range(_STEPS):
             # first the motion of the tabulated contacts, next to the one that is asked for
             near, orbit, after = count >= _STEPS // 2 or left <= _COARSE, None, None
             if slope is None or left > _CURVED:  # the derivative where the last step has led
                 after, slope = coarse.forward_differences(section, _WIDTH * scale)
+                inverse = np.linalg.inv(_IDENTITY - slope)
             if near:
                 after, orbit = exact.passed(section)
             elif after is None:
                 after = coarse(section)
-            step = np.linalg.solve(np.eye(4) - slope, after - section)
-            left = float(np.max(np.abs(step / scale)))
+            step = inverse @ (after - section)
+            left = _size(step, scale)
             if orbit is not None and left <= known:
                 return _described(approach, fine, orbit, section, slope, left + known)
             section = section + step
-            away = float(np.max(np.abs((section - approach.section) / scale)))
-            if away > _FARTHEST * approach.remaining + known:
+            if _size(section - approach.section, scale) > _FARTHEST * approach.remaining + known:
                 break
     except (NumericalFailure, np.linalg.LinAlgError):
         pass
@@ -237,7 +248,7 @@ def _described(
     return SteadySearch(SteadyEnding.FOUND, found)
 
 
-def _advance(integration: Integration, state: State, table: Array) -> None:
-    outcome = integration.advance(state, table, NO_OBSERVATION)
+def _advance(integration: Integration, state: State, table: Array, observation: Observation) -> None:
+    outcome = integration.advance(state, table, observation)
     if outcome != Outcome.DONE:
         raise NumericalFailure(outcome.sentence)

@@ -48,7 +48,7 @@ class Batch(Generic[Job, Answer]):
     def computed(self, workers: Workers = HERE) -> Iterator[tuple[Job, Answer]]:
         """Yield (job, answer) as they come, in any order; the first error ends the rest and is raised.
 
-        Each worker takes the next job when it has done one: dear jobs do not wait for each other. Raises ClusterError.
+        Each worker takes the next job when it has done one: long jobs hold up no short ones. Raises ClusterError.
         """
         if workers.cluster is not None:
             return on_cluster(workers.cluster, self.work, self.jobs)

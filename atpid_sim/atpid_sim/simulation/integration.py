@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a scene to a run of the engine: one object for every caller."""
 
+from __future__ import annotations
+
 import math
 import time
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -76,6 +79,17 @@ class AlikeRuns(NamedTuple):
     residuals: Array  # of the energy ledgers, relative (runs,)
     impacts: NDArray[np.int64]  # on floor and ceiling (runs,)
     wall_s: float  # of all together, compiled [s]
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return plain numbers, for a journal."""
+        arrays = {name: getattr(self, name).tolist() for name in ("amplitudes", "residuals", "impacts")}
+        return arrays | {"wall_s": self.wall_s}
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> AlikeRuns:
+        """Return what `to_plain` has made plain numbers of."""
+        amplitudes, residuals, impacts = (np.array(plain[name]) for name in ("amplitudes", "residuals", "impacts"))
+        return cls(amplitudes, residuals, impacts, float(plain["wall_s"]))
 
 
 class Integration:

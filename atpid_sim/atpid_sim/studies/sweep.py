@@ -2,6 +2,7 @@
 """Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
 
 import time
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.scene.ceiling import Heights
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
 from atpid_sim.simulation.integration import AlikeRuns, Integration, drive_table
+from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
 
 #: Runs of a chunk: its Python takes 0.2 ms, its runs 5 ms or more. Chunks are handed out one by one, so that a worker
@@ -28,6 +30,7 @@ class Sweep(NamedTuple):
     impacts: Array  # on floor and ceiling (n,)
     integration_s: Array  # of each, compiled: the mean of its chunk (n,) [s]
     wall_s: float
+    computed: int  # how many heights that took: the others were in the journal
 
     @property
     def residual(self) -> float:
@@ -44,12 +47,14 @@ def sweep(
     fidelity: str = "soft",
     progress: Progress | None = None,
     workers: Workers = HERE,
+    journal: Path | None = None,
 ) -> Sweep:
     """Simulate a scene at `count` heights [m], each once.
 
     A ceiling that moves goes to the height in its last ramp, one that stands still stands there. What the runs have in
-    common before that ramp is integrated once a chunk. `progress` is called with the number done. Raises SceneError
-    where a controller moves the ceiling, ValueError for less than one height, NumericalFailure, ClusterError.
+    common before that ramp is integrated once a chunk. `progress` is called with the number done. journal: file of what
+    is done, from which the same sweep goes on. Raises SceneError where a controller moves the ceiling, ValueError for
+    less than one height, NumericalFailure, ClusterError, JournalError.
     """
     if count < 1:
         raise ValueError(f"count: given {count}; allowed: at least 1 height")
@@ -58,9 +63,24 @@ def sweep(
     at_heights(scene, heights[-1:], fidelity, rtol)  # compiles, or loads what was compiled
     begin = time.perf_counter()
     batch = Batch(lambda place: at_heights(scene, chunks[place], fidelity, rtol), range(len(chunks)))
-    report = None if progress is None else lambda done: progress(min(done * _CHUNK, count))
-    done = batch.run(workers, report)
+    seen: list[int] = []
+
+    def report(chunks_done: int) -> None:
+        seen.append(min(chunks_done * _CHUNK, count))
+        if progress is not None:
+            progress(seen[-1])
+
+    record: Record[int, AlikeRuns] | None = None
+    if journal is not None:
+        settings = [lowest, highest, count, _CHUNK, rtol, fidelity]
+        purpose = {"sweep": settings, "scene": scene.to_mapping()}
+        record = Record[int, AlikeRuns](
+            journal, purpose, lambda place: (place,), AlikeRuns.to_plain, AlikeRuns.from_plain
+        )
+    done = batch.run(workers, report, record)
     wall = time.perf_counter() - begin
+    if record is not None:
+        record.finish()
     return Sweep(
         heights,
         np.concatenate([one.amplitudes for one in done]),
@@ -68,6 +88,7 @@ def sweep(
         np.concatenate([one.impacts for one in done]),
         np.concatenate([np.full(len(one.amplitudes), one.wall_s / len(one.amplitudes)) for one in done]),
         wall,
+        count - seen[0],
     )
 
 
