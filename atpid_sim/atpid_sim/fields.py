@@ -68,11 +68,15 @@ _STEEPEST = 1e6
 _MOST_POINTS = 100_000
 
 
-def _rising(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+def _in_order(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
     for (left, _), (right, _) in pairwise(points):
         if right <= left:
             raise impossible("", right, f"times in rising order (the one before is {left:g})")
-    return no_jump(points)
+    return points
+
+
+def _rising(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    return no_jump(_in_order(points))
 
 
 def no_jump(points: tuple[tuple[float, float], ...], key: str = "") -> tuple[tuple[float, float], ...]:
@@ -97,10 +101,14 @@ def _not_too_many(value: Any) -> Any:
 
 
 AmplitudePoint = Annotated[tuple[Instant, Amplitude], BeforeValidator(_pair)]
+FrequencyPoint = Annotated[tuple[Instant, Hertz], BeforeValidator(_pair)]
 HeightPoint = Annotated[tuple[Instant, Length], BeforeValidator(_pair)]
 #: ((t, value), ...): straight between the points, constant before the first and after the last.
 AmplitudePoints = Annotated[
     tuple[AmplitudePoint, ...], BeforeValidator(_not_too_many), Field(min_length=1), AfterValidator(_rising)
+]
+FrequencyPoints = Annotated[
+    tuple[FrequencyPoint, ...], BeforeValidator(_not_too_many), Field(min_length=1), AfterValidator(_in_order)
 ]
 HeightRange = Annotated[tuple[Length, Length], BeforeValidator(_pair)]
 HeightPoints = Annotated[
@@ -123,8 +131,16 @@ AmplitudeOrPoints = Annotated[
     Annotated[Amplitude, Tag("<number>")] | Annotated[AmplitudePoints, Tag("<points>")],
     Discriminator(lambda value: "<points>" if isinstance(value, list | tuple) else "<number>"),
 ]
-#: Selects the variant by the type that was given, a word or a number: the error is then about that variant only.
-by_word = Discriminator(lambda value: "<word>" if isinstance(value, str) else "<number>")
+
+
+def _type_given(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "<points>"
+    return "<word>" if isinstance(value, str) else "<number>"
+
+
+#: Selects the variant by the type that was given: the error is then about that variant only.
+by_type = Discriminator(_type_given)
 
 
 def by_key(keys: Mapping[str, Sequence[str]], hint: str) -> Discriminator:

@@ -14,7 +14,7 @@ from atpid_control.bags.read import Bag
 from atpid_control.report.comparison import Closed, closed_motion, repeated
 from atpid_control.report.run import Run, read_run
 from atpid_sim.scene import FreeExcitation, Scene
-from atpid_sim.simulation.excitation import amplitude_points
+from atpid_sim.simulation.excitation import amplitude_at, amplitude_points, frequency_at, frequency_points
 from atpid_sim.simulation.reproducibility import Verdict
 from atpid_sim.system import Array
 
@@ -88,19 +88,16 @@ def intervals(run: Run) -> list[tuple[float, float]]:
 
 
 def constant_intervals(scene: Scene, end: float) -> list[tuple[float, float]]:
-    """Return (begin, end) [s] of the intervals of constant amplitude above zero, of a harmonic excitation, to `end`."""
-    points = amplitude_points(scene)
-    bounds = [*points, (end, points[-1][1])]
-    if points[0][0] > 0.0:
-        bounds.insert(0, (0.0, points[0][1]))
+    """Return (begin, end) [s] of the intervals of constant frequency and amplitude above zero of a tone, to `end`."""
+    kinks = {t for t, _ in (*amplitude_points(scene), *frequency_points(scene)) if 0.0 < t < end}
     found: list[tuple[float, float]] = []
-    for (t0, a0), (t1, a1) in pairwise(bounds):
-        if a0 != a1 or a0 <= 0.0 or t0 >= min(t1, end):
-            continue
-        if found and found[-1][1] == t0:
-            found[-1] = (found[-1][0], min(t1, end))
-        else:
-            found.append((t0, min(t1, end)))
+    joined = False  # whether the interval before was constant, so that this one continues it
+    for t0, t1 in pairwise(sorted({0.0, end, *kinks})):
+        amplitudes, frequencies = ({of(scene, t0), of(scene, t1)} for of in (amplitude_at, frequency_at))
+        constant = len(amplitudes) == len(frequencies) == 1 and min(amplitudes) > 0.0
+        if constant:
+            found = [*found[:-1], (found[-1][0], t1)] if joined else [*found, (t0, t1)]
+        joined = constant
     return found
 
 

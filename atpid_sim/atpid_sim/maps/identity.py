@@ -36,11 +36,10 @@ def difference(made_for: Identity, wanted: Identity) -> str | None:
 
 
 def _frequency(scene: Scene) -> float | str:
-    excitation = scene.excitation
-    if not isinstance(excitation, HarmonicExcitation) or excitation.frequency == "resonance":
+    if not isinstance(scene.excitation, HarmonicExcitation) or scene.frequency_moves:
         return "resonance"
-    near = abs(excitation.frequency / scene.natural_frequency_hz - 1.0) <= _RESONANCE
-    return "resonance" if near else excitation.frequency
+    near = abs(scene.frequency_hz / scene.natural_frequency_hz - 1.0) <= _RESONANCE
+    return "resonance" if near else scene.frequency_hz
 
 
 def _same(left: Any, right: Any) -> bool:

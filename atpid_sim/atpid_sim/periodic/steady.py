@@ -24,7 +24,7 @@ from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, passage
 from atpid_sim.periodic.solve import size_of
 from atpid_sim.scene import HarmonicExcitation, Scene
-from atpid_sim.simulation.excitation import amplitude_points
+from atpid_sim.simulation.excitation import amplitude_points, frequency_points
 from atpid_sim.simulation.fidelity import choose, complete_fidelity
 from atpid_sim.simulation.integration import Integration, Observation, drive_table, rtol_of
 from atpid_sim.system import Array
@@ -139,7 +139,7 @@ def _conditions(scene: Scene) -> Conditions | None:
 def _still_from(scene: Scene) -> float:
     """Return the time from which on excitation and ceiling are what they are at the end [s]."""
     last = 0.0
-    for points in (amplitude_points(scene), scene.ceiling.heights):
+    for points in (amplitude_points(scene), frequency_points(scene), scene.ceiling.heights):
         changes = [k for k in range(1, len(points)) if points[k][1] != points[k - 1][1]]
         last = max(last, float(points[changes[-1]][0]) if changes else 0.0)
     return last

@@ -10,29 +10,41 @@ from atpid_sim.fields import (
     AmplitudeOrPoints,
     Block,
     Duration,
+    FrequencyPoints,
     Hertz,
     LocatedPath,
     Number,
     by_key,
-    by_word,
+    by_type,
     impossible,
     within,
 )
 
-Frequency = Annotated[Annotated[Hertz, Tag("<number>")] | Annotated[Literal["resonance"], Tag("<word>")], by_word]
+Frequency = Annotated[
+    Annotated[Hertz, Tag("<number>")]
+    | Annotated[Literal["resonance"], Tag("<word>")]
+    | Annotated[FrequencyPoints, Tag("<points>")],
+    by_type,
+]
 Displacement = Annotated[Number, within(-1e3, 1e3)]
 
 
 class HarmonicExcitation(Block):
-    """u = A(t) sin(2 pi f t) (equation 3.44), A along straight ramps where points are given."""
+    """u = A(t) sin(2 pi f t) (equation 3.44), A and f along straight ramps where points are given."""
 
     kind: ClassVar[str] = "harmonic"
     amplitude: AmplitudeOrPoints = Field(
         description="support amplitude [m], or [[t, A], ...] with straight ramps [s, m]"
     )
     frequency: Frequency = Field(
-        description="excitation frequency [Hz], or resonance: that of beam and grain as one mass"
+        description="excitation frequency [Hz], or resonance: that of beam and grain as one mass; or [[t, f], ...] "
+        "with straight ramps [s, Hz], without a jump of the phase"
     )
+
+    @property
+    def frequency_points(self) -> tuple[tuple[float, float], ...]:
+        """((t [s], f [Hz]), ...) where the frequency is given as points, else nothing."""
+        return self.frequency if isinstance(self.frequency, tuple) else ()
 
 
 class FreeDecay(Block):

@@ -9,6 +9,7 @@ import operator
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from pydantic import Discriminator, Field, Strict, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -107,10 +108,18 @@ class SceneValues(Block):
 
     @property
     def frequency_hz(self) -> float:
-        """Frequency of the tone [Hz]; where there is none (free, sweep, series), the natural frequency."""
-        if isinstance(self.excitation, HarmonicExcitation) and self.excitation.frequency != "resonance":
-            return self.excitation.frequency
-        return self.natural_frequency_hz
+        """Frequency of the tone [Hz], at the run's end where it moves; without a tone the natural frequency."""
+        given = self.excitation.frequency if isinstance(self.excitation, HarmonicExcitation) else "resonance"
+        if isinstance(given, tuple):
+            times, frequencies = zip(*given, strict=True)
+            return float(np.interp(self.duration, times, frequencies))
+        return self.natural_frequency_hz if isinstance(given, str) else given
+
+    @property
+    def frequency_moves(self) -> bool:
+        """Whether the tone's frequency changes during the run."""
+        points = self.excitation.frequency_points if isinstance(self.excitation, HarmonicExcitation) else ()
+        return len({frequency for _, frequency in points}) > 1
 
     @property
     def injected(self) -> tuple[Injected, ...]:

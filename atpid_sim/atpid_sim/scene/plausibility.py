@@ -80,8 +80,9 @@ def _excitation(scene: SceneValues) -> Iterator[Quantity]:
     if amplitude > 0.0:
         yield Quantity("excitation, amplitude", amplitude, 1e-6, LARGEST_AMPLITUDE, "m", _MILLIMETRES)
     if isinstance(excitation, HarmonicExcitation):
-        ratio = scene.frequency_hz / scene.natural_frequency_hz
-        yield Quantity("excitation.frequency over the resonance", ratio, 0.1, 10.0, "")
+        tones = [frequency for _, frequency in excitation.frequency_points] or [scene.frequency_hz]
+        for tone in dict.fromkeys((min(tones), max(tones))):
+            yield Quantity("excitation.frequency over the resonance", tone / scene.natural_frequency_hz, 0.1, 10.0, "")
         yield Quantity(
             "excitation, steady amplitude of the beam with the damper closed", closed_amplitude(scene, amplitude), 0.0,
             5.0, "m",

@@ -2,6 +2,8 @@
 """From a scene's excitation to the rows of the drive table."""
 
 import math
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -12,9 +14,9 @@ from atpid_sim.scene.excitation import Sweep
 from atpid_sim.scene.series import read_series
 from atpid_sim.system import Array
 
-#: Knots a period of a sweep: the cubic spline is then within 2.5e-9 of the amplitude ((2 pi / 200)^4 / 384).
+#: Knots a period of a moving frequency: the cubic spline is then within 2.5e-9 of the amplitude ((2 pi / 200)^4 / 384).
 _KNOTS_A_PERIOD = 200
-#: Knots of a sweep at most: their table and what is computed from it fill 2 GB.
+#: Knots of a moving frequency at most: their table and what is computed from it fill 2 GB.
 _MOST_KNOTS = 5_000_000
 
 
@@ -22,6 +24,8 @@ def support_rows(scene: Scene) -> Array:
     """Return the drive rows (n, 12) of the support's motion over the scene's duration, ceiling left at zero."""
     excitation, duration = scene.excitation, scene.duration
     if isinstance(excitation, HarmonicExcitation):
+        if scene.frequency_moves:
+            return _moving_rows(scene)
         return drive.harmonic_rows(amplitude_points(scene), scene.frequency_hz, duration)
     if isinstance(excitation, FreeExcitation):
         return drive.still_rows(duration)
@@ -40,12 +44,17 @@ def amplitude_points(scene: Scene) -> list[tuple[float, float]]:
     return [(float(t), float(a)) for t, a in points]
 
 
+def frequency_points(scene: Scene) -> list[tuple[float, float]]:
+    """Return ((t [s], f [Hz]), ...) of a tone: one point where the frequency is constant."""
+    points = scene.excitation.frequency_points if isinstance(scene.excitation, HarmonicExcitation) else ()
+    return [(float(t), float(f)) for t, f in points] or [(0.0, scene.frequency_hz)]
+
+
 def amplitude_at(scene: Scene, t: float) -> float:
     """Return the excitation's amplitude at time t [s] in m; NaN for a measured series."""
     excitation = scene.excitation
     if isinstance(excitation, HarmonicExcitation):
-        points = amplitude_points(scene)
-        return float(np.interp(t, [at for at, _ in points], [a for _, a in points]))
+        return _along(amplitude_points(scene), t)
     if isinstance(excitation, FreeExcitation):
         return 0.0
     return math.nan if isinstance(excitation, SeriesExcitation) else excitation.sweep.amplitude
@@ -55,7 +64,7 @@ def frequency_at(scene: Scene, t: float) -> float:
     """Return the excitation's frequency at time t [s] in Hz; NaN for a measured series."""
     excitation = scene.excitation
     if isinstance(excitation, HarmonicExcitation | FreeExcitation):
-        return scene.frequency_hz
+        return _along(frequency_points(scene), t)
     if isinstance(excitation, SeriesExcitation):
         return math.nan
     sweep = excitation.sweep
@@ -63,26 +72,88 @@ def frequency_at(scene: Scene, t: float) -> float:
     return sweep.first + (sweep.last - sweep.first) * share
 
 
+def _along(points: list[tuple[float, float]], t: float) -> float:
+    """Return the value at time t [s] along straight ramps between points."""
+    return float(np.interp(t, [at for at, _ in points], [value for _, value in points]))
+
+
 def _sweep_rows(scene: Scene, sweep: Sweep) -> Array:
     full = sweep.duration or scene.duration
     length = min(full, scene.duration)
-    rise = (sweep.last - sweep.first) / full
-    times = _sweep_knots(sweep.first, rise, length)
-    turns = np.mod(sweep.first * times + 0.5 * rise * times**2, 1.0)
-    values = sweep.amplitude * np.sin(2.0 * math.pi * turns)
-    rate = 2.0 * math.pi * (sweep.first + rise * times[[0, -1]])
-    slopes = sweep.amplitude * rate * np.cos(2.0 * math.pi * turns[[0, -1]])
-    spline = CubicSpline(times, values, bc_type=((1, slopes[0]), (1, slopes[1])))
-    rows = drive.spline_rows(times, spline.c, scene.duration)
-    if length >= scene.duration:
+    last = sweep.first + (sweep.last - sweep.first) * length / full
+    pieces = [_Piece(0.0, length, (sweep.first, last), (sweep.amplitude, sweep.amplitude))]
+    if length < scene.duration:
+        pieces.append(_Piece(length, scene.duration, (last, last), (sweep.amplitude, sweep.amplitude)))
+    return _joined(pieces, "excitation.sweep")
+
+
+def _moving_rows(scene: Scene) -> Array:
+    """Return the rows of a tone whose frequency moves along straight ramps, its phase without a jump."""
+    amplitudes, frequencies = amplitude_points(scene), frequency_points(scene)
+    kinks = {t for t, _ in (*amplitudes, *frequencies) if 0.0 < t < scene.duration}
+    return _joined(
+        [
+            _Piece(
+                begin, end, (_along(frequencies, begin), _along(frequencies, end)),
+                (_along(amplitudes, begin), _along(amplitudes, end)),
+            )
+            for begin, end in pairwise(sorted({0.0, scene.duration, *kinks}))
+        ],
+        "excitation.frequency",
+    )  # fmt: skip
+
+
+class _Piece(NamedTuple):
+    """A tone whose amplitude and frequency change at constant rates."""
+
+    begin: float  # [s]
+    end: float  # [s]
+    frequency: tuple[float, float]  # at its ends [Hz]
+    amplitude: tuple[float, float]  # at its ends [m]
+
+    @property
+    def turns(self) -> float:
+        """Periods from its begin to its end."""
+        return 0.5 * (self.frequency[0] + self.frequency[1]) * (self.end - self.begin)
+
+    def rows(self, turns: float, key: str) -> Array:
+        """Return its rows (n, 12); turns: of the tone before it, less whole ones. SceneError names `key`."""
+        if self.frequency[0] != self.frequency[1]:
+            return self._chirp(turns, key)
+        length = self.end - self.begin
+        rows = drive.harmonic_rows([(0.0, self.amplitude[0]), (length, self.amplitude[1])], self.frequency[0], length)
+        rows[:, columns.PHASE] += 2.0 * math.pi * turns
+        rows[:, [columns.START, columns.END]] += self.begin
         return rows
-    tail = drive.harmonic_rows([(0.0, sweep.amplitude)], sweep.last, scene.duration - length)
-    tail[:, columns.PHASE] += 2.0 * math.pi * turns[-1]
-    tail[:, [columns.START, columns.END]] += length
-    return np.vstack([rows, tail])
+
+    def _chirp(self, before: float, key: str) -> Array:
+        """Return the rows of a spline through points of the tone, with its velocity at both ends."""
+        length, first = self.end - self.begin, self.frequency[0]
+        rise = (self.frequency[1] - first) / length
+        growth = (self.amplitude[1] - self.amplitude[0]) / length
+        times = _knots(first, rise, length, key)
+        turns = np.mod(before + first * times + 0.5 * rise * times**2, 1.0)
+        size = self.amplitude[0] + growth * times
+        values = size * np.sin(2.0 * math.pi * turns)
+        rate = 2.0 * math.pi * (first + rise * times[[0, -1]])
+        phase = 2.0 * math.pi * turns[[0, -1]]
+        slopes = size[[0, -1]] * rate * np.cos(phase) + growth * np.sin(phase)
+        spline = CubicSpline(times, values, bc_type=((1, slopes[0]), (1, slopes[1])))
+        return drive.spline_rows(times + self.begin, spline.c, self.end)
 
 
-def _sweep_knots(first: float, rise: float, length: float) -> Array:
+def _joined(pieces: list[_Piece], key: str) -> Array:
+    """Return the rows of pieces that follow each other, the phase without a jump and each row where the last ended."""
+    tables, turns = [], 0.0
+    for piece in pieces:
+        rows = piece.rows(turns, key)
+        rows[0, columns.START], rows[-1, columns.END] = piece.begin, piece.end
+        tables.append(rows)
+        turns = math.fmod(turns + piece.turns, 1.0)
+    return np.vstack(tables)
+
+
+def _knots(first: float, rise: float, length: float, key: str) -> Array:
     """Return times (n,) [s] from 0 to `length`, 200 in each period of the frequency first + rise t [Hz].
 
     The fourth derivative of sin(phase) is at most (w^2 + 3 |w'|)^2 with w = phase'. So knots as for a frequency higher
@@ -92,8 +163,8 @@ def _sweep_knots(first: float, rise: float, length: float) -> Array:
     periods = length * (first + 0.5 * rise * length)
     if periods * _KNOTS_A_PERIOD > _MOST_KNOTS:
         raise SceneError(
-            f"excitation.sweep: given {periods:.0f} periods in {length:g} s; allowed: {_MOST_KNOTS // _KNOTS_A_PERIOD} "
-            f"periods ({_MOST_KNOTS} rows of the drive table); sweep lower or shorter, or in parts"
+            f"{key}: given {periods:.0f} periods in {length:g} s; allowed: {_MOST_KNOTS // _KNOTS_A_PERIOD} "
+            f"periods ({_MOST_KNOTS} rows of the drive table); lower or shorter, or in parts"
         )
     share = np.linspace(0.0, periods, max(2, math.ceil(_KNOTS_A_PERIOD * periods)) + 1)
     times = 2.0 * share / (first + np.sqrt(np.maximum(first**2 + 2.0 * rise * share, 0.0)))

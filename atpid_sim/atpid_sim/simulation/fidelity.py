@@ -107,7 +107,7 @@ def impact_error(scene: Scene, undamped: float | None = None) -> float:
     if not amplitude > 0.0:
         return 1.0
     more = max(1.0, _HEAVY * scene.grain.mass_fraction)
-    if not isinstance(scene.excitation, HarmonicExcitation):
+    if not isinstance(scene.excitation, HarmonicExcitation) or scene.frequency_moves:
         more *= _PASSING
     speed = 2.0 * math.pi * scene.frequency_hz * amplitude
     return min(1.0, more * _IMPACT * _depth(scene, speed) / amplitude)
@@ -124,7 +124,7 @@ def _finite_physics(scene: Scene, undamped: float | None) -> float:
     if not amplitude > 0.0:
         return 1.0
     more = max(1.0, _HEAVY * scene.grain.mass_fraction)
-    if not isinstance(scene.excitation, HarmonicExcitation):
+    if not isinstance(scene.excitation, HarmonicExcitation) or scene.frequency_moves:
         more *= _PASSING
     pace = 2.0 * math.pi * max(scene.frequency_hz, scene.natural_frequency_hz)
     share = pace * _depth(scene, pace * amplitude) / (pace * amplitude)

@@ -23,7 +23,7 @@ from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.scene.initial import Initial
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of, residuals
-from atpid_sim.simulation.excitation import frequency_at, support_rows
+from atpid_sim.simulation.excitation import frequency_at, frequency_points, support_rows
 from atpid_sim.system import Array, System
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
@@ -129,7 +129,11 @@ class Integration:
         self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else NO_TABLE
         self._fidelity = int(Fidelity[fidelity.upper()])
         self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
-        tones = (frequency_at(scene, 0.0), frequency_at(scene, scene.duration))
+        tones = (
+            frequency_at(scene, 0.0),
+            frequency_at(scene, scene.duration),
+            *(f for _, f in frequency_points(scene)),
+        )
         #: Highest frequency of beam and drive [Hz].
         self._fastest = max([scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone))])
 
