@@ -15,6 +15,10 @@ COMMANDS = {
     "report": ("atpid_control.commands.report", "make the report of a bag: an HTML page and pictures"),
     "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
     "compare": ("atpid_control.commands.compare", "compare the methods with passive dampers on the same scenes"),
+    "off-resonance": (
+        "atpid_control.commands.off_resonance",
+        "compare selection off resonance with brute force, in random systems",
+    ),
     "learn": ("atpid_control.commands.learn", "train the method `learned` from simulated systems"),
     "design": ("atpid_control.commands.design", "design a damper for a structure: grain, heights, motor, reduction"),
     "calibrate-beam": (

@@ -109,7 +109,7 @@ def test_before_any_estimate_there_is_a_clear_answer(stand: Stand) -> None:
 def test_nonsense_is_refused_by_every_method(stand: Stand, method: str) -> None:
     nonsense: list[dict[str, float]] = [
         {"amplitude": -1.0}, {"amplitude": math.nan}, {"amplitude": 0.03, "amplitude_std": -1.0},
-        {"amplitude": 0.03, "margin": -3.0}, {"amplitude": 0.03, "frequency": 9.0},
+        {"amplitude": 0.03, "margin": -3.0}, {"amplitude": 0.03, "frequency": 20.0},
     ]  # fmt: skip
     for request in nonsense:
         answer = stand.ask(method, **request)

@@ -2,6 +2,7 @@
 """A request for a height: what is nonsense is refused with what was given and what is allowed."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -48,6 +49,16 @@ def test_an_estimate_off_resonance_is_refused_as_in_the_loop() -> None:
         resolved(
             Request(0.0), Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, frequency=6.5), RESONANCE
         )
+
+
+def test_a_method_for_any_frequency_is_asked_from_half_to_twice_the_natural_one() -> None:
+    wide = replace(RESONANCE, reach=(2.735, 10.94))
+    assert resolved(Request(0.02, frequency=9.0), LATEST, wide).frequency == 9.0
+    assert resolved(Request(0.02), LATEST, wide).frequency == 5.47
+    with pytest.raises(
+        SelectionError, match=r"frequency: given 11 Hz; allowed: 2\.735 to 10\.94 Hz, or 0 for 5\.47 Hz"
+    ):
+        resolved(Request(0.02, frequency=11.0), LATEST, wide)
 
 
 def test_without_an_estimate_an_amplitude_is_needed() -> None:

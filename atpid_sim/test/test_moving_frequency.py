@@ -10,7 +10,7 @@ import pytest
 from atpid_sim.engine import columns, drive
 from atpid_sim.scene import Scene, SceneError, scene_from_mapping, standard_bench
 from atpid_sim.simulation.excitation import frequency_at, support_rows
-from atpid_sim.simulation.simulate import undamped_amplitude
+from atpid_sim.simulation.integration import undamped_amplitude
 
 POINTS = [[2.0, 5.2], [4.0, 5.6], [5.0, 5.6], [5.01, 5.3]]
 

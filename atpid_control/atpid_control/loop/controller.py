@@ -12,7 +12,7 @@ from atpid_control.loop.computation import InlineExecutor
 from atpid_control.loop.drift import DriftAlarm, ModelCheck, Twin
 from atpid_control.loop.fallback import Fallback
 from atpid_control.loop.hold import NO_HEIGHT, OFF_RESONANCE, Hold, Verdict
-from atpid_control.loop.protocol import ALARM, Answer, Command, ControlSettings
+from atpid_control.loop.protocol import ALARM, INFO, Answer, Command, ControlSettings
 from atpid_control.loop.step_back import StepBackMonitor
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 
@@ -60,6 +60,7 @@ class SelectingController:
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
         self._command = Command(method=selector.method)
         self._refusal = ""
+        self._of_no_use = False  # whether the last selection reported that the damper is of no use
 
     def configure(self, settings: ControlSettings) -> None:
         """See `Controller.configure`."""
@@ -102,7 +103,7 @@ class SelectingController:
     def _computed(self, verdict: Verdict, estimate: Estimate, height: float) -> _Computation | None:
         """Begin a selection where the verdict asks for one; return the one that is done and still valid, if any."""
         done = self._take_done(estimate)
-        outdated = done is not None and not self._hold.inside(estimate, done.verdict.amplitude)
+        outdated = done is not None and not self._hold.inside(estimate, done.verdict.amplitude, done.verdict.frequency)
         if verdict.select and self._computation is None and (done is None or outdated):
             excitation = (verdict.amplitude, verdict.amplitude_std, estimate.frequency)
             select, margin = self._selector.select, self._settings.margin
@@ -124,7 +125,9 @@ class SelectingController:
             raise error  # a defect, also where its result is not needed any more
         late = self._fallback.selector is not None and self._estimates - done.begun >= self._fallback.count
         valid = (
-            not late and done.margin == self._settings.margin and self._hold.agrees(done.verdict.amplitude, estimate)
+            not late
+            and done.margin == self._settings.margin
+            and self._hold.agrees(done.verdict.amplitude, estimate, done.verdict.frequency)
         )
         return done if valid else None
 
@@ -146,7 +149,7 @@ class SelectingController:
             selection = selector.select(*excitation, margin=self._settings.margin, height=height)
         except SelectionError:
             return None  # held, as without a fallback
-        taken = Verdict(True, f"{self._selector.method} gave no height", amplitude, estimate.amplitude_std)
+        taken = Verdict.to_select(f"{self._selector.method} gave no height", estimate)
         return self._fallback.announced(self._taken(selection, taken), amplitude, "heights are looked up")
 
     def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
@@ -185,19 +188,22 @@ class SelectingController:
         try:
             selection = computed.result.result()
         except SelectionError as error:
-            self._hold.failed(verdict.amplitude)
+            self._hold.failed(verdict.amplitude, verdict.frequency)
             self._command = replace(self._command, reason=NO_HEIGHT)
             return self._refuse(NO_HEIGHT, str(error), estimate)
         return self._fallback.answered(self._taken(selection, verdict))
 
     def _taken(self, selection: Selection, verdict: Verdict) -> Answer:
         """Command a height that was selected."""
-        self._hold.acted(verdict.amplitude)
+        self._hold.acted(verdict.amplitude, verdict.frequency)
         self._restart()
         self._command = self._limited(selection, verdict)
         self._expected = self._command.predicted_amplitude
         self._refusal = ""
-        return Answer(self._command)
+        announced, self._of_no_use = self._of_no_use, bool(selection.note)
+        if not selection.note or announced:
+            return Answer(self._command)
+        return Answer(self._command, "no_use", selection.note, verdict.amplitude, INFO)
 
     def _limited(self, selection: Selection, verdict: Verdict) -> Command:
         low, high = self._limits
@@ -205,6 +211,8 @@ class SelectingController:
         height = min(max(allowed, low), high)
         inside = height == allowed
         reason = verdict.reason if allowed == selection.height else f"{verdict.reason}, below what rumbled"
+        if selection.note:
+            reason = f"{verdict.reason}: {selection.note}"
         return Command(
             sequence=self._command.sequence + 1,
             height=height,

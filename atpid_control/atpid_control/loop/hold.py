@@ -6,6 +6,8 @@ An estimate lags behind a ramp, being a mean over its window: on a rising ramp i
 the ceiling may follow; on a falling one it is too high, so it must follow at once. A single jump is not a ramp.
 """
 
+from __future__ import annotations
+
 import math
 from collections import deque
 from dataclasses import dataclass
@@ -15,6 +17,10 @@ from atpid_common.errors import InputError
 from atpid_control.identification import Estimate, Quality
 
 OFF_RESONANCE, NO_HEIGHT = "frequency off resonance", "no height for this amplitude"
+
+
+#: How far a frequency may have moved on since its height was asked for [-]: a drift of 1 % a second, and a slow method.
+_MOVED_ON = 0.01
 
 
 class HoldError(InputError):
@@ -31,7 +37,9 @@ class HoldSettings:
     rising_count: int  # consecutive rising estimates, each above the dead band, that are a ramp to follow
     falling_count: int  # consecutive estimates below the dead band before it goes down
     frequency: float  # frequency the heights are made for [Hz]
-    frequency_tolerance: float  # relative distance from it that is still on resonance [-]
+    frequency_tolerance: float  # relative distance from it at which they still hold, without `reach` [-]
+    reach: tuple[float, float] | None = None  # of a method that selects at any frequency between these [Hz]
+    frequency_band: float = 0.0  # relative change of frequency that moves nothing, with `reach` [-]
 
     def __post_init__(self) -> None:
         """Raise HoldError for impossible settings."""
@@ -43,6 +51,7 @@ class HoldSettings:
             "falling_count": (self.falling_count, self.falling_count >= 1, "at least 1"),
             "frequency": (self.frequency, 0.0 < self.frequency < math.inf, "a positive number of hertz"),
             "frequency_tolerance": (self.frequency_tolerance, self.frequency_tolerance > 0.0, "above 0"),
+            "frequency_band": (self.frequency_band, 0.0 <= self.frequency_band < 1.0, "at least 0 and below 1"),
         }
         for name, (given, fine, allowed) in limits.items():
             if not fine:
@@ -51,13 +60,19 @@ class HoldSettings:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What to do: select for `amplitude` [m], or stay; `refused` marks an estimate that must not be acted on."""
+    """What to do: select for `amplitude` [m] and `frequency` [Hz], or stay; `refused`: it must not be acted on."""
 
     select: bool
     reason: str
     amplitude: float = math.nan
     amplitude_std: float = math.nan
     refused: bool = False
+    frequency: float = math.nan
+
+    @staticmethod
+    def to_select(reason: str, estimate: Estimate) -> Verdict:
+        """Return the verdict to select for an estimate."""
+        return Verdict(True, reason, estimate.amplitude, estimate.amplitude_std, frequency=estimate.frequency)
 
 
 class Hold:
@@ -66,7 +81,8 @@ class Hold:
     def __init__(self, settings: HoldSettings) -> None:
         self._settings = settings
         self.acted_amplitude = math.nan  # amplitude the present height was selected for [m]; NaN: none yet
-        self._failed = math.nan
+        self._acted_frequency = math.nan  # and the frequency [Hz]
+        self._failed = (math.nan, math.nan)  # amplitude [m] and frequency [Hz] for which there is no height
         self._select_anew = False
         self._rising = _window(settings)
         self._falling = 0
@@ -87,55 +103,60 @@ class Hold:
             # while the excitation changes its frequency has not settled either
             settling = estimate.quality == Quality.TRANSIENT and trouble == OFF_RESONANCE
             return Verdict(False, trouble, refused=estimate.quality != Quality.NONE and not settling)
-        inside = self.inside(estimate, self.acted_amplitude)
-        if inside and not self._select_anew:
+        same_amplitude = self.inside(estimate, self.acted_amplitude)
+        if same_amplitude and self._same_frequency(estimate, self._acted_frequency) and not self._select_anew:
             self._reset()
             return Verdict(False, "inside dead band")
-        if self.inside(estimate, self._failed):
+        if self.inside(estimate, *self._failed):
             return Verdict(False, NO_HEIGHT, refused=True)
-        if estimate.amplitude < self.acted_amplitude and not inside:
+        if estimate.amplitude < self.acted_amplitude and not same_amplitude:
             self._rising.clear()
             self._falling += 1
             if self._falling < self._settings.falling_count:
                 return Verdict(False, "falling, not yet sure")
-            return Verdict(True, "falling", estimate.amplitude, estimate.amplitude_std)
-        return self._judge_rising(estimate)
+            return Verdict.to_select("falling", estimate)
+        return self._judge_rising(estimate, same_amplitude)
 
-    def acted(self, amplitude: float) -> None:
-        """Record the amplitude [m] that was acted on."""
-        self.acted_amplitude, self._failed, self._select_anew = amplitude, math.nan, False
+    def acted(self, amplitude: float, frequency: float = math.nan) -> None:
+        """Record the amplitude [m] and the frequency [Hz] that were acted on."""
+        self.acted_amplitude, self._acted_frequency = amplitude, frequency
+        self._failed, self._select_anew = (math.nan, math.nan), False
         self._reset()
 
-    def failed(self, amplitude: float) -> None:
-        """Record that no height could be selected for `amplitude` [m]: it is not tried again inside the dead band."""
-        self._failed, self._select_anew = amplitude, False
+    def failed(self, amplitude: float, frequency: float = math.nan) -> None:
+        """Record that there is no height for `amplitude` [m] at `frequency` [Hz]: not tried again in the dead band."""
+        self._failed, self._select_anew = (amplitude, frequency), False
         self._reset()
 
-    def agrees(self, amplitude: float, estimate: Estimate) -> bool:
-        """Whether a height computed for `amplitude` [m] is right for an estimate that came meanwhile.
+    def agrees(self, amplitude: float, estimate: Estimate, frequency: float = math.nan) -> bool:
+        """Whether a height computed for `amplitude` [m] and `frequency` [Hz] is right for an estimate since.
 
         It is where the excitation is still the same, and where it has moved on in the same direction: then that height
-        lies between the present one and the next.
+        lies between the present one and the next. A frequency may have moved on by a hundredth: one that drifts is
+        never the same when its height comes, and the next height is on its way.
         """
+        if self._settings.reach is not None and abs(estimate.frequency / frequency - 1.0) > _MOVED_ON:
+            return False
         if self.inside(estimate, amplitude):
             return True
         start = 0.0 if math.isnan(self.acted_amplitude) else self.acted_amplitude
         return start < amplitude < estimate.amplitude or estimate.amplitude < amplitude < start
 
-    def _judge_rising(self, estimate: Estimate) -> Verdict:
+    def _judge_rising(self, estimate: Estimate, same_amplitude: bool) -> Verdict:
         self._falling = 0
         self._rising.append(estimate)
         if self._settled():
-            return Verdict(True, "selected", estimate.amplitude, estimate.amplitude_std)
-        if self._climbing():
-            return Verdict(True, "rising", estimate.amplitude, estimate.amplitude_std)
+            return Verdict.to_select("selected for another frequency" if same_amplitude else "selected", estimate)
+        if self._climbing() and not same_amplitude:
+            return Verdict.to_select("rising", estimate)
         return Verdict(False, "waiting for a steady excitation")
 
     def _settled(self) -> bool:
         """Whether the last estimates are steady and agree with the newest."""
         last = list(self._rising)[-self._settings.steady_count :]
         enough = len(last) == self._settings.steady_count
-        return enough and all(item.quality == Quality.STEADY and self.inside(item, last[-1].amplitude) for item in last)
+        newest = (last[-1].amplitude, last[-1].frequency)
+        return enough and all(item.quality == Quality.STEADY and self.inside(item, *newest) for item in last)
 
     def _climbing(self) -> bool:
         """Whether the last estimates rise one after the other."""
@@ -143,12 +164,23 @@ class Hold:
         enough = len(last) == self._settings.rising_count
         return enough and all(right > left for left, right in pairwise(last))
 
-    def inside(self, estimate: Estimate, reference: float) -> bool:
-        """Whether a change from `reference` [m] is inside the dead band or the noise; False where there is none."""
+    def inside(self, estimate: Estimate, reference: float, frequency: float = math.nan) -> bool:
+        """Whether a change from `reference` [m] is inside the dead band or the noise; False where there is none.
+
+        frequency: compared as well [Hz], by a method that selects at any frequency; NaN: it is not.
+        """
         if math.isnan(reference):
             return False
         noise = self._settings.sigmas * estimate.amplitude_std
-        return abs(estimate.amplitude - reference) <= max(self._settings.dead_band * reference, noise)
+        same = abs(estimate.amplitude - reference) <= max(self._settings.dead_band * reference, noise)
+        return same and self._same_frequency(estimate, frequency)
+
+    def _same_frequency(self, estimate: Estimate, reference: float) -> bool:
+        """Whether a change from a frequency [Hz] is inside its band or the noise, or does not count."""
+        if self._settings.reach is None or math.isnan(reference):
+            return True
+        noise = self._settings.sigmas * estimate.frequency_std if math.isfinite(estimate.frequency_std) else 0.0
+        return abs(estimate.frequency - reference) <= max(self._settings.frequency_band * reference, noise)
 
     def trouble(self, estimate: Estimate) -> str:
         """Return why the estimate must not be acted on; empty if it may."""
@@ -160,8 +192,13 @@ class Hold:
             return "estimate is not a number"
         if estimate.amplitude <= 0.0:
             return "amplitude is not positive"
-        off = abs(estimate.frequency / self._settings.frequency - 1.0)
-        return "" if off <= self._settings.frequency_tolerance else OFF_RESONANCE
+        return "" if self._reaches(estimate.frequency) else OFF_RESONANCE
+
+    def _reaches(self, frequency: float) -> bool:
+        """Whether there are heights for a frequency [Hz]."""
+        if self._settings.reach is not None:
+            return self._settings.reach[0] <= frequency <= self._settings.reach[1]
+        return abs(frequency / self._settings.frequency - 1.0) <= self._settings.frequency_tolerance
 
     def _reset(self) -> None:
         self._rising.clear()

@@ -15,6 +15,8 @@ from atpid_control.loop.protocol import Controller, ControlSettings
 from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection import HeightSelector, make_selector
+from atpid_control.selection.checks import reach_of
+from atpid_control.selection.registry import anywhere
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
@@ -29,16 +31,17 @@ def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None
     # here, since only this method has to load the simulation
     from atpid_control.selection.direct import DirectSelector, Uncertainty
 
-    return DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
+    return anywhere(DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty")))), scene)
 
 
-def control_settings(value: Value, frequency: float) -> ControlSettings:
-    """Return the controller's settings by selector.yaml, for heights made for `frequency` [Hz].
+def control_settings(value: Value, frequency: float, selector: HeightSelector | None = None) -> ControlSettings:
+    """Return the controller's settings by selector.yaml, for heights of `selector` made for `frequency` [Hz].
 
     Raises HoldError or WatchError where they contradict themselves.
     """
+    reach = None if selector is None else reach_of(selector)
     return ControlSettings(
-        hold=_read(HoldSettings, value, frequency=frequency),
+        hold=_read(HoldSettings, value, frequency=frequency, reach=reach),
         step_back=StepBack(
             share=float(value("step_back")),
             settle=int(value("settle_count")),
@@ -66,7 +69,7 @@ def controller_of(
         return ProfileController(scene.ceiling.heights)
     # only a tone has a steady state to compare the beam with
     twin = SteadyTwin(scene) if isinstance(scene.excitation, HarmonicExcitation) else None
-    settings = control_settings(value, scene.frequency_hz)
+    settings = control_settings(value, scene.frequency_hz, selector)
     return SelectingController(settings, selector, scene.ceiling.range, twin, executor, fallback)
 
 

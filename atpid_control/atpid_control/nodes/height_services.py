@@ -5,6 +5,7 @@ import math
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -16,7 +17,7 @@ from rclpy.task import Future
 from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
 from atpid_control.selection import HeightSelector, Selection
-from atpid_control.selection.checks import Request, Resonance, resolved
+from atpid_control.selection.checks import Request, Resonance, reach_of, resolved
 
 T = TypeVar("T")
 
@@ -68,8 +69,8 @@ class HeightServices:
         try:
             latest, height, resonance = self._situation()
             given = Request(request.amplitude, request.amplitude_std, request.frequency, request.margin)
-            excitation = resolved(given, latest, resonance)
-            chosen = await computed(self._node, self._executor, partial(self._select, method, excitation, height))
+            ask = partial(self._select, method, given, latest, resonance, height)
+            excitation, chosen = await computed(self._node, self._executor, ask)
         except AtpidError as error:
             return refused(method, str(error), response)
         except Exception as error:  # a defect: reported, but the loop goes on
@@ -77,16 +78,23 @@ class HeightServices:
             return refused(method, f"internal error: {type(error).__name__}: {error}", response)
         return filled(chosen, excitation.amplitude, response)
 
-    def _select(self, method: str, excitation: Request, height: float) -> Selection:
+    def _select(
+        self, method: str, request: Request, latest: Estimate | None, resonance: Resonance, height: float
+    ) -> tuple[Request, Selection]:
+        """Return the excitation that a request stands for, and its height."""
         if method not in self._selectors:
+            resolved(request, latest, replace(resonance, reach=(0.0, math.inf)))  # refused before a map is read
             self._selectors[method] = self._make(method)
-        given = (excitation.amplitude, excitation.amplitude_std, excitation.frequency)
-        return self._selectors[method].select(*given, margin=excitation.margin, height=height)
+        selector = self._selectors[method]
+        asked = resolved(request, latest, replace(resonance, reach=reach_of(selector)))
+        given = (asked.amplitude, asked.amplitude_std, asked.frequency)
+        return asked, selector.select(*given, margin=asked.margin, height=height)
 
 
 def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:
     """Fill the response with a height selected for `amplitude` [m]."""
     response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m"
+    response.message += f"; {chosen.note}" if chosen.note else ""
     response.method, response.height = chosen.method, chosen.height
     response.beam_amplitude, response.efficiency = chosen.beam_amplitude, chosen.efficiency
     response.price, response.evaluations, response.wall_time = chosen.price, chosen.evaluations, chosen.wall_s

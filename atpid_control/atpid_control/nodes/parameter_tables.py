@@ -63,7 +63,15 @@ SELECTOR = (
     _live("steady_count", 4, "consecutive agreeing steady estimates that are acted on", "", 1, 1000),
     _live("rising_count", 4, "consecutive rising estimates that are a ramp to follow", "", 2, 1000),
     _live("falling_count", 2, "consecutive lower estimates before the ceiling goes down", "", 1, 1000),
-    _live("frequency_tolerance", 0.03, "relative distance from resonance at which heights still hold", "-", 1e-6, 1.0),
+    _live(
+        "frequency_tolerance", 0.03,
+        "relative distance from the scene's frequency at which heights of a method for that one still hold", "-", 1e-6,
+        1.0,
+    ),
+    _live(
+        "frequency_band", 0.0025,
+        "relative change of frequency that moves nothing, of a method that selects at any frequency", "-", 0.0, 0.9,
+    ),
     _live("step_back", 0.06, "share of the clearance given up when the beam rumbles", "-", 1e-3, 0.9),
     _live(
         "settle_count", 24, "estimates after the ceiling has come to rest that do not count as rumble", "", 0, 10_000,

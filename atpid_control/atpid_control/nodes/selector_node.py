@@ -83,6 +83,7 @@ class SelectorNode(Node):
 
     def _make_controller(self) -> Controller:
         scene, selector = self._scene, self._make_selector(self._method)
+        self._selector = selector
         if not isinstance(scene.ceiling, ControlledCeiling):
             return controller_of(self.parameters.__getitem__, scene, selector)
         # warm-up call: a method that simulates loads its kernels now, not while the structure vibrates
@@ -129,7 +130,7 @@ class SelectorNode(Node):
     # parameters that change while the node runs
 
     def _settings(self, value: Value) -> tuple[ControlSettings, float]:
-        return control_settings(value, self._scene.frequency_hz), float(value("stale_timeout"))
+        return control_settings(value, self._scene.frequency_hz, self._selector), float(value("stale_timeout"))
 
     def _configure(self, settings: tuple[ControlSettings, float]) -> None:
         self._controller.configure(settings[0])
@@ -161,6 +162,7 @@ class SelectorNode(Node):
             amplitude=message.amplitude,
             amplitude_std=message.amplitude_std,
             frequency=message.frequency,
+            frequency_std=message.frequency_std,
             beam_amplitude=message.beam_amplitude,
         )
         if estimate.quality == Quality.STEADY:

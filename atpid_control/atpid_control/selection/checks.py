@@ -5,8 +5,9 @@ import math
 from dataclasses import dataclass
 
 from atpid_control.identification import Estimate
-from atpid_control.selection.protocol import SelectionError
+from atpid_control.selection.protocol import HeightSelector, SelectionError
 from atpid_sim.maps import DamperResponse
+from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import HarmonicExcitation, Scene, SceneError
 
 #: A measured frequency this close to the scene's is the scene's: resonance is 2 % wide [relative].
@@ -37,6 +38,17 @@ def response_at(damper: DamperResponse, scene: Scene, frequency: float, rtol: fl
         raise SelectionError(str(error)) from None
 
 
+def frequencies_of(scene: Scene) -> tuple[float, float]:
+    """Return the lowest and highest frequency heights are computed for [Hz]: half to twice the natural one."""
+    return LOWEST_RATIO * scene.natural_frequency_hz, HIGHEST_RATIO * scene.natural_frequency_hz
+
+
+def reach_of(selector: HeightSelector) -> tuple[float, float] | None:
+    """Return the frequencies a method selects at [Hz]; None: at its scene's alone."""
+    reach: tuple[float, float] | None = getattr(selector, "frequencies", None)
+    return reach
+
+
 #: Most standard deviations of a margin [-].
 MOST_MARGIN = 100.0
 
@@ -47,16 +59,30 @@ class Request:
 
     amplitude: float  # [m]; 0: that of the latest steady estimate, with its error bar and frequency
     amplitude_std: float = 0.0  # [m]
-    frequency: float = 0.0  # [Hz]; 0: resonance of the closed damper
+    frequency: float = 0.0  # [Hz]; 0: that of the scene, resonance of the closed damper where it gives none
     margin: float = 0.0  # standard deviations [-]
 
 
 @dataclass(frozen=True)
 class Resonance:
-    """The frequency heights are valid for."""
+    """The frequencies heights are valid for."""
 
-    frequency: float  # of the closed damper [Hz]
-    tolerance: float  # relative [-]
+    frequency: float  # of the scene [Hz]
+    tolerance: float  # relative, of a method that selects at that frequency alone [-]
+    reach: tuple[float, float] | None = None  # of a method that selects at others, too [Hz]
+
+    @property
+    def allowed(self) -> str:
+        """The frequencies in words."""
+        if self.reach is not None:
+            return f"{self.reach[0]:.4g} to {self.reach[1]:.4g} Hz, or 0 for {self.frequency:.4g} Hz"
+        return f"{self.frequency:.4g} Hz within {100.0 * self.tolerance:g} %, or 0 for that resonance"
+
+    def holds(self, frequency: float) -> bool:
+        """Whether heights are valid for a frequency [Hz]."""
+        if self.reach is not None:
+            return self.reach[0] <= frequency <= self.reach[1] or frequency == self.frequency
+        return abs(frequency / self.frequency - 1.0) <= self.tolerance
 
 
 def resolved(request: Request, latest: Estimate | None, resonance: Resonance) -> Request:
@@ -68,15 +94,14 @@ def resolved(request: Request, latest: Estimate | None, resonance: Resonance) ->
     _check("amplitude", request.amplitude, " m", "above 0 m, or 0 for the latest steady estimate")
     _check("amplitude_std", request.amplitude_std, " m", "0 m or above")
     _check("margin", request.margin, "", f"0 to {MOST_MARGIN:g} standard deviations", MOST_MARGIN)
-    around = f"{resonance.frequency:.4g} Hz within {100.0 * resonance.tolerance:g} %, or 0 for that resonance"
-    _check("frequency", request.frequency, " Hz", around)
+    _check("frequency", request.frequency, " Hz", resonance.allowed)
     if request.amplitude == 0.0:
         if latest is None:
             raise SelectionError("amplitude: given 0 and no steady estimate yet; allowed: above 0 m")
         request = Request(latest.amplitude, latest.amplitude_std, latest.frequency, request.margin)
     frequency = request.frequency or resonance.frequency
-    if abs(frequency / resonance.frequency - 1.0) > resonance.tolerance:
-        raise SelectionError(f"frequency: given {frequency:g} Hz; allowed: {around}")
+    if not resonance.holds(frequency):
+        raise SelectionError(f"frequency: given {frequency:g} Hz; allowed: {resonance.allowed}")
     return Request(request.amplitude, request.amplitude_std, frequency, request.margin)
 
 

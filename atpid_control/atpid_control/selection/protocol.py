@@ -36,10 +36,15 @@ class Selection:
     price: float = 0.0  # efficiency given up for the margin [-], NaN: unknown
     stages: tuple[Stage, ...] = ()  # every iteration, where the method has any
     structure_s: float = 0.0  # how long the ceiling was moved and the structure watched [s]
+    note: str = ""  # why the damper is of no use here, one line; empty: it is of use
 
 
 class HeightSelector(Protocol):
-    """One method of selection."""
+    """One method of selection.
+
+    A method that selects at other frequencies than the scene's has `frequencies`, the lowest and the highest of them
+    [Hz]; one without is asked for heights at the scene's alone (`frequency_tolerance` of selector.yaml).
+    """
 
     @property
     def method(self) -> str:

@@ -38,10 +38,16 @@ def _computing(module: str, name: str) -> Factory:
     """Return the factory of a class that takes the scene alone; its module, with the simulation, is loaded at need."""
 
     def make(scene: Scene, _height_map: Path | None) -> HeightSelector:
-        selector: HeightSelector = getattr(import_module(f"atpid_control.selection.{module}"), name)(scene)
-        return selector
+        return anywhere(getattr(import_module(f"atpid_control.selection.{module}"), name)(scene), scene)
 
     return make
+
+
+def anywhere(selector: HeightSelector, scene: Scene) -> HeightSelector:
+    """Return a method that simulates as one that stays closed where the damper is of no use, at any frequency."""
+    from atpid_control.selection.any_frequency import AnyFrequency
+
+    return AnyFrequency(selector, scene)
 
 
 METHODS: dict[str, Factory] = {

@@ -80,19 +80,16 @@ class DamperResponse:
         """Return the distance travelled in half a period at the grainless beam's peak velocity [m].
 
         That is the first guess of the PCA (thesis Eq. 4.30) less 2 r and the fall; best clearances lie at 0.4 to 0.9
-        of it at every amplitude and mass of the grain.
+        of it at every amplitude and mass of the grain. Above resonance, where the grainless beam swings more than the
+        closed damper, the latter's velocity counts: a good damper leaves the beam less than either (docs/selection.md).
         """
-        s, w = self.system, 2.0 * math.pi * self.frequency
-        bare = (
-            amplitude
-            * abs(complex(s.stiffness, s.damping * w))
-            / abs(complex(s.stiffness - s.beam_mass * w * w, s.damping * w))
-        )
-        return math.pi * bare
+        grainless = abs(self._phasor(amplitude, self.system.beam_mass))
+        return math.pi * min(grainless, self.closed_amplitude(amplitude))
 
-    def _phasor(self, amplitude: float) -> complex:
+    def _phasor(self, amplitude: float, mass: float | None = None) -> complex:
+        """Return the steady response of one mass [kg], by default beam and grain, against the support's sine [m]."""
         s, w = self.system, 2.0 * math.pi * self.frequency
-        mass = s.beam_mass + s.grain_mass
+        mass = s.beam_mass + s.grain_mass if mass is None else mass
         drive_force = complex(s.stiffness, s.damping * w) * amplitude
         return drive_force / complex(s.stiffness - mass * w * w, s.damping * w)
 

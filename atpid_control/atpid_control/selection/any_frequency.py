@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Selection from half to twice the natural frequency; where the damper is of no use it stays closed.
+
+Off resonance a thrown grain takes less and less off the beam: well below resonance the beam's acceleration does not
+lift it, above it the open damper brings the beam without its grain into resonance (docs/selection.md).
+"""
+
+import math
+from dataclasses import replace
+
+from atpid_control.selection.checks import check_excitation, frequencies_of
+from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+from atpid_sim.maps import DamperResponse
+from atpid_sim.maps.use import LEAST_USE, closed_over_gravity, rests
+from atpid_sim.scene import HarmonicExcitation, Scene, SceneError
+
+
+class AnyFrequency:
+    """A method that simulates, at any frequency of its range."""
+
+    def __init__(self, selector: HeightSelector, scene: Scene) -> None:
+        """Take the method and the scene it selects for."""
+        self._selector, self._scene = selector, scene
+        self._lowest = max(2.0 * scene.grain.radius, getattr(scene.ceiling, "range", (0.0,))[0])
+        self.method, self.simulates = selector.method, selector.simulates
+        #: Lowest and highest frequency it selects for [Hz].
+        self.frequencies = frequencies_of(scene)
+
+    def select(
+        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
+        height: float = math.nan,
+    ) -> Selection:  # fmt: skip
+        """Return the best height, or that of the closed damper where it is of no use; see `HeightSelector.select`."""
+        check_excitation(amplitude, amplitude_std, frequency, margin)
+        damper = self._damper_at(self._scene.frequency_hz if math.isnan(frequency) else frequency)
+        if rests(damper, amplitude):
+            lifts = f"the closed beam's acceleration, {closed_over_gravity(damper, amplitude):.2f} g, does not lift it"
+            return self._closed(damper, amplitude, Selection(math.nan, math.nan, math.nan, self.method), lifts)
+        chosen = self._selector.select(amplitude, amplitude_std, frequency, margin=margin, height=height)
+        if not chosen.efficiency < LEAST_USE:
+            return chosen
+        found = f"the best height found, {chosen.height:.4f} m, takes {100.0 * chosen.efficiency:.1f} % off the beam"
+        return self._closed(damper, amplitude, chosen, found)
+
+    def _damper_at(self, frequency: float) -> DamperResponse:
+        low, high = self.frequencies
+        own = self._scene.frequency_hz  # of a scene that is itself beyond them: it was asked for
+        if not (low <= frequency <= high or frequency == own):
+            allowed = f"{low:.4g} to {high:.4g} Hz, half to twice the natural frequency"
+            raise SelectionError(f"frequency: given {frequency:g} Hz; allowed: {allowed}")
+        excitation = self._scene.excitation
+        try:
+            scene = self._scene
+            if isinstance(excitation, HarmonicExcitation):
+                scene = scene.with_(frequency=frequency)
+            return DamperResponse(scene)
+        except SceneError as error:
+            raise SelectionError(str(error)) from None
+
+    def _closed(self, damper: DamperResponse, amplitude: float, chosen: Selection, why: str) -> Selection:
+        """Return the selection of the ceiling's lowest height, with the reason."""
+        shut = self._lowest <= damper.diameter * (1.0 + 1e-9)
+        kept = "it stays closed" if shut else f"the ceiling stays at its lowest, {self._lowest:g} m"
+        where = f"the damper is of no use at {amplitude:.4g} m and {damper.frequency:.4g} Hz"
+        beam = damper.closed_amplitude(amplitude) if shut or rests(damper, amplitude) else math.nan
+        efficiency = 0.0 if math.isfinite(beam) else math.nan
+        return replace(
+            chosen, height=self._lowest, beam_amplitude=beam, efficiency=efficiency, price=0.0,
+            note=f"{where}: {why}; {kept}",
+        )  # fmt: skip
