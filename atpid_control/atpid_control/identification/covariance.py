@@ -9,8 +9,8 @@ from atpid_control.identification.linear import compiled, dot, factor, gram, inv
 from atpid_sim.system import Array
 
 OK, AMPLITUDE, A_STD, OMEGA, O_STD, PHASE, P_STD = 0, 1, 2, 3, 4, 5, 6
-OFFSET, RESIDUAL, CONTENT, SLOPE, SLOPE_STD, USED, CHANGE = 7, 8, 9, 10, 11, 12, 13
-RESULTS = 14
+OFFSET, RESIDUAL, CONTENT, SLOPE, SLOPE_STD, USED, CHANGE, DRIFT = 7, 8, 9, 10, 11, 12, 13, 14
+RESULTS = 15
 
 
 @compiled

@@ -31,6 +31,7 @@ class Settings:
     poor_harmonics: float  # harmonics over amplitude from which an estimate is poor [-]
     poor_lost: float  # share of lost samples from which an estimate is poor [-]
     analysis_rate: float  # streams of twice this rate and more are averaged down to it [Hz]
+    slow_drift: float = 0.0  # relative rate of a frequency up to which its tone is steady, not another one [1/s]
 
     def __post_init__(self) -> None:
         top = self.analysis_rate / 8.0
@@ -47,6 +48,7 @@ class Settings:
             "change_likelihood": (self.change_likelihood > 0.0, "above 0"),
             "poor_residual": (self.poor_residual > 0.0, "above 0"),
             "poor_harmonics": (self.poor_harmonics > 0.0, "above 0"),
+            "slow_drift": (0.0 <= self.slow_drift < 1.0, "at least 0 and below 1"),
             "poor_lost": (0.0 < self.poor_lost <= 1.0, "above 0 and at most 1"),
         }
         for name, (fine, allowed) in limits.items():
@@ -60,7 +62,7 @@ class Quality(IntEnum):
     """Quality of an estimate."""
 
     NONE = 0  # no estimate: handshake, too few samples, or no signal
-    STEADY = 1  # a steady tone: the estimate can be acted on
+    STEADY = 1  # a steady tone, or one whose frequency drifts slowly: the estimate can be acted on
     TRANSIENT = 2  # amplitude or frequency is changing inside the window: the estimate is a mean over it
     POOR = 3  # a tone was fitted, but residual, harmonics, gaps or saturation spoil it
 
@@ -101,3 +103,4 @@ class Estimate:
     beam_amplitude: float = nan  # half peak-to-peak of the beam in the window [m]
     growth: float = nan  # relative change of amplitude, mean over the window [1/s]; not in the message
     growth_std: float = nan  # [1/s]
+    drift: float = 0.0  # relative rate of a frequency that drifts slowly [1/s]; not in the message

@@ -24,13 +24,15 @@ class ChangeTracker:
     """Compares each estimate with the first steady one since the last change.
 
     `changed` stays true from the first sign of a change up to and including the steady estimate that ends it. The first
-    steady estimate of all is a change too: from nothing.
+    steady estimate of all is a change too: from nothing. A frequency that drifts slowly takes the one it is compared
+    with along, so that it never differs by a step.
     """
 
-    def __init__(self, change: float) -> None:
-        """Take the relative change of amplitude that counts [-]."""
-        self.change = change
+    def __init__(self, change: float, slow_drift: float = 0.0) -> None:
+        """Take the relative change of amplitude that counts [-], and the relative rate of a slow drift [1/s]."""
+        self.change, self.slow_drift = change, slow_drift
         self._reference: Estimate | None = None
+        self._at = math.nan  # when the reference's frequency was taken along last [s]
         self._pending = False
 
     def judge(self, estimate: Estimate) -> bool:
@@ -42,10 +44,21 @@ class ChangeTracker:
             self._pending = self._pending or quality == Quality.TRANSIENT or self._reference is not None
             return self._pending
         seen = self._pending or self._reference is None or self._differ(self._reference, estimate)
-        if seen:
-            self._reference = estimate
+        if seen or self._reference is None:
+            self._reference, self._at = estimate, estimate.time
+        else:
+            self._reference = self._taken_along(self._reference, estimate)
         self._pending = False
         return seen
+
+    def _taken_along(self, old: Estimate, new: Estimate) -> Estimate:
+        """Return the estimate to compare with from now on: its frequency follows at the rate of a slow drift."""
+        passed = new.time - self._at
+        self._at = new.time
+        most = self.slow_drift * old.frequency * passed
+        if not most > 0.0:
+            return old
+        return replace(old, frequency=old.frequency + min(max(new.frequency - old.frequency, -most), most))
 
     def _differ(self, old: Estimate, new: Estimate) -> bool:
         amplitude = max(self.change * old.amplitude, SIGMAS * math.hypot(old.amplitude_std, new.amplitude_std))
@@ -71,7 +84,7 @@ class Identifier:
         self._settings, self._inverse = settings, inverse
         # the growth of a transient beam is estimated better in a longer window
         self._finder = ToneFinder(settings, shorten=inverse is None)
-        self._tracker = ChangeTracker(settings.change)
+        self._tracker = ChangeTracker(settings.change, settings.slow_drift)
         self._buffer: SampleBuffer | None = None
         self._last_index = 0
         self.source = Origin.SUPPORT if inverse is None else Origin.BEAM
@@ -79,7 +92,7 @@ class Identifier:
     def configure(self, settings: Settings) -> None:
         """Identify with other thresholds from the next block on; window, frequencies and rates stay what they are."""
         self._settings = self._finder.settings = settings
-        self._tracker.change = settings.change
+        self._tracker.change, self._tracker.slow_drift = settings.change, settings.slow_drift
 
     def push(
         self, first_index: int, rate: float, support: Array | None, beam: Array | None, t_last: float, *,
@@ -114,7 +127,7 @@ class Identifier:
                 f"{8.0 * s.highest_frequency:g} Hz; sample faster or lower highest_frequency"
             )
         self._finder = ToneFinder(s, shorten=self._inverse is None)
-        self._tracker = ChangeTracker(s.change)
+        self._tracker = ChangeTracker(s.change, s.slow_drift)
         return SampleBuffer(2, rate, s.window_periods / s.lowest_frequency, s.analysis_rate)
 
     def _stacked(self, support: Array | None, beam: Array | None) -> Array:
@@ -152,6 +165,7 @@ class Identifier:
             lost=tone.lost,
             growth=fit.slope * 2.0 / tone.window,
             growth_std=fit.slope_std * 2.0 / tone.window,
+            drift=fit.drift,
         )
 
     def _beam_amplitude(self, estimate: Estimate, measured: bool) -> float:

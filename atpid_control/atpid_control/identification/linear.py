@@ -16,7 +16,7 @@ from atpid_sim.kernel_cache import share_cache
 from atpid_sim.system import Array
 
 #: The modules with compiled functions.
-KERNELS = ("choice", "columns", "covariance", "linear", "sine_fit")
+KERNELS = ("choice", "columns", "covariance", "drifting", "linear", "sine_fit")
 F = TypeVar("F", bound=Callable[..., object])
 
 share_cache("identification", (Path(__file__).parent / f"{name}.py" for name in KERNELS))

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
 from atpid_control.identification.choice import Flags, best_group, chosen_columns, without_spikes
-from atpid_control.identification.covariance import CHANGE, OK, RESULTS, USED, report
+from atpid_control.identification.covariance import CHANGE, DRIFT, OK, RESULTS, USED, report
+from atpid_control.identification.drifting import follow_drift
 from atpid_control.identification.linear import compiled, factor, gram, project, substitute
 from atpid_sim.system import Array
 
@@ -41,28 +42,32 @@ class SineFit:
     slope: float  # relative change of amplitude over half the window [-]
     slope_std: float  # [-]
     used: int
-    change: float  # log-likelihood by which a changing tone describes the window better; 0: steady
+    change: float  # log-likelihood by which a changing tone describes the window better; 0: steady, or drifting slowly
+    drift: float  # relative rate of a frequency that drifts slowly [1/s]; 0: steady
 
 
 #: Fields of a fit in the order the kernel writes them.
 _VALUES = tuple(SineFit.__dataclass_fields__)[: USED - 1]
 
 
-def fit_sine(tau: Array, signal: Array, omega: float, hum: float, threshold: float) -> SineFit | None:
+def fit_sine(
+    tau: Array, signal: Array, omega: float, hum: float, threshold: float, slow: float = 0.0
+) -> SineFit | None:
     """Fit a tone to `signal` (n,) [m] at `tau` (n,) [s], tau = 0 at the window's end, from the seed `omega` [rad/s].
 
     `hum` [rad/s] is the angular frequency of the mains, 0 for none; `threshold` is the log-likelihood from which a
-    change is accepted. No NaN may be among the samples. None is returned where no tone can be fitted.
+    change is accepted; `slow` [1/s] is the relative rate up to which a drift of the frequency is none. No NaN may be
+    among the samples. None is returned where no tone can be fitted.
     """
-    out = _fit(tau, signal, omega, hum, threshold)
+    out = _fit(tau, signal, omega, hum, threshold, slow)
     if out[OK] == 0.0 or not np.all(np.isfinite(out)):
         return None
     values = {name: float(value) for name, value in zip(_VALUES, out[1:USED], strict=True)}
-    return SineFit(**values, used=int(out[USED]), change=float(out[CHANGE]))
+    return SineFit(**values, used=int(out[USED]), change=float(out[CHANGE]), drift=float(out[DRIFT]))
 
 
 @compiled
-def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) -> Array:
+def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float, slow: float) -> Array:
     out = np.zeros(RESULTS)
     count = tau.size
     if count < 10:
@@ -76,7 +81,7 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) 
     centre = tau[0] + scale
     for i in range(count):
         t[i] -= centre
-    used = count
+    used, best = count, -1
     for turn in range(ROUNDS):
         tone = _converge(columns, t, y, omega, hum, scale, active)
         if tone[0] == 0.0:
@@ -101,6 +106,7 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float) 
             break
         active[best] = True
     report(out, columns, y, tone, scale, centre, active)
+    follow_drift(out, columns, t, y, tone, (hum, scale), active, (slow, threshold), best)
     return out
 
 

@@ -103,7 +103,7 @@ class ToneFinder:
             tau, signal = tau[valid], signal[valid]
         hum = TAU * self.settings.mains_frequency
         start = frequency if math.isnan(seed) else seed
-        fit = fit_sine(tau, signal, TAU * start, hum, self.settings.change_likelihood)
+        fit = fit_sine(tau, signal, TAU * start, hum, self.settings.change_likelihood, self.settings.slow_drift)
         return None if fit is None else self._judged(fit, count, lost, buffer)
 
     def _judged(self, fit: SineFit, count: int, lost: int, buffer: SampleBuffer) -> Tone | None:

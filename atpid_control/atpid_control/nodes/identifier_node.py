@@ -229,7 +229,7 @@ def last_stamp(block: SampleBlock) -> int:
 
 
 #: Fields of an estimate that the message does not have.
-_NOT_IN_MESSAGE = ("time", "growth", "growth_std")
+_NOT_IN_MESSAGE = ("time", "growth", "growth_std", "drift")
 
 
 def _fields(estimate: Estimate) -> dict[str, Any]:

@@ -36,6 +36,7 @@ IDENTIFIER = (
         "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing inside the window", "-", 0.1,
         1e6,
     ),
+    _live("slow_drift", 0.03, "relative rate of a frequency up to which its tone is steady", "1/s", 0.0, 0.9),
     _live("poor_residual", 0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_lost", 0.5, "share of lost samples from which an estimate is poor", "-", 1e-4, 1.0),

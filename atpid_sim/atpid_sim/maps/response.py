@@ -58,6 +58,11 @@ class DamperResponse:
         self.period = 1.0 / self.frequency
 
     @property
+    def natural_frequency(self) -> float:
+        """Natural frequency of beam and grain as one mass [Hz]."""
+        return math.sqrt(self.system.stiffness / (self.system.beam_mass + self.system.grain_mass)) / (2.0 * math.pi)
+
+    @property
     def diameter(self) -> float:
         """Height of the closed damper [m]."""
         return 2.0 * self.system.radius
