@@ -6,6 +6,7 @@ import time
 
 from atpid_control.selection.protocol import Selection, SelectionError
 from atpid_sim.maps import HeightMap, MapError
+from atpid_sim.maps.use import LEAST_USE
 from atpid_sim.scene import Scene
 
 
@@ -36,23 +37,33 @@ class LookupSelector:
         """Raise MapError where the map was made for another system."""
         height_map.check(scene)
         self._map = height_map
-        self._mass_fraction = scene.grain.mass_fraction
+        self._mass_fraction, self._natural = scene.grain.mass_fraction, scene.natural_frequency_hz
+        self._frequency = scene.frequency_hz
+        ratios = height_map.frequency_ratios
+        #: Lowest and highest frequency of a map over several [Hz]; None: it holds for one.
+        self.frequencies = None if ratios is None else (self._natural * ratios[0], self._natural * ratios[-1])
 
     def select(
         self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
         height: float = math.nan,
     ) -> Selection:  # fmt: skip
         """Return the height of the map; see `HeightSelector.select`."""
-        del frequency, height  # a map holds for one frequency and any ceiling before; the hold guards the frequency
+        del height  # a map holds for any ceiling before; one for a single frequency is guarded by the hold
         begun = time.perf_counter()
+        ratio = (self._frequency if math.isnan(frequency) else frequency) / self._natural
         try:
-            best = self._map.lookup(amplitude, self._mass_fraction)
+            best = self._map.lookup(amplitude, self._mass_fraction, ratio)
             # the best height grows with the amplitude: that of the error bar's lower end is safe for all of it
             lower = max(amplitude - margin * amplitude_std, float(self._map.amplitudes[0]))
-            safe = self._map.lookup(lower, self._mass_fraction) if margin > 0.0 else best
+            safe = self._map.lookup(lower, self._mass_fraction, ratio) if margin > 0.0 else best
         except MapError as error:
             raise SelectionError(str(error)) from None
         # the map holds the best height only, not the amplitude at another height
         price = math.nan if margin > 0.0 else 0.0
         wall = time.perf_counter() - begun
-        return Selection(safe.height, safe.amplitude, safe.efficiency, self.method, wall_s=wall, price=price)
+        note = "" if safe.efficiency >= LEAST_USE else self._of_no_use(amplitude, ratio)
+        return Selection(safe.height, safe.amplitude, safe.efficiency, self.method, wall_s=wall, price=price, note=note)
+
+    def _of_no_use(self, amplitude: float, ratio: float) -> str:
+        where = f"{amplitude:.4g} m and {ratio * self._natural:.4g} Hz"
+        return f"the damper is of no use at {where}: no height of the map takes {100.0 * LEAST_USE:g} % off the beam"

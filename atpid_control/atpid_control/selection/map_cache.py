@@ -7,6 +7,7 @@ import math
 import sys
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +16,18 @@ from atpid_common.folders import cache_root, share_folder
 from atpid_sim.display import counting, working
 from atpid_sim.maps import DamperResponse, HeightMap, MapError, best_height, build_map, map_tolerance
 from atpid_sim.maps.identity import identity_of
+from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
 from atpid_sim.scene.ceiling import CONTROLLERS
+from atpid_sim.simulation.excitation import frequency_points
 
 #: Amplitudes a map made here covers at least [m]; every scene of the thesis lies inside.
 _USUAL = (0.002, 0.08)
 _POINTS = 41
+#: Amplitudes of a map over frequencies; distance of the latter over the natural one, and how far the map reaches beyond
+#: those of the scene [-].
+_POINTS_OF_RATIOS, _RATIO_STEP, _BESIDE = 15, 0.02, 0.01
 #: How closely the largest amplitude that can be simulated is looked for, as a factor.
 _CLOSE = 1.1
 
@@ -62,25 +68,36 @@ def amplitudes_of(scene: Scene) -> tuple[float, float]:
     return (min(positive), max(positive)) if positive else _USUAL
 
 
+def ratios_of(scene: Scene) -> tuple[float, float]:
+    """Return the lowest and highest frequency of the scene's excitation over the natural one [-]."""
+    ratios = [frequency / scene.natural_frequency_hz for _, frequency in frequency_points(scene)]
+    return min(ratios), max(ratios)
+
+
 def _fits(path: Path, scene: Scene) -> bool:
-    """Whether the map was made for this system, mass fraction and amplitudes; a damaged one does not fit."""
+    """Whether the map was made for this system, mass fraction, amplitudes, frequencies; a damaged one does not fit."""
     if not _is_map_of(path, scene):
         return False
     found = HeightMap.load(path)
-    return found.covers(*amplitudes_of(scene), scene.grain.mass_fraction)
+    return found.covers(*amplitudes_of(scene), scene.grain.mass_fraction, ratios_of(scene))
 
 
 def _make(scene: Scene, folder: Path) -> Path:
     low, high = amplitudes_of(scene)
     first, last = min(_USUAL[0], 0.5 * low), max(_USUAL[1], 1.25 * high)
-    purpose = [identity_of(scene), scene.grain.mass_fraction, [first, last], scene.tolerance]
+    ratios = _ratios_to_map(scene)
+    purpose: list[Any] = [identity_of(scene), scene.grain.mass_fraction, [first, last], scene.tolerance]
+    if ratios is not None:
+        purpose.append(ratios)
     key = hashlib.sha256(json.dumps(purpose, sort_keys=True).encode()).hexdigest()[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise MapError(f"{folder}: no map can be kept there: {error.strerror}; name one in ceiling.map") from None
     path = folder / f"{key}.npz"
-    if _is_map_of(path, scene):  # made before, and lacks amplitudes that cannot be computed: made anew it would again
+    if ratios is None and _is_map_of(
+        path, scene
+    ):  # made before, and lacks amplitudes that cannot be computed: made anew it would again
         return path
     print(f"no height map fits this system: making one, kept as {path}", file=sys.stderr)
     with working("looking for the largest amplitude that can be simulated"):
@@ -89,14 +106,31 @@ def _make(scene: Scene, folder: Path) -> Path:
         print(f"amplitudes above {reached:.4g} m cannot be simulated: the map ends there", file=sys.stderr)
     # evenly spaced unless the smallest would lie within the first step
     spaced = np.linspace if reached <= _POINTS * first else np.geomspace
-    amplitudes = [float(a) for a in spaced(first, reached, _POINTS)]
-    with counting("height map", _POINTS) as count:
-        made = build_map(scene, amplitudes, [scene.grain.mass_fraction], path, lambda done, _: count(done))
+    amplitudes = [float(a) for a in spaced(first, reached, _POINTS if ratios is None else _POINTS_OF_RATIOS)]
+    total = len(amplitudes) * len(ratios or [1.0])
+    with counting("height map", total) as count:
+        fractions = [scene.grain.mass_fraction]
+        made = build_map(scene, amplitudes, fractions, path, lambda done, _: count(done), frequency_ratios=ratios)
     if made.failures:
         first_lost = f"the first, {made.failures[0].amplitude:g} m: {made.failures[0].reason}"
-        lost = f"{len(made.failures)} of its {_POINTS} points"
+        lost = f"{len(made.failures)} of its {total} points"
         print(f"{lost} could not be computed; {first_lost}", file=sys.stderr)
     return path
+
+
+def _ratios_to_map(scene: Scene) -> list[float] | None:
+    """Return the frequency ratios of a map for a scene whose frequency moves [-]; None: it does not."""
+    if not scene.frequency_moves:
+        return None
+    low, high = ratios_of(scene)
+    first, last = max(low - _BESIDE, LOWEST_RATIO), min(high + _BESIDE, HIGHEST_RATIO)
+    if not LOWEST_RATIO <= low < high <= HIGHEST_RATIO:
+        raise MapError(
+            f"excitation.frequency: given {low:.3g} to {high:.3g} of the natural one; a map reaches from "
+            f"{LOWEST_RATIO:g} to {HIGHEST_RATIO:g}"
+        )
+    count = math.ceil((last - first) / _RATIO_STEP) + 1
+    return [float(ratio) for ratio in np.round(np.linspace(first, last, count), 9)]
 
 
 def _largest_computable(scene: Scene, needed: float, highest: float) -> float:

@@ -12,6 +12,7 @@ from atpid_common.arguments import file_path, path_to, refuse
 from atpid_sim.commands.options import add_workers
 from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
+from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.scene.plausibility import LARGEST_AMPLITUDE, Quantity
 
@@ -38,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="m1,m2,...",
         help="grain mass over total mass [-]",
     )
+    parser.add_argument(
+        "--frequency-ratios",
+        type=ratios_of,
+        metavar="R0:R1:N",
+        help="N frequencies over the natural one, 0.5 to 2 [-]; default: the scene's frequency alone",
+    )
     parser.add_argument("--out", type=path_to(".npz"), required=True, metavar="MAP.npz", help="file to write")
     parser.add_argument(
         "--header",
@@ -59,9 +66,12 @@ def run(args: argparse.Namespace) -> int:
     if args.header:
         output.file(args.header, "--header", replace=args.force)
     _warn(scene, amplitudes, fractions)
-    with counting("height map", len(amplitudes) * len(fractions), kept=True) as count:
+    ratios = args.frequency_ratios
+    if args.header and ratios:
+        raise MapError("--header: given with --frequency-ratios; a firmware table holds one frequency; leave one out")
+    with counting("height map", len(amplitudes) * len(fractions) * len(ratios or (1.0,)), kept=True) as count:
         made = build_map(
-            scene, amplitudes, fractions, args.out, lambda done, _: count(done), args.workers, args.cluster
+            scene, amplitudes, fractions, args.out, lambda done, _: count(done), args.workers, args.cluster, ratios
         )
     if args.header:
         write_header(made, fractions[0], args.header)
@@ -71,16 +81,27 @@ def run(args: argparse.Namespace) -> int:
 
 def amplitudes_of(text: str) -> list[float]:
     """Return the amplitudes of `A0:A1:N` [m]; raise argparse's error where it does not read so."""
+    found = _grid(text, 0.0, 1e3)
+    return found or refuse(text, "A0:A1:N with 0 < A0 < A1, at most 1000 m, and N from 2 to 100000")
+
+
+def ratios_of(text: str) -> list[float]:
+    """Return the frequency ratios of `R0:R1:N` [-]; raise argparse's error where it does not read so."""
+    found = _grid(text, LOWEST_RATIO * (1.0 - 1e-12), HIGHEST_RATIO)
+    allowed = f"R0:R1:N with {LOWEST_RATIO:g} <= R0 < R1 <= {HIGHEST_RATIO:g}, and N from 2 to 100000"
+    return found or refuse(text, allowed)
+
+
+def _grid(text: str, above: float, most: float) -> list[float]:
+    """Return the numbers of `first:last:count`, evenly spaced; none where it does not read so."""
     parts = text.split(":")
     try:
         first, last, count = float(parts[0]), float(parts[1]), int(parts[2])
-        sound = len(parts) == 3 and 0.0 < first < last <= 1e3 and 2 <= count <= 100_000
+        sound = len(parts) == 3 and above < first < last <= most and 2 <= count <= 100_000
     except (ValueError, IndexError):
         sound = False
-    if not sound:
-        refuse(text, "A0:A1:N with 0 < A0 < A1, at most 1000 m, and N from 2 to 100000")
     # rounded to a nanometre, so that the same grid written another way finds its points in the journal
-    return [float(a) for a in np.round(np.linspace(first, last, count), 9)]
+    return [float(value) for value in np.round(np.linspace(first, last, count), 9)] if sound else []
 
 
 def mass_fractions_of(text: str) -> list[float]:
@@ -103,13 +124,18 @@ def _warn(scene: Scene, amplitudes: list[float], fractions: list[float]) -> None
         print(f"warning: {line}", file=sys.stderr)
 
 
+def _of_no_use(made: HeightMap) -> str:
+    count = int(np.count_nonzero(made.efficiencies == 0.0))
+    return f", {count} of no use: closed" if count else ""
+
+
 def _print_summary(made: HeightMap, out: Path) -> None:
     computed = made.heights.size - len(made.failures)
     irregular = computed - int(np.count_nonzero(made.reproducible))
     print(
         f"{out}: {computed} best heights, {np.nanmin(made.heights):.4f} to {np.nanmax(made.heights):.4f} m, "
         f"efficiency {100 * np.nanmin(made.efficiencies):.1f} to {100 * np.nanmax(made.efficiencies):.1f} %, "
-        f"{irregular} not reproducible"
+        f"{irregular} not reproducible{_of_no_use(made)}"
     )
     if made.failures:
         first = made.failures[0]

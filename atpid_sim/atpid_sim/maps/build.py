@@ -2,19 +2,24 @@
 """Make a map: every point by itself, on all cores, kept in a journal until the map is whole."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from atpid_sim.maps.cluster import on_cluster, on_cores
-from atpid_sim.maps.height_map import FORMAT, Failure, HeightMap, MapError
-from atpid_sim.maps.identity import identity_of
+from atpid_sim.maps.best import Best
+from atpid_sim.maps.cluster import Computed, on_cluster, on_cores
+from atpid_sim.maps.height_map import FORMAT, FORMAT_OF_RATIOS, Failure, HeightMap, MapError
+from atpid_sim.maps.identity import FREQUENCY, Identity, identity_of
 from atpid_sim.maps.journal import Journal, Point
+from atpid_sim.maps.response import DamperResponse
+from atpid_sim.maps.use import LEAST_USE, rests
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import Scene
+from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.integration import rtol_of
 
 Progress = Callable[[int, int], None]
@@ -30,8 +35,12 @@ def build_map(
     progress: Progress | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    frequency_ratios: Sequence[float] | None = None,
 ) -> HeightMap:
     """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
+
+    frequency_ratios: rising frequencies over the natural one [-], of which each has its own best heights; by default
+    the map is for the scene's frequency. Where the damper is of no use the height is that of the closed one.
 
     It is written to `out`, and a run that was killed goes on where it stopped: points lie in a journal beside that
     file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
@@ -39,26 +48,101 @@ def build_map(
     Raises MapError, and NumericalFailure where every point fails.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
-    identity, tolerance = identity_of(scene), map_tolerance(scene)
-    purpose = {"format": FORMAT, "system": identity, "tolerance": tolerance}
-    wanted: list[Point] = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
+    ratios = None if frequency_ratios is None else _rising(frequency_ratios, "frequency ratios", 2)
+    plan = _Plan(scene, wide, heavy, ratios)
+    wanted = plan.points()
     report = progress or (lambda *_: None)
-    with closing(Journal(Path(out), purpose)) as journal:
+    with closing(Journal(Path(out), plan.purpose)) as journal:
         known = journal.points
         missing = [point for point in wanted if point not in known]
         report(len(wanted) - len(missing), len(wanted))
-        if scheduler is None:
-            computed = on_cores(scene, missing, tolerance, workers)
-        else:
-            computed = on_cluster(scheduler, scene, missing, tolerance)
-        for point, values in computed:
+        for point, values in _computed(plan, missing, workers, scheduler):
             known[point] = values
             journal.record(point, values)
             report(sum(p in known for p in wanted), len(wanted))
-        made = _assemble(wide, heavy, known, identity, tolerance)
+        made = _assemble(plan, known)
         made.save(out)
         journal.finish()
     return made
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """The grid of a map, and what it is made for."""
+
+    scene: Scene
+    wide: list[float]  # support amplitudes [m]
+    heavy: list[float]  # mass fractions [-]
+    ratios: list[float] | None  # frequencies over the natural one [-]; None: that of the scene
+
+    def points(self) -> list[Point]:
+        """Return (mass fraction, amplitude) of each point, or (mass fraction, amplitude, frequency ratio)."""
+        layers: list[Point] = [()] if self.ratios is None else [(ratio,) for ratio in self.ratios]
+        return [(fraction, a, *ratio) for ratio in layers for fraction in self.heavy for a in self.wide]
+
+    @cached_property
+    def tolerance(self) -> float:
+        """Relative tolerance of the runs."""
+        return map_tolerance(self.scene)
+
+    @cached_property
+    def identity(self) -> Identity:
+        """The system, and the frequency where there is one."""
+        identity = identity_of(self.scene)
+        if self.ratios is not None:
+            del identity[FREQUENCY]
+        return identity
+
+    @property
+    def purpose(self) -> dict[str, Any]:
+        """What the journal of the map is for."""
+        version = FORMAT if self.ratios is None else FORMAT_OF_RATIOS
+        return {"format": version, "system": self.identity, "tolerance": self.tolerance}
+
+    def scene_at(self, fraction: float, ratio: float | None) -> Scene:
+        """Return the scene with a mass fraction [-], at a frequency ratio [-]; raise MapError where it cannot be."""
+        try:
+            scene = self.scene.with_(mass_fraction=fraction)
+            if ratio is None:
+                return scene
+            tone = {"amplitude": self.wide[0], "frequency": ratio * scene.natural_frequency_hz}
+            return scene.with_(excitation=tone)
+        except SceneError as error:
+            raise MapError(f"mass fraction {fraction:g}: {error}") from None
+
+
+def _computed(plan: _Plan, missing: list[Point], workers: int | None, scheduler: str | None) -> Iterator[Computed]:
+    """Yield (point, values): at once where the grain is not lifted, the others as cores or a cluster deliver them."""
+    for (fraction, *ratio), points in _grouped(missing):
+        scene = plan.scene_at(fraction, *ratio or (None,))
+        damper = DamperResponse(scene, plan.tolerance)
+        simulated = []
+        for point in points:
+            if rests(damper, point[1]):
+                yield point, _closed(damper, point[1])
+            else:
+                simulated.append(point[:2])
+        if scheduler is None:
+            answers = on_cores(scene, simulated, plan.tolerance, workers)
+        else:
+            answers = on_cluster(scheduler, scene, simulated, plan.tolerance)
+        for (_, amplitude), values in answers:
+            useless = values["efficiency"] is not None and values["efficiency"] < LEAST_USE
+            yield (fraction, amplitude, *ratio), _closed(damper, amplitude) if useless else values
+
+
+def _grouped(points: list[Point]) -> Iterator[tuple[Point, list[Point]]]:
+    """Yield ((mass fraction,), points), or ((mass fraction, frequency ratio), points): one system and frequency."""
+    groups: dict[Point, list[Point]] = {}
+    for point in points:
+        groups.setdefault((point[0], *point[2:]), []).append(point)
+    yield from groups.items()
+
+
+def _closed(damper: DamperResponse, amplitude: float) -> dict[str, Any]:
+    """Return the values of a point where the damper is of no use: those of the closed one."""
+    best = Best(damper.diameter, damper.closed_amplitude(amplitude), 0.0, reproducible=True, evaluations=0)
+    return asdict(best)
 
 
 def map_tolerance(scene: Scene) -> float:
@@ -66,32 +150,30 @@ def map_tolerance(scene: Scene) -> float:
     return max(rtol_of(scene), _FINEST)
 
 
-def _assemble(
-    wide: list[float],
-    heavy: list[float],
-    known: dict[Point, dict[str, Any]],
-    identity: dict[str, Any],
-    tolerance: float,
-) -> HeightMap:
-    points = [(fraction, amplitude) for fraction in heavy for amplitude in wide]
-    failures = tuple(Failure(*point, known[point]["failure"]) for point in points if "failure" in known[point])
+def _assemble(plan: _Plan, known: dict[Point, dict[str, Any]]) -> HeightMap:
+    points = plan.points()
+    failures = tuple(Failure(point[0], point[1], known[point]["failure"], *point[2:]) for point in points
+                     if "failure" in known[point])  # fmt: skip
     if len(failures) == len(points):
         raise NumericalFailure(f"none of the {len(points)} points of the map can be computed: {failures[0].reason}")
+    layers = () if plan.ratios is None else (len(plan.ratios),)
 
     def grid(name: str) -> Any:
-        rows = [[known[(fraction, amplitude)][name] for amplitude in wide] for fraction in heavy]
-        return np.array(rows, dtype=bool if name == "reproducible" else float)  # None becomes NaN
+        values = [known[point][name] for point in points]
+        made = np.array(values, dtype=bool if name == "reproducible" else float)  # None becomes NaN
+        return made.reshape(*layers, len(plan.heavy), len(plan.wide))
 
     return HeightMap(
-        amplitudes=np.array(wide),
-        mass_fractions=np.array(heavy),
+        amplitudes=np.array(plan.wide),
+        mass_fractions=np.array(plan.heavy),
         heights=grid("height"),
         beam_amplitudes=grid("amplitude"),
         efficiencies=grid("efficiency"),
         reproducible=grid("reproducible"),
-        identity=identity,
-        tolerance=tolerance,
+        identity=plan.identity,
+        tolerance=plan.tolerance,
         failures=failures,
+        frequency_ratios=None if plan.ratios is None else np.array(plan.ratios),
     )
 
 

@@ -6,25 +6,24 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from atpid_common.errors import InputError
 from atpid_common.files import FileError, read_arrays
 from atpid_common.output import writing
-from atpid_sim.maps.identity import Identity, difference, identity_of
+from atpid_sim.maps.curves import Curve, unbroken
+from atpid_sim.maps.identity import FREQUENCY, Identity, difference, identity_of
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
-#: Version of the file and of what it calls the best height (docs/selection.md).
-FORMAT = 1
+#: Versions of the file and of what it calls the best height (docs/selection.md): for one frequency, and over ratios.
+FORMAT, FORMAT_OF_RATIOS = 1, 2
 
 _GRIDS = ("heights", "beam_amplitudes", "efficiencies", "reproducible")
 #: Least mass fraction of a row [-]: no grain weighs less, and ratios of rows are numbers.
@@ -33,8 +32,13 @@ _LEAST_FRACTION = 1e-12
 _SAME_FRACTION = 1e-9
 #: Size of a map's file at most, unpacked [bytes].
 _LARGEST = 200_000_000
+#: No frequency is so many times the natural one [-].
+_MOST_RATIO = 1e3
 #: No support, beam or ceiling is farther away [m].
 _FARTHEST = 100.0
+#: Best heights of neighbouring frequencies whose clearances differ by this factor are of different wells: the ceiling
+#: would stand between them, so the lower is taken.
+_SAME_WELL = 1.5
 #: No clearance is taken for less [m]: a power law needs one.
 _TINY = 1e-9
 
@@ -51,6 +55,7 @@ class Failure(NamedTuple):
     mass_fraction: float  # [-]
     amplitude: float  # of the support [m]
     reason: str
+    frequency_ratio: float = math.nan  # [-]; NaN: of a map for one frequency
 
 
 @dataclass(frozen=True)
@@ -62,17 +67,12 @@ class MapEntry:
     efficiency: float  # 1 - amplitude / amplitude of the closed damper [-]
 
 
-class Curve(NamedTuple):
-    """Height, beam amplitude and efficiency over amplitudes from `first` to `last` [m], all of them computed."""
-
-    first: float
-    last: float
-    values: Callable[[float], Array]
-
-
 @dataclass(frozen=True)
 class HeightMap:
-    """Best heights; grids are (mass fractions, amplitudes), NaN where a point could not be computed."""
+    """Best heights; grids are (mass fractions, amplitudes), NaN where a point could not be computed.
+
+    A map over frequencies has grids (frequency ratios, mass fractions, amplitudes).
+    """
 
     amplitudes: Array  # (n,) of the support, rising [m]
     mass_fractions: Array  # (m,) grain over total mass, rising [-]
@@ -84,14 +84,18 @@ class HeightMap:
     tolerance: float  # relative tolerance of the runs
     source: str = "the map"  # its name in messages
     failures: tuple[Failure, ...] = ()  # points that could not be computed
+    frequency_ratios: Array | None = None  # (k,) frequency over the natural one, rising [-]; None: for one frequency
 
-    def lookup(self, amplitude: float, mass_fraction: float) -> MapEntry:
+    def lookup(self, amplitude: float, mass_fraction: float, frequency_ratio: float = 1.0) -> MapEntry:
         """Return height, beam amplitude and efficiency at a support amplitude [m] and a mass fraction [-].
 
         Monotone cubic in the amplitude; between mass fractions a power law of the clearance, which is nearly inverse
-        to the grain's mass: nothing lies outside its neighbours. Raises MapError where the map does not reach, and
-        where a point beside the amplitude could not be computed.
+        to the grain's mass, and another one between frequencies over the natural one [-], where the map has several:
+        nothing lies outside its neighbours. Raises MapError where the map does not reach, and where a point beside the
+        amplitude could not be computed.
         """
+        if self.frequency_ratios is not None:
+            return self._between_frequencies(amplitude, mass_fraction, frequency_ratio)
         share, row = self._between(mass_fraction)
         lowest, highest = float(self.amplitudes[0]), float(self.amplitudes[-1])
         if not lowest <= amplitude <= highest:
@@ -100,25 +104,78 @@ class HeightMap:
             )
         # on a row of the map the other one does not matter: it may lack the point
         left, right = self._at(row + (share == 1.0), amplitude), self._at(row + (share > 0.0), amplitude)
-        diameter = 2.0 * float(self.identity["grain.radius"])
-        clearances = np.maximum([left[0] - diameter, right[0] - diameter], _TINY)
-        height = diameter + float(clearances[0] ** (1.0 - share) * clearances[1] ** share)
+        clearances = np.maximum([left[0] - self._diameter, right[0] - self._diameter], _TINY)
+        height = self._diameter + float(clearances[0] ** (1.0 - share) * clearances[1] ** share)
         response, efficiency = (1.0 - share) * left[1:] + share * right[1:]
         return MapEntry(height, float(response), float(efficiency))
 
-    def covers(self, lowest: float, highest: float, mass_fraction: float) -> bool:
-        """Return whether every support amplitude from `lowest` to `highest` [m] can be looked up."""
+    def _between_frequencies(self, amplitude: float, mass_fraction: float, ratio: float) -> MapEntry:
+        """Return the entry at a frequency ratio [-]: of neighbours in different wells the lower height."""
+        assert self.frequency_ratios is not None
+        ratios = self.frequency_ratios
+        if not ratios[0] <= ratio <= ratios[-1]:
+            reach = f"{ratios[0]:g} to {ratios[-1]:g} of the natural frequency"
+            raise MapError(
+                f"{self.source}: frequency at {ratio:.4g} of the natural one is outside its {reach}; {_MAKE}"
+            )
+        at = int(np.clip(np.searchsorted(ratios, ratio, side="right") - 1, 0, max(len(ratios) - 2, 0)))
+        low = self._layers[at].lookup(amplitude, mass_fraction)
+        if ratio == ratios[at]:
+            return low
+        high = self._layers[at + 1].lookup(amplitude, mass_fraction)
+        share = float((ratio - ratios[at]) / (ratios[at + 1] - ratios[at]))
+        least, most = sorted(max(entry.height - self._diameter, _TINY) for entry in (low, high))
+        if most > _SAME_WELL * least and 0.0 < share < 1.0:
+            height = self._diameter + least if least > _TINY else self._diameter
+            worse = max(low.amplitude, high.amplitude)
+            return MapEntry(height, worse, min(low.efficiency, high.efficiency))
+        clearance = (low.height - self._diameter) ** (1.0 - share) * (high.height - self._diameter) ** share
+        return MapEntry(
+            self._diameter + max(clearance, 0.0),
+            (1.0 - share) * low.amplitude + share * high.amplitude,
+            (1.0 - share) * low.efficiency + share * high.efficiency,
+        )
+
+    @cached_property
+    def _layers(self) -> list[HeightMap]:
+        """The maps of the single frequencies."""
+        assert self.frequency_ratios is not None
+        return [
+            replace(
+                self, **{name: getattr(self, name)[k] for name in _GRIDS}, frequency_ratios=None,
+                failures=tuple(one for one in self.failures if one.frequency_ratio == ratio),
+            )
+            for k, ratio in enumerate(self.frequency_ratios)
+        ]  # fmt: skip
+
+    @property
+    def _diameter(self) -> float:
+        return 2.0 * float(self.identity["grain.radius"])
+
+    def covers(
+        self, lowest: float, highest: float, mass_fraction: float, ratios: tuple[float, float] = (1.0, 1.0)
+    ) -> bool:
+        """Return whether every support amplitude from `lowest` to `highest` [m] can be looked up.
+
+        ratios: lowest and highest frequency over the natural one [-]; a map for one frequency has that one alone.
+        """
+        if self.frequency_ratios is None and ratios[0] < ratios[1]:
+            return False
         inside = [a for a in map(float, self.amplitudes) if lowest < a < highest]
         try:
             for amplitude in (lowest, *inside, highest):
-                self.lookup(amplitude, mass_fraction)
+                for ratio in dict.fromkeys(ratios):
+                    self.lookup(amplitude, mass_fraction, ratio)
         except MapError:
             return False
         return True
 
     def check(self, scene: Scene) -> None:
         """Raise MapError, naming the first difference, where the map was made for another system than the scene's."""
-        found = difference(self.identity, identity_of(scene))
+        wanted = identity_of(scene)
+        if self.frequency_ratios is not None:
+            del wanted[FREQUENCY]
+        found = difference(self.identity, wanted)
         if found:
             raise MapError(f"{self.source}: made for {found}; {_MAKE}")
         self.check_mass_fraction(scene.grain.mass_fraction)
@@ -131,10 +188,12 @@ class HeightMap:
         """Write the file at once or not at all: a crash leaves the old one. Raises OutputError."""
         target = Path(path)
         part = target.with_name(target.name + ".part")
-        about = {"format": FORMAT, "system": self.identity, "tolerance": self.tolerance}
+        several = self.frequency_ratios is not None
+        about: dict[str, Any] = {"format": FORMAT_OF_RATIOS if several else FORMAT, "system": self.identity}
+        about["tolerance"] = self.tolerance
         if self.failures:
-            about["failures"] = [list(failure) for failure in self.failures]
-        grids = {name: getattr(self, name) for name in ("amplitudes", "mass_fractions", *_GRIDS)}
+            about["failures"] = [list(failure if several else failure[:3]) for failure in self.failures]
+        grids = {name: getattr(self, name) for name in _stored(several)}
         with writing(target):
             with part.open("wb") as file:
                 np.savez(file, about=np.array(json.dumps(about, sort_keys=True)), **grids)
@@ -149,12 +208,14 @@ class HeightMap:
         try:
             stored = read_arrays(Path(name), _LARGEST)
             about: dict[str, Any] = json.loads(str(stored["about"]))
-            if about.get("format") != FORMAT:
-                raise MapError(f"{name}: has map format {about.get('format')}, this program reads {FORMAT}; {_MAKE}")
+            several = about.get("format") == FORMAT_OF_RATIOS
+            if about.get("format") not in (FORMAT, FORMAT_OF_RATIOS):
+                readable = f"{FORMAT} and {FORMAT_OF_RATIOS}"
+                raise MapError(f"{name}: has map format {about.get('format')}, this program reads {readable}; {_MAKE}")
             made = HeightMap(
-                **{key: _numbers(stored, key) for key in ("amplitudes", "mass_fractions", *_GRIDS)},  # type: ignore[arg-type]
+                **{key: _numbers(stored, key) for key in _stored(several)},  # type: ignore[arg-type]
                 identity=_identity(about["system"]), tolerance=float(about["tolerance"]), source=Path(name).name,
-                failures=tuple(Failure(float(a), float(b), str(why)) for a, b, why in about.get("failures", ())),
+                failures=tuple(_failure(given, several) for given in about.get("failures", ())),
             )  # fmt: skip
         except FileError as error:
             raise MapError(f"{error}; {_MAKE}") from None
@@ -167,11 +228,16 @@ class HeightMap:
 
     def validate(self) -> None:
         """Raise MapError where shapes, order or numbers cannot be right."""
-        shape = (self.mass_fractions.size, self.amplitudes.size)
+        shape: tuple[int, ...] = (self.mass_fractions.size, self.amplitudes.size)
+        least = shape[0] >= 1 and shape[1] >= 2
+        if self.frequency_ratios is not None:
+            shape = (self.frequency_ratios.size, *shape)
+            ratios = self.frequency_ratios
+            least = least and ratios.ndim == 1 and shape[0] >= 2 and bool(np.isfinite(ratios).all())
+            least = least and bool((np.diff(ratios) > 0.0).all() and ratios[0] > 0.0 and ratios[-1] <= _MOST_RATIO)
         sound = (
             self.amplitudes.ndim == self.mass_fractions.ndim == 1
-            and shape[0] >= 1
-            and shape[1] >= 2
+            and least
             and all(getattr(self, name).shape == shape for name in _GRIDS)
             and all(np.isfinite(getattr(self, name)).all() for name in ("amplitudes", "mass_fractions"))
             and self._has_all_but_its_failures()
@@ -183,7 +249,7 @@ class HeightMap:
 
     def _has_possible_values(self) -> bool:
         """Return whether every number can be: a map in millimetres, or scaled, must not move a ceiling."""
-        diameter = 2.0 * float(self.identity["grain.radius"])
+        diameter = self._diameter
         heights, beams, shares = (grid[np.isfinite(grid)] for grid in (self.heights, self.beam_amplitudes,
                                                                        self.efficiencies))  # fmt: skip
         return bool(
@@ -199,7 +265,10 @@ class HeightMap:
         missing = np.zeros(self.heights.shape, dtype=bool)
         for failure in self.failures:
             row = int(np.argmin(np.abs(self.mass_fractions - failure.mass_fraction)))
-            missing[row, int(np.argmin(np.abs(self.amplitudes - failure.amplitude)))] = True
+            place: tuple[int, ...] = (row, int(np.argmin(np.abs(self.amplitudes - failure.amplitude))))
+            if self.frequency_ratios is not None:
+                place = (int(np.argmin(np.abs(self.frequency_ratios - failure.frequency_ratio))), *place)
+            missing[place] = True
         grids = (self.heights, self.beam_amplitudes, self.efficiencies)
         # `reproducible` has no NaN: it is false where there is no height
         return not missing.all() and all(np.array_equal(~np.isfinite(grid), missing) for grid in grids)
@@ -208,7 +277,7 @@ class HeightMap:
     def _curves(self) -> list[list[Curve]]:
         """For each mass fraction the curves over amplitudes without a gap."""
         stacked = np.stack([self.heights, self.beam_amplitudes, self.efficiencies], axis=2)
-        return [_unbroken(self.amplitudes, row) for row in stacked]
+        return [unbroken(self.amplitudes, row) for row in stacked]
 
     def _at(self, row: int, amplitude: float) -> Array:
         """Return height, beam amplitude [m] and efficiency (3,) at an amplitude [m] inside the map."""
@@ -236,6 +305,19 @@ class HeightMap:
         return float(np.clip(share, 0.0, 1.0)), row
 
 
+def _stored(several: bool) -> tuple[str, ...]:
+    """Return the names of a file's arrays; several: over frequency ratios."""
+    return ("amplitudes", "mass_fractions", *_GRIDS, *(["frequency_ratios"] if several else []))
+
+
+def _failure(given: Any, several: bool) -> Failure:
+    """Return a point that could not be computed, as it is in a file; raise ValueError or TypeError for another."""
+    fraction, amplitude, reason, *ratio = given
+    if len(ratio) != several:
+        raise ValueError(f"{len(given)} values of a failure")
+    return Failure(float(fraction), float(amplitude), str(reason), *map(float, ratio))
+
+
 def _numbers(stored: dict[str, NDArray[np.generic]], key: str) -> NDArray[np.generic]:
     """Return an array of real numbers, or of truth values for `reproducible`; raise ValueError for another."""
     array = stored[key]
@@ -255,20 +337,3 @@ def _identity(given: Any) -> Identity:
     if not 0.0 < float(given["grain.radius"]) <= _FARTHEST:
         raise ValueError(f"grain.radius is {given['grain.radius']}")
     return given
-
-
-def _unbroken(amplitudes: Array, values: Array) -> list[Curve]:
-    """Return a curve for each stretch of amplitudes (n,) [m] whose values (n, 3) are numbers."""
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    curves = []
-    for places in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
-        x, y = amplitudes[places], values[places]
-        if len(places) > 1:
-            curves.append(Curve(float(x[0]), float(x[-1]), PchipInterpolator(x, y)))
-        elif len(places) == 1:
-            curves.append(Curve(float(x[0]), float(x[0]), partial(_constant, y[0])))
-    return curves
-
-
-def _constant(values: Array, _: float) -> Array:
-    return values

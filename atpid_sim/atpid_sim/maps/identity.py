@@ -10,6 +10,9 @@ _SAME = 1e-9
 #: A frequency given as a number counts as resonance within this share.
 _RESONANCE = 1e-4
 
+#: The key of the frequency, which a map over frequencies does not have.
+FREQUENCY = "excitation.frequency"
+
 Identity = dict[str, Any]
 
 
@@ -22,7 +25,7 @@ def identity_of(scene: Scene) -> Identity:
         "contact.law": scene.contact.law,
         **{f"contact.{key}": value for key, value in contact.items() if key != "law"},
         "gravity": scene.gravity,
-        "excitation.frequency": _frequency(scene),
+        FREQUENCY: _frequency(scene),
     }
 
 

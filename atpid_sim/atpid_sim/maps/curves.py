@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The values of a map over the amplitude: monotone curves, none across a point that could not be computed."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from atpid_sim.system import Array
+
+
+class Curve(NamedTuple):
+    """Height, beam amplitude and efficiency over amplitudes from `first` to `last` [m], all of them computed."""
+
+    first: float
+    last: float
+    values: Callable[[float], Array]
+
+
+def unbroken(amplitudes: Array, values: Array) -> list[Curve]:
+    """Return a curve for each stretch of amplitudes (n,) [m] whose values (n, 3) are numbers."""
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    curves = []
+    for places in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        x, y = amplitudes[places], values[places]
+        if len(places) > 1:
+            curves.append(Curve(float(x[0]), float(x[-1]), PchipInterpolator(x, y)))
+        elif len(places) == 1:
+            curves.append(Curve(float(x[0]), float(x[0]), partial(_constant, y[0])))
+    return curves
+
+
+def _constant(values: Array, _: float) -> Array:
+    return values
