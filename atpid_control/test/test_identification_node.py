@@ -150,6 +150,25 @@ def test_a_change_is_an_event_once_it_is_steady_again(stand: Stand) -> None:
     assert stand.events[1].value == pytest.approx(0.03, rel=0.01)
 
 
+def test_a_second_tone_is_an_event_and_its_estimates_are_poor(stand: Stand) -> None:
+    node = stand.identifier()
+    stand.shake_hands()
+    qualities = []
+    for first in range(0, 5000, 50):
+        support = sine(first, 50, 0.015)
+        if first < 3500:
+            support = support + 0.006 * np.sin(2 * np.pi * 7.1 * (first + np.arange(50)) / RATE)
+        qualities.append(stand.ask(sample_block(first, {"support_displacement": support})).quality)
+    stand.until(lambda: any(event.kind == "excitation_changed" for event in stand.events))
+    second = [event for event in stand.events if event.kind == "two_tones"]
+    assert [event.severity for event in second] == [Event.WARNING, Event.INFO]
+    assert second[0].value == pytest.approx(0.006, rel=0.02)
+    assert "two tones excite the structure, 0.015 m at 5.49 Hz and 0.00599 m at 7.1 Hz" in second[0].text
+    assert set(qualities[60:70]) == {Excitation.POOR}
+    assert qualities[-1] == Excitation.STEADY
+    assert node.identifier.two_tones is None
+
+
 def test_a_block_without_the_channel_is_answered_and_logged_once(stand: Stand) -> None:
     node = stand.identifier()
     stand.shake_hands()

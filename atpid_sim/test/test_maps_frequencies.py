@@ -60,7 +60,8 @@ def test_where_the_grain_is_not_lifted_the_damper_is_closed(made: Path) -> None:
     )
     assert rests(damper, 0.012)
     entry = wide.lookup(0.012, 0.1, 0.5)
-    assert (entry.height, entry.efficiency) == (pytest.approx(0.017), 0.0)
+    assert entry.height == pytest.approx(0.017)
+    assert entry.efficiency == 0.0
     assert entry.amplitude == pytest.approx(damper.closed_amplitude(0.012))
     assert damper.opened(0.012, 0.1, Timing(24.0, 8.0)).amplitude == pytest.approx(entry.amplitude, rel=2e-3)
 

@@ -31,6 +31,7 @@ class Settings:
     poor_harmonics: float  # harmonics over amplitude from which an estimate is poor [-]
     poor_lost: float  # share of lost samples from which an estimate is poor [-]
     analysis_rate: float  # streams of twice this rate and more are averaged down to it [Hz]
+    second_tone: float = 0.0  # amplitude over the first's from which another tone spoils the estimate; 0: none does [-]
     slow_drift: float = 0.0  # relative rate of a frequency up to which its tone is steady, not another one [1/s]
 
     def __post_init__(self) -> None:
@@ -49,6 +50,7 @@ class Settings:
             "poor_residual": (self.poor_residual > 0.0, "above 0"),
             "poor_harmonics": (self.poor_harmonics > 0.0, "above 0"),
             "slow_drift": (0.0 <= self.slow_drift < 1.0, "at least 0 and below 1"),
+            "second_tone": (0.0 <= self.second_tone < 1.0, "at least 0 and below 1"),
             "poor_lost": (0.0 < self.poor_lost <= 1.0, "above 0 and at most 1"),
         }
         for name, (fine, allowed) in limits.items():
@@ -64,7 +66,7 @@ class Quality(IntEnum):
     NONE = 0  # no estimate: handshake, too few samples, or no signal
     STEADY = 1  # a steady tone, or one whose frequency drifts slowly: the estimate can be acted on
     TRANSIENT = 2  # amplitude or frequency is changing inside the window: the estimate is a mean over it
-    POOR = 3  # a tone was fitted, but residual, harmonics, gaps or saturation spoil it
+    POOR = 3  # a tone was fitted, but residual, harmonics, gaps, saturation or a second tone spoil it
 
     @classmethod
     def _missing_(cls, _value: object) -> Quality:

@@ -28,6 +28,7 @@ from atpid_common.nodes.supervision import Supervision
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.identification.identifier import last_stamp_ns
+from atpid_control.identification.two_tones import TwoTones
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
 from atpid_control.loop.settings import identification_settings, rumble_settings
 from atpid_control.loop.signal_watch import SignalSettings
@@ -58,6 +59,7 @@ class IdentifierNode(Node):
         with announced(COMPILING, self.get_logger().info):
             warm_up()
         self._rumble = RumbleWatch(rumble)
+        self._two_tones: TwoTones | None = None
         self.done: Future = Future()
         self._height = math.nan
         self._progress = _Progress()
@@ -86,7 +88,8 @@ class IdentifierNode(Node):
         self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        return [self._progress.status(self, self.last_error), *self._signals.statuses()]
+        second = "" if self._two_tones is None else self._two_tones.sentence
+        return [self._progress.status(self, self.last_error, second), *self._signals.statuses()]
 
     def _configure(self, settings: Live) -> None:
         self.identifier.configure(settings[0])
@@ -122,6 +125,7 @@ class IdentifierNode(Node):
         # before the estimate, so that the node that answers it has received the rumble first
         self._watch(block, estimate, message)
         self._publish_change(estimate, message)
+        self._publish_second_tone(message)
         self._excitation.publish(message)
         self._progress.add(block, estimate)
         self._progress.received.add(received_ns - last_ns)
@@ -162,6 +166,20 @@ class IdentifierNode(Node):
             stamp = message.header.stamp
             self._events.publish(Event.INFO, Event.EXCITATION_CHANGED, text, estimate.amplitude, stamp)
 
+    def _publish_second_tone(self, message: Excitation) -> None:
+        """Publish when a second tone excites the support, and when it is one again."""
+        found, before = self.identifier.two_tones, self._two_tones
+        self._two_tones = found
+        if (found is None) == (before is None):
+            return
+        text, value = (
+            ("one tone excites the structure again", math.nan)
+            if found is None
+            else (found.sentence, found.amplitudes[1])
+        )
+        severity = Event.INFO if found is None else Event.WARNING
+        self._events.publish(severity, Event.TWO_TONES, text, value, message.header.stamp)
+
     def _check_alone(self) -> None:
         if started_twice(self) and self._progress.blocks == 0 and not self.done.done():
             self.done.set_result(BAD_INPUT)
@@ -191,13 +209,13 @@ class _Progress:
         self.blocks += 1
         self._rate, self._latest, self._device = block.rate, estimate, block.header.frame_id
 
-    def status(self, node: Node, last_error: str) -> DiagnosticStatus:
+    def status(self, node: Node, last_error: str, second_tone: str) -> DiagnosticStatus:
         poor = self._latest.quality == Quality.POOR
         values = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing,
                   "quality": self._latest.quality.name, "amplitude [m]": self._latest.amplitude,
                   "frequency [Hz]": self._latest.frequency, "last error": last_error or "none"}  # fmt: skip
         latency = self.received.values("sample to block") | self.answered.values("sample to estimate")
-        text = "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
+        text = second_tone or "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
         level = DiagnosticStatus.ERROR if last_error else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
         return status(node, "identification", level, last_error or text, values | latency, self._device or "none")
 

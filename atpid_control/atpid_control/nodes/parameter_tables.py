@@ -36,6 +36,10 @@ IDENTIFIER = (
         "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing inside the window", "-", 0.1,
         1e6,
     ),
+    _live(
+        "second_tone", 0.1, "amplitude over the first's from which another tone makes an estimate poor; 0: none does",
+        "-", 0.0, 0.9,
+    ),
     _live("slow_drift", 0.03, "relative rate of a frequency up to which its tone is steady", "1/s", 0.0, 0.9),
     _live("poor_residual", 0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
