@@ -76,6 +76,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_sim.studies.figures.speed --out docs/figures; \
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
+	python -m atpid_control figures frequency --out docs/figures; \
 	python -m atpid_control design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 \
 	    --max-mass-fraction 0.2 --target-reduction 0.75 --out out/design; cp out/design/design.png docs/figures/design.png; \
 	python -m atpid_control study all --out out/study --page docs/thesis.md; \

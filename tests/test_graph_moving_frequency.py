@@ -53,11 +53,11 @@ def test_a_frequency_that_steps_is_selected_for_and_closed_where_the_damper_is_o
     scenes: Path, tmp_path: Path
 ) -> None:
     frequency = [[5.0, 5.25], [5.01, 5.47], [10.0, 5.47], [10.01, 3.2]]
-    changes = {"duration": 15.0, "steady_window": [14.0, 15.0], "frequency": frequency}
+    changes = {"duration": 17.0, "steady_window": [16.0, 17.0], "frequency": frequency}
     bag = in_lockstep(scene_file(scenes / "stepping_frequency.yaml", tmp_path, **changes), tmp_path / "run")
     found = stages(bag)
     assert [round(stage.identified_frequency, 2) for stage in found] == [5.25, 5.47, 3.2]
-    assert [(stage.t0, stage.t1) for stage in found] == [(1.0, 5.0), (5.01, 10.0), (10.01, 15.0)]
+    assert [(stage.t0, stage.t1) for stage in found] == [(1.0, 5.0), (5.01, 10.0), (10.01, 17.0)]
     assert found[0].efficiency > 0.55
     assert found[1].efficiency == pytest.approx(0.795, abs=0.02)
     assert found[2].height == pytest.approx(0.017, abs=1e-6)

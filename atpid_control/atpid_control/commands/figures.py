@@ -3,10 +3,10 @@
 
 import argparse
 
-from atpid_control.studies import figures_identification, figures_selection
+from atpid_control.studies import figures_frequency, figures_identification, figures_selection
 
 #: Each has `add_arguments(parser)` and `run(arguments) -> status`.
-FIGURES = {"identification": figures_identification, "selection": figures_selection}
+FIGURES = {"frequency": figures_frequency, "identification": figures_identification, "selection": figures_selection}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

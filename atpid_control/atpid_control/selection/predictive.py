@@ -2,7 +2,8 @@
 """Simplified and Predictive Model of the PCA (thesis section 4.4, equations 4.7 to 4.32): closed forms, no simulation.
 
 Displacements are measured from the bare beam's equilibrium. In the thesis's equation 4.11 m_b is m_g: the excitation is
-at the resonance of beam and grain together; here it is at whatever frequency is given.
+at the resonance of beam and grain together; here it is at whatever frequency is given, which changes the beam's
+amplitude (`response`).
 """
 
 import math
@@ -25,7 +26,7 @@ class Impact:
 
 @dataclass(frozen=True)
 class Simplified:
-    """The bare beam's steady response x = A_pred sin(omega t) (equation 4.19)."""
+    """The beam's steady response x = A_pred sin(omega t) (equation 4.19)."""
 
     amplitude: float  # A_pred [m]
     omega: float  # of the excitation [rad/s]
@@ -89,21 +90,28 @@ class Simplified:
 
 def simplified(system: System, frequency: float, amplitude: float) -> Simplified:
     """Return the Simplified Model for a support amplitude [m] at a frequency [Hz] (equations 4.13 to 4.20)."""
-    omega = 2.0 * math.pi * frequency
-    natural = math.sqrt(system.stiffness / system.beam_mass)
-    decay = 0.5 * system.damping / system.beam_mass
-    force = amplitude * math.hypot(system.stiffness, system.damping * omega)
-    stiffness = system.beam_mass * math.hypot(2.0 * decay * omega, omega**2 - natural**2)
-    return Simplified(force / stiffness, omega, system.gravity, system.radius)
+    beam = abs(response(system, frequency)) * amplitude
+    return Simplified(beam, 2.0 * math.pi * frequency, system.gravity, system.radius)
 
 
 def response_lag(system: System, frequency: float) -> float:
-    """Return how far the bare beam's response lags behind the support [rad].
+    """Return how far the Simplified Model's beam lags behind the support [rad].
 
     The thesis sets this phase to zero; the Complex Model needs the true one, or its first period is not a continuation.
     """
-    omega = 2.0 * math.pi * frequency
-    force = complex(system.stiffness, system.damping * omega)
-    resistance = complex(system.stiffness - system.beam_mass * omega**2, system.damping * omega)
-    ratio = force / resistance
+    ratio = response(system, frequency)
     return -math.atan2(ratio.imag, ratio.real)
+
+
+def response(system: System, frequency: float) -> complex:
+    """Return the beam's response over the support's motion [-], (k + i c w) / (k - m w^2 + i c w).
+
+    The mass m is that of the bare beam, as in the thesis, whose equations hold at resonance of beam and grain. Above,
+    towards its own resonance, the bare beam would swing without limit, and a damper leaves it less than the closed one:
+    where that responds less, m is the mass of beam and grain.
+    """
+    omega = 2.0 * math.pi * frequency
+    masses = (system.beam_mass, system.beam_mass + system.grain_mass)
+    force = complex(system.stiffness, system.damping * omega)
+    return min((force / complex(system.stiffness - mass * omega**2, system.damping * omega) for mass in masses),
+               key=abs)  # fmt: skip

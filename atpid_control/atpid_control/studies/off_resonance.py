@@ -9,7 +9,7 @@ import numpy as np
 
 from atpid_control.selection.registry import make_selector
 from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing
-from atpid_sim.maps.approaches import Approach, travelled
+from atpid_sim.maps.approaches import Approach
 from atpid_sim.maps.use import rests
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.batch import on_all_cores
@@ -27,8 +27,6 @@ _LEAST, _MOST, _COUNT, _CLOSER, _NEAR = 0.004, 1.5, 260, 3, 5
 _PROMISING = 1.15
 #: Where the approaches differ by more than a hundredth the height pays this surcharge, as in a selection.
 _AGREE, _SURCHARGE = 0.01, 1.05
-#: Speed [m/s] and delay [periods] of two more travels from the closed damper.
-_LATER = ((0.3, 0.37), (1.0, 0.71))
 _RTOL = 1e-5
 
 
@@ -102,14 +100,8 @@ def compare(system: System, methods: Sequence[str]) -> Outcome:
 
 def rating(damper: DamperResponse, amplitude: float, height: float) -> float:
     """Return the beam's largest amplitude [m] over the approaches to a height, dearer where these disagree."""
-    found = [_run(damper, amplitude, height, approach) for approach in _approaches(damper)]
+    found = [_run(damper, amplitude, height, approach) for approach in FROM_CLOSED]
     return max(found) * (1.0 if max(found) - min(found) <= _AGREE * max(found) else _SURCHARGE)
-
-
-def _approaches(damper: DamperResponse) -> tuple[Approach, ...]:
-    """Return those of `direct` and two with other speeds and phases: in irregular motion the least of many is luck."""
-    later = [travelled(damper.diameter, speed, delay * damper.period) for speed, delay in _LATER]
-    return (*FROM_CLOSED, *later)
 
 
 def _brute_force(damper: DamperResponse, amplitude: float) -> tuple[float, float]:
