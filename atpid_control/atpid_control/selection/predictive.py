@@ -3,7 +3,7 @@
 
 Displacements are measured from the bare beam's equilibrium. In the thesis's equation 4.11 m_b is m_g: the excitation is
 at the resonance of beam and grain together; here it is at whatever frequency is given, which changes the beam's
-amplitude (`response`).
+amplitude (`moving_mass`).
 """
 
 import math
@@ -90,8 +90,12 @@ class Simplified:
 
 def simplified(system: System, frequency: float, amplitude: float) -> Simplified:
     """Return the Simplified Model for a support amplitude [m] at a frequency [Hz] (equations 4.13 to 4.20)."""
-    beam = abs(response(system, frequency)) * amplitude
-    return Simplified(beam, 2.0 * math.pi * frequency, system.gravity, system.radius)
+    omega, mass = 2.0 * math.pi * frequency, moving_mass(system, frequency)
+    natural = math.sqrt(system.stiffness / mass)
+    decay = 0.5 * system.damping / mass
+    force = amplitude * math.hypot(system.stiffness, system.damping * omega)
+    stiffness = mass * math.hypot(2.0 * decay * omega, omega**2 - natural**2)
+    return Simplified(force / stiffness, omega, system.gravity, system.radius)
 
 
 def response_lag(system: System, frequency: float) -> float:
@@ -99,19 +103,22 @@ def response_lag(system: System, frequency: float) -> float:
 
     The thesis sets this phase to zero; the Complex Model needs the true one, or its first period is not a continuation.
     """
-    ratio = response(system, frequency)
+    omega = 2.0 * math.pi * frequency
+    force = complex(system.stiffness, system.damping * omega)
+    ratio = force / _resistance(system, moving_mass(system, frequency), omega)
     return -math.atan2(ratio.imag, ratio.real)
 
 
-def response(system: System, frequency: float) -> complex:
-    """Return the beam's response over the support's motion [-], (k + i c w) / (k - m w^2 + i c w).
+def moving_mass(system: System, frequency: float) -> float:
+    """Return the mass [kg] of which the Simplified Model is the response, (k + i c w) / (k - m w^2 + i c w).
 
-    The mass m is that of the bare beam, as in the thesis, whose equations hold at resonance of beam and grain. Above,
-    towards its own resonance, the bare beam would swing without limit, and a damper leaves it less than the closed one:
-    where that responds less, m is the mass of beam and grain.
+    That of the bare beam, as in the thesis, whose equations hold at resonance of beam and grain. Above, towards its own
+    resonance, the bare beam would swing without limit, and a damper leaves it less than the closed one: where beam and
+    grain as one mass respond less, it is theirs.
     """
-    omega = 2.0 * math.pi * frequency
-    masses = (system.beam_mass, system.beam_mass + system.grain_mass)
-    force = complex(system.stiffness, system.damping * omega)
-    return min((force / complex(system.stiffness - mass * omega**2, system.damping * omega) for mass in masses),
-               key=abs)  # fmt: skip
+    omega, both = 2.0 * math.pi * frequency, system.beam_mass + system.grain_mass
+    return max((system.beam_mass, both), key=lambda mass: abs(_resistance(system, mass, omega)))
+
+
+def _resistance(system: System, mass: float, omega: float) -> complex:
+    return complex(system.stiffness - mass * omega**2, system.damping * omega)
