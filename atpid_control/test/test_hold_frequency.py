@@ -103,7 +103,7 @@ class OfNoUse:
         del amplitude_std, margin, height
         if frequency >= 5.0:
             return Selection(20.0 * amplitude, 0.05, 0.8, self.method)
-        return Selection(0.017, 0.02, 0.0, self.method, note=f"the damper is of no use at {frequency:g} Hz")
+        return Selection(0.017, 0.02, 0.0, self.method, no_use=f"the damper is of no use at {frequency:g} Hz")
 
 
 def test_where_the_damper_is_of_no_use_it_is_closed_and_that_is_reported_once() -> None:

@@ -58,8 +58,8 @@ def test_where_the_grain_is_not_lifted_nothing_is_simulated_and_it_stays_closed(
     chosen = make_selector(method, tone(1.0)).select(0.015, frequency=0.55 * NATURAL)
     assert (chosen.height, chosen.efficiency, chosen.evaluations) == (0.017, 0.0, 0)
     assert chosen.beam_amplitude == pytest.approx(DamperResponse(tone(0.55)).closed_amplitude(0.015))
-    assert "of no use at 0.015 m and 3.008 Hz" in chosen.note
-    assert "does not lift it; it stays closed" in chosen.note
+    assert "of no use at 0.015 m and 3.008 Hz" in chosen.no_use
+    assert "does not lift it; it stays closed" in chosen.no_use
 
 
 def test_where_every_height_is_worse_it_stays_closed() -> None:
@@ -67,7 +67,7 @@ def test_where_every_height_is_worse_it_stays_closed() -> None:
     chosen = make_selector("direct", tone(0.7, 0.01)).select(0.01)
     assert chosen.height == 0.017
     assert chosen.evaluations > 50
-    assert "the best height found" in chosen.note
+    assert "the best height found" in chosen.no_use
 
 
 def test_frequencies_beyond_half_and_twice_the_natural_one_are_refused() -> None:

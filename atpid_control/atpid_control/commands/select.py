@@ -141,7 +141,7 @@ def _show(name: str, scene: Scene, amplitude: float, chosen: Selection, warnings
             shown = ("" if math.isnan(value) else f"{value:.4f}" for value in (stage.height, stage.amplitude))
             steps.add_row(stage.name, *shown, stage.note)
         console.print(steps)
-    if chosen.note:
-        console.print(chosen.note, highlight=False, markup=False, soft_wrap=True)
+    if chosen.no_use:
+        console.print(chosen.no_use, highlight=False, markup=False, soft_wrap=True)
     for line in warnings:
         console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)

@@ -200,10 +200,10 @@ class SelectingController:
         self._command = self._limited(selection, verdict)
         self._expected = self._command.predicted_amplitude
         self._refusal = ""
-        announced, self._of_no_use = self._of_no_use, bool(selection.note)
-        if not selection.note or announced:
+        announced, self._of_no_use = self._of_no_use, bool(selection.no_use)
+        if not selection.no_use or announced:
             return Answer(self._command)
-        return Answer(self._command, "no_use", selection.note, verdict.amplitude, INFO)
+        return Answer(self._command, "no_use", selection.no_use, verdict.amplitude, INFO)
 
     def _limited(self, selection: Selection, verdict: Verdict) -> Command:
         low, high = self._limits
@@ -211,8 +211,8 @@ class SelectingController:
         height = min(max(allowed, low), high)
         inside = height == allowed
         reason = verdict.reason if allowed == selection.height else f"{verdict.reason}, below what rumbled"
-        if selection.note:
-            reason = f"{verdict.reason}: {selection.note}"
+        if selection.no_use:
+            reason = f"{verdict.reason}: {selection.no_use}"
         return Command(
             sequence=self._command.sequence + 1,
             height=height,

@@ -7,6 +7,7 @@ lift it, above it the open damper brings the beam without its grain into resonan
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from atpid_control.selection.checks import check_excitation, frequencies_of
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
@@ -25,6 +26,12 @@ class AnyFrequency:
         self.method, self.simulates = selector.method, selector.simulates
         #: Lowest and highest frequency it selects for [Hz].
         self.frequencies = frequencies_of(scene)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what else the method has; called where this class has none of the name."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._selector, name)
 
     def select(
         self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
@@ -66,5 +73,5 @@ class AnyFrequency:
         efficiency = 0.0 if math.isfinite(beam) else math.nan
         return replace(
             chosen, height=self._lowest, beam_amplitude=beam, efficiency=efficiency, price=0.0,
-            note=f"{where}: {why}; {kept}",
+            no_use=f"{where}: {why}; {kept}",
         )  # fmt: skip

@@ -61,8 +61,10 @@ class LookupSelector:
         # the map holds the best height only, not the amplitude at another height
         price = math.nan if margin > 0.0 else 0.0
         wall = time.perf_counter() - begun
-        note = "" if safe.efficiency >= LEAST_USE else self._of_no_use(amplitude, ratio)
-        return Selection(safe.height, safe.amplitude, safe.efficiency, self.method, wall_s=wall, price=price, note=note)
+        no_use = "" if safe.efficiency >= LEAST_USE else self._of_no_use(amplitude, ratio)
+        return Selection(
+            safe.height, safe.amplitude, safe.efficiency, self.method, wall_s=wall, price=price, no_use=no_use
+        )
 
     def _of_no_use(self, amplitude: float, ratio: float) -> str:
         where = f"{amplitude:.4g} m and {ratio * self._natural:.4g} Hz"

@@ -36,7 +36,7 @@ class Selection:
     price: float = 0.0  # efficiency given up for the margin [-], NaN: unknown
     stages: tuple[Stage, ...] = ()  # every iteration, where the method has any
     structure_s: float = 0.0  # how long the ceiling was moved and the structure watched [s]
-    note: str = ""  # why the damper is of no use here, one line; empty: it is of use
+    no_use: str = ""  # why the damper is of no use here, one line; empty: it is of use
 
 
 class HeightSelector(Protocol):
