@@ -146,7 +146,8 @@ class Hold:
         self._falling = 0
         self._rising.append(estimate)
         if self._settled():
-            return Verdict.to_select("selected for another frequency" if same_amplitude else "selected", estimate)
+            another = same_amplitude and not self._same_frequency(estimate, self._acted_frequency)
+            return Verdict.to_select("selected for another frequency" if another else "selected", estimate)
         if self._climbing() and not same_amplitude:
             return Verdict.to_select("rising", estimate)
         return Verdict(False, "waiting for a steady excitation")
