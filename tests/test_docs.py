@@ -79,7 +79,7 @@ RUN = {
         r"python -m atpid_control compare( |$)": "test_the_table_shows_what_is_computed_now",
     },
     "atpid_control/test/test_off_resonance.py": {
-        r"python -m atpid_control off-resonance ": "test_the_command_prints_one_object"
+        r"python -m atpid_control off-resonance": "test_the_command_prints_one_object"
     },
     "atpid_control/test/test_selection_learned.py": {
         r"python -m atpid_control learn ": "test_the_command_trains_a_model_that_selects",
