@@ -23,6 +23,8 @@ _APART = 1.5
 _HARMONICS = (2.0, 3.0, 4.0, 5.0)
 #: Residual of both tones over the effective value of the second up to which they are all there is [-].
 _LEFT = 0.3
+#: What one tone leaves, over the effective value of a second one that would count, up to which there is none [-].
+_ALONE = 0.5
 #: Gauss-Newton steps from the peaks of the spectrum; looks in a row that agree; periods between looks.
 _STEPS, _AGREEING, _BETWEEN = 6, 2, 1.0
 #: With more than this share of the samples missing it is not judged.
@@ -86,7 +88,11 @@ class TwoToneWatch:
         valid = np.isfinite(y)
         if np.count_nonzero(~valid) > _MISSING * y.size:
             return None
-        return self._two(np.arange(y.size)[valid] * step, y[valid], step)
+        t, y = np.arange(y.size)[valid] * step, y[valid]
+        values, left = _fitted(t, y, [frequency])
+        if float(np.sqrt(np.mean(left**2))) < _ALONE * self.share * float(np.hypot(*values[:2])) / math.sqrt(2.0):
+            return None
+        return self._two(t, y, step)
 
     def _two(self, t: Array, y: Array, step: float) -> TwoTones | None:
         length = t[-1] - t[0]
