@@ -11,7 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from atpid_sim.maps import DamperResponse, Failure, HeightMap, MapError, Timing, best_height, build_map, header_text
+from atpid_sim.maps import (
+    DamperResponse,
+    Ending,
+    Failure,
+    HeightMap,
+    MapError,
+    Timing,
+    best_height,
+    build_map,
+    header_text,
+    quick_best,
+)
 from atpid_sim.maps.best import FLAT
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
@@ -71,7 +82,7 @@ def test_of_heights_equally_good_the_lowest_is_taken(scene: Scene) -> None:
     assert above == pytest.approx(best.amplitude, rel=2 * FLAT)
 
 
-def test_the_shipped_map_is_what_the_command_computes_now(scene: Scene, shipped: HeightMap) -> None:
+def test_the_shipped_map_is_what_the_thorough_search_finds(scene: Scene, shipped: HeightMap) -> None:
     points = [(0, 16), (0, 36), (1, 60), (2, 90)]
     for row, column in points:
         fraction, amplitude = float(shipped.mass_fractions[row]), float(shipped.amplitudes[column])
@@ -80,6 +91,78 @@ def test_the_shipped_map_is_what_the_command_computes_now(scene: Scene, shipped:
         )
         assert again.height == pytest.approx(shipped.heights[row, column], rel=2e-3)
         assert again.amplitude == pytest.approx(shipped.beam_amplitudes[row, column], rel=2e-3)
+
+
+def test_the_shipped_map_is_what_the_command_computes_now(scene: Scene, shipped: HeightMap) -> None:
+    points = [(0, 16), (0, 36), (1, 60), (2, 60)]
+    for row, column in points:
+        fraction, amplitude = float(shipped.mass_fractions[row]), float(shipped.amplitudes[column])
+        again = quick_best(DamperResponse(scene.with_(mass_fraction=fraction), shipped.tolerance), amplitude, 0.15)
+        # near the best the amplitude falls by as much as the height grows
+        assert again.height == pytest.approx(shipped.heights[row, column], rel=0.015)
+        assert again.amplitude == pytest.approx(shipped.beam_amplitudes[row, column], rel=2.5 * FLAT)
+
+
+class Complete(DamperResponse):
+    """A response whose search takes no cheaper level."""
+
+    def sufficient(self, amplitude: float, error: float) -> DamperResponse:
+        del amplitude, error
+        return self
+
+
+class Coarse(DamperResponse):
+    """A response whose search takes a level that is not sufficient."""
+
+    def sufficient(self, amplitude: float, error: float) -> DamperResponse:
+        del amplitude, error
+        return DamperResponse(self._integration.scene, fidelity="impact")
+
+
+@pytest.mark.parametrize(("fraction", "amplitude"), [(0.1, 0.01), (0.2, 0.03), (0.3, 0.05)])
+def test_the_quick_search_finds_what_the_complete_one_does(scene: Scene, fraction: float, amplitude: float) -> None:
+    heavy = scene.with_(mass_fraction=fraction)
+    quick, complete = (quick_best(kind(heavy, 1e-5), amplitude) for kind in (DamperResponse, Complete))
+    assert (quick.searched, quick.checked) == ("finite", "soft")
+    assert (complete.searched, complete.checked) == ("soft", "soft")
+    assert quick.disagreement <= FLAT
+    assert quick.amplitude == pytest.approx(complete.amplitude, rel=2 * FLAT)
+
+
+def test_a_check_that_disagrees_is_announced_and_the_search_goes_on(scene: Scene) -> None:
+    # contacts of a soft grain last so long that without their duration the cliff lies elsewhere
+    soft = scene.with_(contact=scene.contact.model_dump(exclude_none=True) | {"young_modulus": 2e7})
+    best, complete = (quick_best(kind(soft, 1e-5), 0.01) for kind in (Coarse, Complete))
+    assert (best.searched, best.checked) == ("impact", "soft")
+    assert best.disagreement > FLAT
+    assert best.amplitude <= (1.0 + 0.02) * complete.amplitude
+
+
+def test_a_run_that_settles_ends_early_and_comes_to_the_same(scene: Scene) -> None:
+    damper, timing = DamperResponse(scene, 1e-6), Timing(120.0, 16.0)
+    whole = damper.opened(0.01, 0.15, timing)
+    state = damper.closed_state(0.01)
+    early = damper.follow_on(0.01, state, ((0.0, 0.15),), timing, Ending(1e-3))
+    assert early.amplitude == pytest.approx(whole.amplitude, rel=1e-3)
+    assert early.regular
+    assert state.time < 100.0 * damper.period
+
+
+def test_a_run_above_its_limit_ends_early(scene: Scene) -> None:
+    damper, timing = DamperResponse(scene, 1e-6), Timing(120.0, 16.0)
+    state = damper.closed_state(0.01)
+    response = damper.follow_on(0.01, state, ((0.0, 0.08),), timing, Ending(limit=0.05))
+    assert response.hopeless
+    assert response.amplitude > 0.05
+    assert state.time < 40.0 * damper.period
+
+
+def test_a_run_in_one_kernel_is_that_through_a_drive_table(scene: Scene) -> None:
+    damper, path, timing = DamperResponse(scene, 1e-8), ((0.0, 0.017), (1.0, 0.15)), Timing(30.0, 16.0)
+    table = damper.follow(0.01, path, timing)
+    kernel = damper.follow_on(0.01, damper.closed_state(0.01), path, timing)
+    assert kernel.amplitude == pytest.approx(table.amplitude, rel=1e-6)
+    assert kernel.variation == pytest.approx(table.variation, abs=1e-6)
 
 
 def test_the_shipped_map_covers_the_bench(scene: Scene, shipped: HeightMap) -> None:

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import Any
 
-from atpid_sim.maps.best import best_height
 from atpid_sim.maps.height_map import MapError
 from atpid_sim.maps.journal import Point
+from atpid_sim.maps.quick import quick_best
 from atpid_sim.maps.response import DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
@@ -48,7 +48,7 @@ def _values_at(damper: DamperResponse, amplitude: float) -> dict[str, Any]:
     cost the others.
     """
     try:
-        return asdict(best_height(damper, amplitude, _HYSTERESIS))
+        return asdict(quick_best(damper, amplitude, _HYSTERESIS))
     except NumericalFailure as error:
         return {
             "height": None, "amplitude": None, "efficiency": None, "reproducible": False, "evaluations": 0,

@@ -1,22 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """The response of a beam with its damper at a height, by the path on which the ceiling approached it."""
 
+from __future__ import annotations
+
 import math
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from atpid_sim.engine import columns, drive
+from atpid_sim.engine.response_run import HOPELESS, Drive, Schedule, respond
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.fidelity import complete_fidelity
+from atpid_sim.simulation.fidelity import complete_fidelity, finite_error
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
 from atpid_sim.system import System
 
 Path = tuple[tuple[float, float], ...]
 #: Period-to-period variation up to which a motion counts as regular [-].
 _REGULAR = 0.02
+#: Tolerance of runs with contacts from a table: finer ones change the amplitude by less than 2e-5 (docs/tradeoff.md).
+_FINITE_RTOL = 1e-4
 
 
 @dataclass(frozen=True)
@@ -28,11 +35,23 @@ class Timing:
 
 
 @dataclass(frozen=True)
+class Ending:
+    """When a run may end before its time."""
+
+    close: float = 0.0  # how near it has come to its steady motion, relative to the amplitude; 0: not before [-]
+    limit: float = math.inf  # amplitude above which its height is hopeless [m]
+
+
+NEVER = Ending()
+
+
+@dataclass(frozen=True)
 class Response:
     """The beam's motion in a window."""
 
-    amplitude: float  # half peak-to-peak [m]
+    amplitude: float  # half peak-to-peak [m]; of a run that ended early what it comes to
     variation: float  # largest change of the beam between periods of the same parity, over the amplitude [-]
+    hopeless: bool = False  # the run ended early, since its amplitude exceeds the limit
 
     @property
     def regular(self) -> bool:
@@ -46,16 +65,42 @@ class DamperResponse:
     Raises NumericalFailure where a run does not end as it should.
     """
 
-    def __init__(self, scene: Scene, rtol: float | None = None) -> None:
+    def __init__(self, scene: Scene, rtol: float | None = None, fidelity: str | None = None) -> None:
         """Take beam, grain, contact, gravity and frequency from a scene; its ceiling and amplitude are not used.
 
-        rtol: relative tolerance of the integrator, by default that of the scene. The fidelity leaves out nothing of the
-        contact law: near the best height a model error can change the motion altogether.
+        rtol: relative tolerance of the integrator, by default that of the scene. fidelity: by default the one that
+        leaves out nothing of the contact law: near the best height a model error can change the motion altogether.
         """
-        self._integration = Integration(scene, complete_fidelity(scene), rtol)
+        self._integration = Integration(scene, fidelity or complete_fidelity(scene), rtol)
+        self._run = self._integration.kernel_inputs
+        self.fidelity = self._integration.fidelity
         self.system: System = self._integration.system
         self.frequency = scene.frequency_hz
         self.period = 1.0 / self.frequency
+
+    @cached_property
+    def _finite(self) -> DamperResponse:
+        return DamperResponse(self._integration.scene, max(self._integration.rtol, _FINITE_RTOL), "finite")
+
+    def at_frequency(self, frequency: float) -> DamperResponse:
+        """Return the response of the same system at another frequency of the excitation [Hz]."""
+        other = copy(self)
+        other.frequency, other.period = frequency, 1.0 / frequency
+        return other
+
+    def sufficient(self, amplitude: float, error: float) -> DamperResponse:
+        """Return the response at the cheapest fidelity level whose model error is at most `error`, relative.
+
+        amplitude: of the support [m]. That is `finite`, or this response itself where its error is larger; with an
+        infinite error that is not computed.
+        """
+        if self.fidelity != "soft":
+            return self
+        if error < math.inf:
+            left_out = finite_error(self._integration.scene, self.closed_amplitude(amplitude), held=0.0)
+            if left_out > error:
+                return self
+        return self._finite if self._finite.frequency == self.frequency else self._finite.at_frequency(self.frequency)
 
     @property
     def natural_frequency(self) -> float:
@@ -118,6 +163,21 @@ class DamperResponse:
         size, beam = state.amplitude, strobe[columns.S_BEAM]
         variation = max(float(np.ptp(beam[parity::2])) for parity in (0, 1)) / size if size > 0.0 else 0.0
         return Response(size, variation)
+
+    def follow_on(self, amplitude: float, state: State, path: Path, timing: Timing, ending: Ending = NEVER) -> Response:
+        """Return the response from a state, which is advanced in place; the path begins at its time.
+
+        One kernel, with no line of Python inside, which ends before its time where `ending` allows that. `follow` is
+        the same run through a drive table; where the motion is irregular the two may differ. Raises NumericalFailure.
+        """
+        schedule = Schedule(float(timing.settle), float(timing.window), ending.close, ending.limit)
+        outcome, verdict, size, change = respond(
+            self._run, Drive(float(amplitude), self.frequency), np.array(path, dtype=float), schedule, state.y, state.n
+        )
+        if outcome != Outcome.DONE:
+            reason = Outcome(outcome).sentence
+            raise NumericalFailure(f"{reason} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
+        return Response(size, change / size if size > 0.0 else 0.0, verdict == HOPELESS)
 
     def advance(self, amplitude: float, state: State, path: Path, observation: Observation, phase: float = 0.0) -> None:
         """Advance a state in place from its time to the end of the observation's window while the ceiling follows the

@@ -113,12 +113,15 @@ def impact_error(scene: Scene, undamped: float | None = None) -> float:
     return min(1.0, more * _IMPACT * _depth(scene, speed) / amplitude)
 
 
-def finite_error(scene: Scene, undamped: float | None = None) -> float:
-    """Return the relative amplitude error to expect of contacts from a table, at most 1; see `impact_error`."""
-    return min(1.0, _finite_physics(scene, undamped) + table_of(system_of(scene), contact_of(scene))[1])
+def finite_error(scene: Scene, undamped: float | None = None, held: float | None = None) -> float:
+    """Return the relative amplitude error to expect of contacts from a table, at most 1; see `impact_error`.
+
+    held: share of the closed damper's error that is left, by default that of the scene's ceiling.
+    """
+    return min(1.0, _finite_physics(scene, undamped, held) + table_of(system_of(scene), contact_of(scene))[1])
 
 
-def _finite_physics(scene: Scene, undamped: float | None) -> float:
+def _finite_physics(scene: Scene, undamped: float | None, held: float | None = None) -> float:
     """Return the part of that error that needs no table."""
     amplitude = undamped_amplitude(scene) if undamped is None else undamped
     if not amplitude > 0.0:
@@ -128,7 +131,7 @@ def _finite_physics(scene: Scene, undamped: float | None) -> float:
         more *= _PASSING
     pace = 2.0 * math.pi * max(scene.frequency_hz, scene.natural_frequency_hz)
     share = pace * _depth(scene, pace * amplitude) / (pace * amplitude)
-    held = _held_share(scene)
+    held = _held_share(scene) if held is None else held
     return min(1.0, more * _FINITE * share**3 + (held * held_error(scene, amplitude) if held > 0.0 else 0.0))
 
 

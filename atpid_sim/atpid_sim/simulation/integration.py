@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
-from atpid_sim.engine.contact_table import NO_TABLE
+from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
@@ -169,6 +169,11 @@ class Integration:
         if initial.grain_height > 0.0 or initial.grain_speed > initial.velocity:
             state.release_grain(initial.grain_height, initial.grain_speed)
         return state
+
+    @property
+    def kernel_inputs(self) -> tuple[int, System, float, int, Array, float, ContactTable]:
+        """What every kernel of a run takes: fidelity, system, mass, law and its parameters, rtol, table of contacts."""
+        return self._fidelity, self.system, self._mass, *self.contact, self.rtol, self._contacts
 
     def warm_up(self) -> None:
         """Compile the engine, or load it from the cache, so that a timed run does neither."""
