@@ -122,6 +122,9 @@ RUN = {
     "atpid_control/test/test_soak.py": {
         r"python -m atpid_control soak ": "test_a_short_soak_runs_its_legs_and_leaves_nothing"
     },
+    "atpid_control/test/test_selection_margin.py": {
+        r"python -m atpid_control\.studies\.selection_speed": "test_the_command_puts_its_table_into_a_page",
+    },
     "atpid_driver/test/test_calibration.py": {
         r"python -m atpid_driver calibrate ": "test_the_command_makes_a_file_and_a_picture",
         r"python -m atpid_driver reading ": "test_readings_are_taken_from_the_device",

@@ -11,8 +11,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from atpid_common.arguments import file_path, real
-from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_common.arguments import file_path, positive, real
+from atpid_control.selection.protocol import DEADLINE, Selection, SelectionError
 from atpid_control.selection.registry import make_selector, methods
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
@@ -38,6 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="standard deviations to be safe for; default 0",
     )
+    add(
+        "--deadline", type=positive("s"), default=None, metavar="S",
+        help=f"direct only: time for a margin [s]; default {DEADLINE:g}",
+    )  # fmt: skip
     add("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
     add("--json", action="store_true", help="print one JSON object and nothing else")
 
@@ -97,6 +101,12 @@ def to_json(chosen: Selection) -> dict[str, Any]:
 
 
 def _selector(args: argparse.Namespace, scene: Scene) -> Any:
+    if args.deadline is not None:
+        if args.method != "direct":
+            raise SelectionError(f"--deadline: given with method {args.method}; allowed with direct")
+        from atpid_control.selection.direct import DirectSelector
+
+        return DirectSelector(scene, deadline=args.deadline)
     if args.without_gravity:
         if args.method != "pca":
             raise SelectionError(f"--without-gravity: given with method {args.method}; allowed with pca")

@@ -29,9 +29,12 @@ def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None
     if method != "direct":
         return make_selector(method, scene, height_map)
     # here, since only this method has to load the simulation
-    from atpid_control.selection.direct import DirectSelector, Uncertainty
+    from atpid_control.selection.direct import DirectSelector
+    from atpid_control.selection.margin import Uncertainty
 
-    return anywhere(DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty")))), scene)
+    made = DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
+    made.prepare()
+    return anywhere(made, scene)
 
 
 def control_settings(value: Value, frequency: float, selector: HeightSelector | None = None) -> ControlSettings:

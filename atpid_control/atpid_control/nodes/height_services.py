@@ -93,7 +93,8 @@ class HeightServices:
 
 def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:
     """Fill the response with a height selected for `amplitude` [m]."""
-    response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m"
+    note = f" ({chosen.note})" if chosen.note else ""
+    response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m{note}"
     response.message += f"; {chosen.no_use}" if chosen.no_use else ""
     response.method, response.height = chosen.method, chosen.height
     response.beam_amplitude, response.efficiency = chosen.beam_amplitude, chosen.efficiency

@@ -8,6 +8,10 @@ from typing import Protocol
 
 from atpid_common.errors import InputError
 
+#: Time for a selection with a margin, where it can be given one [s]: less than a period of the thesis's bench, with
+#: what a busy machine adds.
+DEADLINE = 0.15
+
 
 class SelectionError(InputError):
     """No height can be selected for this excitation; the ceiling should stay where it is."""
@@ -37,6 +41,7 @@ class Selection:
     stages: tuple[Stage, ...] = ()  # every iteration, where the method has any
     structure_s: float = 0.0  # how long the ceiling was moved and the structure watched [s]
     no_use: str = ""  # why the damper is of no use here, one line; empty: it is of use
+    note: str = ""  # what the selection holds for, and what it fell short of
 
 
 class HeightSelector(Protocol):

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from atpid_common import output
 from atpid_common.arguments import file_path
 from atpid_common.folders import share_folder
-from atpid_control.selection.direct import DirectSelector, with_stiffness
+from atpid_control.selection.direct import DirectSelector
+from atpid_control.selection.margin import Uncertainty, with_stiffness
 from atpid_control.selection.pca import PcaSelector
 from atpid_sim.display import working
 from atpid_sim.figure_numbers import metadata_of
@@ -28,6 +29,8 @@ _DEEPEST = 0.1
 _SHIPPED = "config/maps/standard.npz"
 #: Tolerance of the simulations, and mass fraction of the grain [-].
 _RTOL, _MASS_FRACTION = 1e-5, 0.1
+#: Time for a selection with a margin, so that a figure does not depend on how busy the machine is [s].
+_UNHURRIED = 60.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -172,7 +175,7 @@ class MarginCurve:
 def margin_curve(amplitude: float, count: int = 21) -> MarginCurve:
     """Compute both heights on beams whose stiffness is up to 5 % off, driven at the frequency of the one thought."""
     scene = standard_bench().with_(mass_fraction=_MASS_FRACTION)
-    selector = DirectSelector(scene)
+    selector = DirectSelector(scene, Uncertainty(mass=0.0, frequency=0.0, restitution=0.0), deadline=_UNHURRIED)
     bare, safe = selector.select(amplitude), selector.select(amplitude, margin=1.0)
     damper = DamperResponse(scene, _RTOL)
     errors = np.linspace(-0.05, 0.05, count)

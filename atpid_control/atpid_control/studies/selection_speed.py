@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How fast `direct` is and how good: systems held out, each against a fine scan rated the same way, and by a deadline.
+
+`python -m atpid_control.studies.selection_speed --page docs/selection.md` measures and puts the table into that page.
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from atpid_common.arguments import file_path, whole
+from atpid_control.selection.direct import DirectSelector
+from atpid_control.selection.protocol import DEADLINE, Selection
+from atpid_sim.maps import FROM_CLOSED, Approach, DamperResponse, Timing
+from atpid_sim.maps.best import REPRODUCIBLE
+from atpid_sim.scene import Scene, standard_bench
+from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.system import Array
+
+#: Range of the support's amplitude [m] and of the mass fraction [-], both evenly in their logarithms; the seed.
+_AMPLITUDES, _FRACTIONS, _SEED = (0.002, 0.08), (0.025, 0.3), 2026
+#: Clearances of the fine scan, as shares of the ballistic clearance.
+_SHARES = np.arange(0.3, 1.2, 0.012)
+#: The scan counts an irregular motion, and one that depends on the approach, this many times as large.
+_IRREGULAR = 1.05
+#: Two more approaches: raised at once, so much later than a whole period [periods].
+_LATER = (0.37, 0.71)
+#: Standard deviations of the amplitude, and the deviation, where a margin is asked for.
+_MARGIN, _DEVIATION = 3.0, 0.01
+#: Lines of the page between which the table stands.
+_BEGIN, _END = "<!-- made by python -m atpid_control.studies.selection_speed -->", "<!-- end -->"
+
+
+@dataclass(frozen=True)
+class Held:
+    """A system held out."""
+
+    scene: Scene
+    amplitude: float  # of the support [m]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What selections took, and how far above the fine scan's best amplitude they are."""
+
+    wall: Array  # (n,) [s]
+    processor: Array  # (n,) all threads [s]
+    excess: Array  # (n,) relative [-]
+
+
+def population(count: int) -> list[Held]:
+    """Return `count` systems of the thesis's bench with other grains and amplitudes."""
+    rng = np.random.default_rng(_SEED)
+    low, high = np.log(np.array([_AMPLITUDES, _FRACTIONS])).T
+    drawn = np.exp(rng.uniform(low, high, (count, 2)))
+    return [Held(standard_bench(grain={"mass_fraction": f, "radius": 0.0085}), a) for a, f in drawn.tolist()]
+
+
+def rated(damper: DamperResponse, amplitude: float, height: float) -> tuple[float, float]:
+    """Return the rating [m] of a height [m], and the largest amplitude [m] over five ways to it."""
+    settle = 1.5 * damper.settling()
+    approaches: list[Approach] = [*FROM_CLOSED, *map(_later, _LATER)]
+    ways = [approach(damper, height, 0.5 * settle * damper.period) for approach in approaches]
+    found = [damper.follow(amplitude, way, Timing(settle, 16.0)) for way in ways]
+    sizes = [response.amplitude for response in found]
+    regular = all(r.regular for r in found) and max(sizes) - min(sizes) <= REPRODUCIBLE * max(sizes)
+    return max(sizes) * (1.0 if regular else _IRREGULAR), max(sizes)
+
+
+def _later(periods: float) -> Approach:
+    """Raise the ceiling from half the clearance at once, so much later."""
+
+    def approach(damper: DamperResponse, height: float, rest: float) -> tuple[tuple[float, float], ...]:
+        below, begin = 0.5 * (damper.diameter + height), rest + periods * damper.period
+        return (0.0, below), (begin, below), (begin + 1e-6, height)
+
+    return approach
+
+
+def brute_force(held: Held) -> float:
+    """Return the amplitude [m] at the best rated height of a fine scan of all heights."""
+    damper = DamperResponse(held.scene, 1e-5)
+    unit = damper.ballistic_clearance(held.amplitude)
+    return min(rated(damper, held.amplitude, damper.diameter + float(share) * unit) for share in _SHARES)[1]
+
+
+def measure(systems: list[Held]) -> Measured:
+    """Measure `direct` on each system, one after another, and compare with the fine scan, on all cores."""
+    wall, processor, chosen = [], [], []
+    for held in systems:
+        selector = DirectSelector(held.scene)
+        begun, used = time.monotonic(), time.process_time()
+        selection = selector.select(held.amplitude)
+        wall.append(time.monotonic() - begun)
+        processor.append(time.process_time() - used)
+        chosen.append(selection.height)
+    compared = dict(on_all_cores(lambda k: _excess(systems[k], chosen[k]), range(len(systems))))
+    return Measured(np.array(wall), np.array(processor), np.array([compared[k] for k in range(len(systems))]))
+
+
+def _excess(held: Held, height: float) -> float:
+    there = rated(DamperResponse(held.scene, 1e-5), held.amplitude, height)[1]
+    return there / brute_force(held) - 1.0
+
+
+def with_margin(systems: list[Held], deadline: float = DEADLINE) -> tuple[Array, list[Selection]]:
+    """Return the time [s] (n,) of a selection with a margin in each system, and the selections."""
+    wall, chosen = [], []
+    for held in systems:
+        selector = DirectSelector(held.scene, deadline=deadline)
+        selector.prepare()
+        begun = time.monotonic()
+        chosen.append(selector.select(held.amplitude, _DEVIATION * held.amplitude, margin=_MARGIN))
+        wall.append(time.monotonic() - begun)
+    return np.array(wall), chosen
+
+
+@contextmanager
+def busy(count: int) -> Iterator[None]:
+    """Keep `count` processes busy meanwhile."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def table(measured: Measured, margin: Array, chosen: list[Selection], loops: int) -> str:
+    """Return the table as Markdown."""
+    verified = [stage.note for selection in chosen for stage in selection.stages if stage.name == "margin"]
+    complete = sum("in 49 of 49" in note for note in verified)
+    rows = [
+        ("systems held out", f"{len(measured.wall)}"),
+        ("`direct`, median", f"{1e3 * np.median(measured.wall):.0f} ms"),
+        ("`direct`, worst", f"{1e3 * measured.wall.max():.0f} ms"),
+        ("its processor time, median", f"{1e3 * np.median(measured.processor):.0f} ms"),
+        ("its processor time, worst", f"{1e3 * measured.processor.max():.0f} ms"),
+        ("amplitude above the fine scan's best, median", f"{100.0 * np.median(measured.excess):.2f} %"),
+        ("amplitude above the fine scan's best, worst", f"{100.0 * measured.excess.max():.2f} %"),
+        ("systems within 1 % of it", f"{int((measured.excess <= 0.01).sum())}"),
+        ("systems within 2 % of it", f"{int((measured.excess <= 0.02).sum())}"),
+        (f"with a margin beside {loops} busy loops, median", f"{1e3 * np.median(margin):.0f} ms"),
+        (f"with a margin beside {loops} busy loops, worst", f"{1e3 * margin.max():.0f} ms"),
+        ("of these within 180 ms", f"{int((margin <= 0.18).sum())}"),
+        ("of these verified in all sampled systems", f"{complete}"),
+    ]
+    return "\n".join(["| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
+
+
+def into(page: Path, text: str) -> None:
+    """Put the table between its two lines of a page."""
+    given = page.read_text(encoding="utf-8")
+    before, rest = given.split(_BEGIN)
+    page.write_text(f"{before}{_BEGIN}\n{text}\n{_END}{rest.split(_END)[1]}", encoding="utf-8")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure, print, and fill in the page; arguments: by default those of the command line."""
+    parser = argparse.ArgumentParser(prog="python -m atpid_control.studies.selection_speed", description=__doc__)
+    parser.add_argument("--systems", type=whole(1, 10_000), default=100, help="how many; default 100")
+    parser.add_argument("--busy", type=whole(0, 64), default=2, help="busy loops beside the margin; default 2")
+    parser.add_argument("--page", type=file_path, default=None, help="page whose table is made anew")
+    args = parser.parse_args(arguments)
+    systems = population(args.systems)
+    measured = measure(systems)
+    with busy(args.busy):
+        margin, chosen = with_margin(systems)
+    text = table(measured, margin, chosen, args.busy)
+    print(text)
+    if args.page is not None:
+        into(args.page, text)
+
+
+if __name__ == "__main__":
+    main()

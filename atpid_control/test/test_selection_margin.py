@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A margin found by a deadline: its systems, what it guarantees, and the threads it is computed on."""
+
+import math
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from atpid_control.selection import SelectionError
+from atpid_control.selection.direct import DirectSelector
+from atpid_control.selection.margin import Uncertainty, points, systems_of, with_restitution
+from atpid_control.selection.workers import Workers
+from atpid_control.studies.selection_speed import main
+from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
+from atpid_sim.maps import DamperResponse
+from atpid_sim.scene import Scene, load_scene
+from atpid_sim.system import reduced_mass
+
+ROOT = Path(__file__).parents[2]
+UNHURRIED = 60.0
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load_scene(ROOT / "scenes" / "standard.yaml")
+
+
+def test_the_corners_are_a_two_level_design() -> None:
+    corners = points()[:32]
+    assert len({tuple(corner) for corner in corners.tolist()}) == 32  # all of them
+    first = corners[:16]
+    assert np.array_equal(first.T @ first, 16.0 * np.eye(5))  # main effects clear of each other
+    products = [first[:, i] * first[:, j] for i in range(5) for j in range(i)]
+    assert all(abs(one @ other) < 1e-9 for k, one in enumerate(products) for other in products[:k])
+    assert (np.abs(points()) <= 1.0).all()
+
+
+def test_the_systems_differ_by_their_uncertainties(scene: Scene) -> None:
+    damper = DamperResponse(scene, 1e-5)
+    found = systems_of(scene, damper, Uncertainty(0.05, 1e-3, 0.01, 0.002, 0.1))
+    assert len(found) == 1 + len(points())
+    assert found[0].damper is damper
+    masses = {round(one.damper.system.beam_mass / damper.system.beam_mass, 6) for one in found}
+    stiffnesses = {round(one.damper.system.stiffness / damper.system.stiffness, 6) for one in found}
+    assert masses == {0.99, 1.0, 1.01}
+    assert stiffnesses == {0.95, 1.0, 1.05}
+    assert all(one.damper.system.grain_mass == pytest.approx(damper.system.grain_mass) for one in found)
+    assert {one.offset for one in found[1:]} == {1e-3}
+    assert {one.travel for one in found} == {0.0, 1.0}
+    assert max(one.frequency for one in found) == 1.002
+
+
+CONTACTS = [
+    {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
+    {"law": "linear", "stiffness": 1e5, "restitution": 0.3},
+    {"law": "linear", "stiffness": 1e5, "damping": 20.0},
+    {"law": "impact", "restitution": 0.5},
+]
+
+
+@pytest.mark.parametrize("contact", CONTACTS, ids=lambda contact: "-".join(contact))
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_the_restitution_of_a_law_is_changed_as_asked(scene: Scene, contact: dict[str, object], factor: float) -> None:
+    given = scene.with_(contact=contact)
+    mass = reduced_mass(system_of(given))
+    before, after = (restitution_of(contact_of(one), 1.0, mass) for one in (given, with_restitution(given, factor)))
+    assert after == pytest.approx(factor * before, rel=2e-3)
+
+
+def test_without_a_hurry_a_margin_holds_in_every_system(scene: Scene) -> None:
+    selector = DirectSelector(scene, deadline=UNHURRIED)
+    bare, safe = selector.select(0.01), selector.select(0.01, 2e-4, margin=3.0)
+    assert safe.height < bare.height
+    margin = next(stage for stage in safe.stages if stage.name == "margin")
+    assert "in 49 of 49 sampled systems" in margin.note
+    assert "late" not in margin.note
+    assert margin.amplitude >= safe.beam_amplitude
+    again = selector.select(0.01, 2e-4, margin=3.0)
+    assert (again.height, again.beam_amplitude) == (safe.height, safe.beam_amplitude)
+
+
+def test_at_its_deadline_a_margin_states_what_it_holds_for(scene: Scene) -> None:
+    hurried = DirectSelector(scene, deadline=1e-3)
+    safe = hurried.select(0.01, 2e-4, margin=3.0)
+    assert safe.height <= hurried.select(0.01).height
+    note = safe.stages[-1].note
+    assert "in 4 of 49 sampled systems" in note  # the expected one, and with it the first
+    assert "late: " in note
+    assert "of 0.001 s" in note
+
+
+@pytest.mark.parametrize("deadline", [0.0, -1.0, math.nan])
+def test_an_impossible_deadline_is_refused(scene: Scene, deadline: float) -> None:
+    with pytest.raises(SelectionError, match="deadline"):
+        DirectSelector(scene, deadline=deadline)
+
+
+def test_workers_answer_in_order_whoever_does_the_job() -> None:
+    with Workers(3) as workers:
+        assert workers.map(lambda job: job * job, range(100)) == [k * k for k in range(100)]
+        assert workers.map(lambda job: job, []) == []
+    with Workers(1) as alone:
+        assert alone.map(lambda job: -job, [1, 2]) == [-1, -2]
+
+
+def test_an_error_of_any_job_is_raised() -> None:
+    with Workers(2) as workers, pytest.raises(ZeroDivisionError):
+        workers.map(lambda job: 1 / job, [1, 2, 0, 3])
+
+
+def test_a_job_whose_thread_is_held_up_is_done_again() -> None:
+    caller, begun, done = threading.get_ident(), threading.Event(), threading.Event()
+
+    def work(job: int) -> int:
+        if threading.get_ident() != caller:  # as a thread that waits for its processor
+            begun.set()
+            done.wait(UNHURRIED)
+        elif job == 0:
+            begun.wait(UNHURRIED)
+        return job
+
+    with Workers(2) as workers:
+        asked = time.monotonic()
+        assert workers.map(work, range(4)) == [0, 1, 2, 3]
+        assert time.monotonic() - asked < UNHURRIED
+        done.set()
+
+
+@pytest.mark.slow
+def test_the_command_puts_its_table_into_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.md"
+    begin, end = "<!-- made by python -m atpid_control.studies.selection_speed -->", "<!-- end -->"
+    page.write_text(f"before\n{begin}\nold\n{end}\nafter\n", encoding="utf-8")
+    main(["--systems", "1", "--busy", "1", "--page", str(page)])
+    text = capsys.readouterr().out
+    assert "| systems held out | 1 |" in text
+    assert page.read_text(encoding="utf-8") == f"before\n{begin}\n{text}{end}\nafter\n"
+    row = next(line for line in text.splitlines() if "best, worst" in line)
+    assert float(row.split("|")[2].removesuffix(" % ")) < 5.0
