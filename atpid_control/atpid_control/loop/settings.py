@@ -32,7 +32,8 @@ def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None
     from atpid_control.selection.direct import DirectSelector
     from atpid_control.selection.margin import Uncertainty
 
-    made = DirectSelector(scene, Uncertainty(stiffness=float(value("stiffness_uncertainty"))))
+    uncertainty = Uncertainty(stiffness=float(value("stiffness_uncertainty")))
+    made = DirectSelector(scene, uncertainty, deadline=float(value("selection_deadline")))
     made.prepare()
     return anywhere(made, scene)
 
