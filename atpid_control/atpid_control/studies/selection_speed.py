@@ -28,8 +28,9 @@ from atpid_sim.system import Array
 _AMPLITUDES, _FRACTIONS, _SEED = (0.002, 0.08), (0.025, 0.3), 2026
 #: Clearances of the fine scan, as shares of the ballistic clearance.
 _SHARES = np.arange(0.3, 1.2, 0.012)
-#: The scan counts an irregular motion, and one that depends on the approach, this many times as large.
-_IRREGULAR = 1.05
+#: The scan counts an irregular motion, and one that depends on the approach, this many times as large, as the searches
+#: do: in a window it shows less than the worst, and of many such heights a scan would choose the luckiest.
+_IRREGULAR = 1.15
 #: Two more approaches: raised at once, so much later than a whole period [periods].
 _LATER = (0.37, 0.71)
 #: Standard deviations of the amplitude, and the deviation, where a margin is asked for.
