@@ -19,6 +19,12 @@ from atpid_sim.maps.response import DamperResponse, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
+#: Below this share of the natural frequency it lies at up to 1.3, behind wells within the usual range.
+_BELOW_RESONANCE, _LAST_BELOW = 0.95, 1.32
+#: There the amplitude falls steeply up to the cliff: heights tried above the best, in steps of its clearance [-].
+_CLIMB = (0.006, 0.012, 0.018, 0.024)
+#: And heights of the scan rated besides those of the wells: so many over their range, and half as many of the best.
+_OVERLOOKED = 8
 #: Where, between irregular motions, narrow wells lie: there the steps are half as long.
 _NARROW = (0.44, 0.83)
 #: Where the best lies at the end of what was tried, the range grows by this much, down to closed and up to this share.
@@ -73,9 +79,13 @@ def best_height(
     limits: lowest and highest height allowed [m]; approaches: paths by which the ceiling may come to a height.
     """
     search = Search(damper, amplitude, limits, approaches, mapper)
-    coarse = _scan(search, damper.ballistic_clearance(amplitude))
+    below = damper.frequency < _BELOW_RESONANCE * damper.natural_frequency
+    coarse = _scan(search, damper.ballistic_clearance(amplitude), _LAST_BELOW if below else _LAST)
     wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
     rated = search.rate({h for well in wells for h in well}, hysteresis)
+    if below and (more := _overlooked(search, coarse, min(rated.values()))):
+        wells.append(more)
+        rated |= search.rate(more, hysteresis)
     height = _lowest(search, rated, coarse)
     least = min(rated.values())
     lower = _far_below(
@@ -83,6 +93,8 @@ def best_height(
     )
     if lower:
         height = _lowest(search, lower, coarse)
+    if below:
+        height = _climbed(search, height, damper.diameter)
     worst = search.worst(height)
     return Best(
         height=height,
@@ -130,7 +142,11 @@ class Search:
 
     def allowed(self, share: float, unit: float) -> float:
         """Return the height [m] at a share of a clearance [m], within the limits."""
-        return float(min(max(self._damper.diameter + share * unit, self._limits[0]), self._limits[1]))
+        return self.limited(self._damper.diameter + share * unit)
+
+    def limited(self, height: float) -> float:
+        """Return the allowed height [m] next to `height` [m]."""
+        return float(min(max(height, self._limits[0]), self._limits[1]))
 
     def quick(self, heights: Sequence[float]) -> list[float]:
         """Amplitudes [m] when the closed damper is opened at once, raised where the motion is irregular."""
@@ -165,6 +181,10 @@ class Search:
             rated[height] = rating if rating <= limit else math.inf
         return rated
 
+    def known(self, height: float) -> bool:
+        """Whether a height [m] has been rated."""
+        return height in self._found
+
     def worst(self, height: float) -> float:
         """Largest amplitude [m] over the approaches to a rated height."""
         return max(self._found[height])
@@ -183,9 +203,9 @@ class Search:
         return self._damper.follow(self._amplitude, path, self._long).amplitude
 
 
-def _scan(search: Search, unit: float) -> list[Rated]:
+def _scan(search: Search, unit: float, last: float) -> list[Rated]:
     """Return (height [m], amplitude [m]) over a range that has the least amplitude inside, not at an end."""
-    first, last = _FIRST, _LAST
+    first = _FIRST
     while True:
         shares = {*np.arange(first, last + 0.5 * _STEP, _STEP), *np.arange(*_NARROW, _STEP) + 0.5 * _STEP}
         heights = sorted({search.allowed(float(share), unit) for share in shares})
@@ -219,3 +239,22 @@ def _lowest(search: Search, rated: dict[float, float], coarse: list[Rated]) -> f
     bad = max([h for h in (*rated, *(h for h, _ in coarse)) if h < good], default=good)
     between = [bad + (good - bad) * k / (_BETWEEN + 1) for k in range(1, _BETWEEN + 1)] if bad < good else []
     return min([h for h, value in search.rate(between, limit=limit).items() if value <= limit], default=good)
+
+
+def _overlooked(search: Search, coarse: list[Rated], least: float) -> list[float]:
+    """Return heights [m] of the scan that may be better than the least rating [m] so far: the best, and some between.
+
+    On a plateau, where the grain does not reach the ceiling, a well is the first of equals, which not all approaches
+    may lead to; and a steady look at an irregular motion may show less than its surcharge.
+    """
+    better = [(v, h) for h, v in coarse if v < _IRREGULAR * (1.0 - FLAT) * least and not search.known(h)]
+    spread = better[:: max(1, math.ceil(len(better) / _OVERLOOKED))]
+    return list(dict.fromkeys(h for _, h in [*sorted(better)[: _OVERLOOKED // 2], *spread]))
+
+
+def _climbed(search: Search, height: float, diameter: float) -> float:
+    """Return the best of a height and those a little above it, up to the cliff."""
+    least = search.rate([height])[height]
+    higher = {search.limited(height + step * (height - diameter)) for step in _CLIMB}
+    rated = search.rate(higher - {height}, limit=(1.0 - FLAT) * least)
+    return min(rated, key=rated.__getitem__) if min(rated.values(), default=math.inf) < math.inf else height
