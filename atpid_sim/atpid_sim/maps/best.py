@@ -20,9 +20,9 @@ from atpid_sim.maps.response import DamperResponse, Timing
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
 #: Below this share of the natural frequency it lies at up to 1.3, behind wells within the usual range.
-_BELOW_RESONANCE, _LAST_BELOW = 0.95, 1.32
+BELOW_RESONANCE, LAST_BELOW = 0.95, 1.32
 #: There the amplitude falls steeply up to the cliff: heights tried above the best, in steps of its clearance [-].
-_CLIMB = (0.006, 0.012, 0.018, 0.024)
+CLIMB = (0.006, 0.012, 0.018, 0.024)
 #: And heights of the scan rated besides those of the wells: so many over their range, and half as many of the best.
 _OVERLOOKED = 8
 #: Where, between irregular motions, narrow wells lie: there the steps are half as long.
@@ -79,8 +79,8 @@ def best_height(
     limits: lowest and highest height allowed [m]; approaches: paths by which the ceiling may come to a height.
     """
     search = Search(damper, amplitude, limits, approaches, mapper)
-    below = damper.frequency < _BELOW_RESONANCE * damper.natural_frequency
-    coarse = _scan(search, damper.ballistic_clearance(amplitude), _LAST_BELOW if below else _LAST)
+    below = damper.frequency < BELOW_RESONANCE * damper.natural_frequency
+    coarse = _scan(search, damper.ballistic_clearance(amplitude), LAST_BELOW if below else _LAST)
     wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
     rated = search.rate({h for well in wells for h in well}, hysteresis)
     if below and (more := _overlooked(search, coarse, min(rated.values()))):
@@ -255,6 +255,6 @@ def _overlooked(search: Search, coarse: list[Rated], least: float) -> list[float
 def _climbed(search: Search, height: float, diameter: float) -> float:
     """Return the best of a height and those a little above it, up to the cliff."""
     least = search.rate([height])[height]
-    higher = {search.limited(height + step * (height - diameter)) for step in _CLIMB}
+    higher = {search.limited(height + step * (height - diameter)) for step in CLIMB}
     rated = search.rate(higher - {height}, limit=(1.0 - FLAT) * least)
     return min(rated, key=rated.__getitem__) if min(rated.values(), default=math.inf) < math.inf else height

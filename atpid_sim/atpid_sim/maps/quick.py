@@ -20,7 +20,7 @@ import numpy as np
 
 from atpid_sim.engine.state import State
 from atpid_sim.maps.approaches import ALL_APPROACHES, Approach
-from atpid_sim.maps.best import FLAT, REPRODUCIBLE, Best, Mapper, promising
+from atpid_sim.maps.best import BELOW_RESONANCE, CLIMB, FLAT, LAST_BELOW, REPRODUCIBLE, Best, Mapper, promising
 from atpid_sim.maps.response import NEVER, DamperResponse, Ending, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
@@ -81,10 +81,13 @@ def quick_best(
 ) -> Checked:
     """Return the best height for a support amplitude [m]; arguments as of `best_height`, errors as well."""
     search = Search(damper, amplitude, limits, approaches, mapper)
-    coarse = search.scan(damper.ballistic_clearance(amplitude))
+    below = damper.frequency < BELOW_RESONANCE * damper.natural_frequency
+    coarse = search.scan(damper.ballistic_clearance(amplitude), LAST_BELOW if below else _LAST)
     wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
     search.between()
     height = search.best(search.heights)
+    if below:
+        height = search.climbed(height)
     if hysteresis > 0.0:
         height = _far_below(search, wells, height, hysteresis)
     worst = search.worst(height)
@@ -168,13 +171,14 @@ class Search:
         """How far the approaches differ at a height that was chosen, relative to the worst."""
         return _gap(self._checked[height])
 
-    def scan(self, unit: float) -> list[Rated]:
+    def scan(self, unit: float, last: float) -> list[Rated]:
         """Return (height [m], amplitude [m]) over a range that has the least amplitude inside, not at an end.
 
-        unit: ballistic clearance [m]. The closed damper is opened at once to some heights, more where narrow wells lie,
-        which not every way leads to; between those that are not hopeless the ceiling is raised from the lower one.
+        unit: ballistic clearance [m]; last: share of it at which the range ends at first. The closed damper is opened
+        at once to some heights, more where narrow wells lie, which not every way leads to; between those that are not
+        hopeless the ceiling is raised from the lower one.
         """
-        first, last = _FIRST, _LAST
+        first = _FIRST
         while True:
             shares = np.arange(first, last + 0.5 * _STEP, _STEP)
             heights = sorted({self._allowed(float(share), unit) for share in shares})
@@ -201,6 +205,12 @@ class Search:
             limit,
         )
         return [(height, self._looked[height][0]) for height in self.heights]
+
+    def climbed(self, height: float) -> float:
+        """Return the best of a height [m] and those a little above it: below resonance it lies at the cliff's edge."""
+        higher = [height + step * (height - self.diameter) for step in CLIMB]
+        self._look([(height, *(h for h in higher if h <= self._limits[1] and h not in self._looked))])
+        return self.best(self.heights)
 
     def _allowed(self, share: float, unit: float) -> float:
         """Return the height [m] at a share of a clearance [m], within the limits."""
