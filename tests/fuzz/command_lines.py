@@ -47,6 +47,7 @@ LINES: dict[str, tuple[Main, str]] = {
     "report": (control.main, "report BAG --out DIR"),
     "select": (control.main, "select SCENE --method lookup --map MAP --amplitude-std 0.001 --margin 1"),
     "compare": (control.main, "compare SCENE --out DIR"),
+    "off-resonance": (control.main, "off-resonance --systems 1 --seed 1"),
     "learn": (control.main, "learn --out DIR --systems 32"),
     "design": (
         control.main,

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.maps import Best, DamperResponse, Ending, Timing
 from atpid_sim.maps.best import FLAT, Mapper
-from atpid_sim.scene import Scene
+from atpid_sim.scene import HarmonicExcitation, Scene
 from atpid_sim.system import Array, reduced_mass
 
 #: Clearances that are looked at, as shares of the bare optimum's: so many at a time, this far apart, down to the least.
@@ -131,7 +131,9 @@ def _changed(
     beam["mass"] *= 1.0 + mass * uncertainty.mass
     beam["stiffness"] *= 1.0 + stiffness * uncertainty.stiffness
     fraction = scene.grain_mass / (scene.grain_mass + beam["mass"])
-    changed = scene.with_(beam=beam, frequency=frequency, mass_fraction=fraction)
+    changed = scene.with_(beam=beam, mass_fraction=fraction)
+    if isinstance(scene.excitation, HarmonicExcitation):
+        changed = changed.with_(frequency=frequency)
     if uncertainty.restitution > 0.0:
         changed = with_restitution(changed, 1.0 + restitution * uncertainty.restitution)
     made = DamperResponse(changed, _RTOL)
