@@ -52,6 +52,9 @@ _HOPELESS = 1.08
 _FAR = 1.1
 #: Share of a clearance below which a height that is as good belongs to a plateau.
 _PLATEAU = 0.97
+#: Below resonance the best height lies at a cliff's edge, where instabilities grow slowly: how many times as long as a
+#: rating it has to hold, by which share of its clearance it is lowered where it does not, and how often at most.
+_LASTING, _BACK, _MOST_BACK = 4.0, 0.005, 6
 #: How near to the steady motion a first look ends, and a rating, relative to the amplitude [-].
 _CLOSE, _RATED_CLOSE = 5e-3, 5e-4
 #: A rating settles this many times as long as a transient lasts, since close to the cliff an instability grows slowly.
@@ -87,7 +90,7 @@ def quick_best(
     search.between()
     height = search.best(search.heights)
     if below:
-        height = search.climbed(height)
+        height = search.held(search.climbed(height))
     if hysteresis > 0.0:
         height = _far_below(search, wells, height, hysteresis)
     worst = search.worst(height)
@@ -212,6 +215,24 @@ class Search:
         self._look([(height, *(h for h in higher if h <= self._limits[1] and h not in self._looked))])
         return self.best(self.heights)
 
+    def held(self, height: float) -> float:
+        """Return the first of a height [m] and those a little below it at which long runs come to the same amplitude.
+
+        Where none is, the one with the least amplitude in them.
+        """
+        long = Timing(_LASTING * self._damper.settling(), _LASTING * self._long.window)
+        tried = []
+        for _ in range(_MOST_BACK):
+            if height not in self._checked:
+                self._checked[height] = self._rate(self._damper, height, NEVER)
+            usual = max(self._checked[height])
+            self._checked[height] = self._checked[height] + self._rate(self.quick, height, NEVER, long)
+            tried.append(height)
+            if max(self._checked[height]) <= (1.0 + REPRODUCIBLE) * usual:
+                break
+            height -= _BACK * (height - self.diameter)
+        return min(tried, key=self.worst)
+
     def _allowed(self, share: float, unit: float) -> float:
         """Return the height [m] at a share of a clearance [m], within the limits."""
         return float(min(max(self.diameter + share * unit, self._limits[0]), self._limits[1]))
@@ -318,17 +339,17 @@ class Search:
                 return candidate
         return height
 
-    def _rate(self, damper: DamperResponse, height: float, ending: Ending) -> list[float]:
-        """Return the amplitudes [m] at a height [m] over all approach paths."""
-        jobs = [(damper, height, approach, ending) for approach in self._approaches]  # the longest first
+    def _rate(self, damper: DamperResponse, height: float, ending: Ending, timing: Timing | None = None) -> list[float]:
+        """Return the amplitudes [m] at a height [m] over all approach paths; timing: by default a rating's."""
+        jobs = [(damper, height, approach, ending, timing or self._long) for approach in self._approaches]
         self.evaluations += len(jobs)
         return list(self._map(self._approached, jobs))
 
-    def _approached(self, job: tuple[DamperResponse, float, Approach, Ending]) -> float:
-        damper, height, approach, ending = job
+    def _approached(self, job: tuple[DamperResponse, float, Approach, Ending, Timing]) -> float:
+        damper, height, approach, ending, timing = job
         path = approach(damper, height, 0.5 * damper.settling() * damper.period)
         state = damper.closed_state(self._amplitude)
-        return damper.follow_on(self._amplitude, state, path, self._long, ending).amplitude
+        return damper.follow_on(self._amplitude, state, path, timing, ending).amplitude
 
 
 def _gap(found: list[float]) -> float:
