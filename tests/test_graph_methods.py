@@ -28,7 +28,8 @@ def test_a_method_that_computes_runs_on_the_bench(scenes: Path, tmp_path: Path, 
     bag = in_lockstep(scene_file(scenes / "stepped_4_8.yaml", tmp_path, **changes), tmp_path / "run")
     commands = [message for _, message in bag.messages("/ceiling/command")]
     assert {message.method for message in commands} == {method}
-    assert commands[-1].height == pytest.approx(0.57, rel=0.05)
+    # `direct` keeps its margin for an error of mass, frequency and restitution, too
+    assert commands[-1].height == pytest.approx(0.57, rel=0.1 if method == "direct" else 0.05)
     assert unanswered_blocks(bag) == 0
     assert not [event for _, event in bag.messages("/events") if event.severity == Event.ALARM]
 

@@ -101,7 +101,7 @@ def test_direct_is_within_two_points_of_brute_force_but_where_the_motion_is_chao
     assert len(rows) == 40
     short = {row[0]: float(row[5].split(" %")[0]) - float(row[6].split(" %")[0]) for row in rows}
     assert {ratio for ratio, points in short.items() if points > 2.0} <= {"0.7949"}
-    assert max(short.values()) <= 3.0
+    assert max(short.values()) <= 3.5
 
 
 @pytest.mark.slow

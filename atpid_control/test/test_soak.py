@@ -146,9 +146,10 @@ def test_files_opened_and_memory_taken_show_in_the_samples() -> None:
 
 def test_a_process_that_was_started_is_counted() -> None:
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
-        found = processes()
+        name, found = Path(sys.executable).name, processes()
+        while name not in found:  # it has no name while it begins
+            found = processes()
         child.communicate(b"\n")
-    assert len(found) == 2
     assert "bench" in found
 
 

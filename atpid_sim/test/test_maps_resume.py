@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from atpid_sim.maps import Best, DamperResponse, HeightMap, MapError, best_height, build_map, cluster
+from atpid_sim.maps import Best, DamperResponse, HeightMap, MapError, build_map, cluster
+from atpid_sim.maps.quick import quick_best
 from atpid_sim.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -44,13 +45,13 @@ def test_a_killed_map_is_resumed_without_recomputation(
     journal.write_bytes(journal.read_bytes() + b'{"point": [0.1, 0.0')
     kept = journal.read_bytes().count(b"\n") - 1
     computed = []
-    original = best_height
+    original = quick_best
 
     def counted(damper: DamperResponse, amplitude: float, hysteresis: float) -> Best:
         computed.append(amplitude)
         return original(damper, amplitude, hysteresis)
 
-    monkeypatch.setattr(cluster, "best_height", counted)
+    monkeypatch.setattr(cluster, "quick_best", counted)
     seen: list[tuple[int, int]] = []
     made = build_map(scene, [round(0.01 + 0.002 * k, 9) for k in range(16)], [0.1], out, lambda *at: seen.append(at))
     assert 3 <= kept < 16

@@ -55,8 +55,8 @@ _ITERATIONS = 6
 _RETURN = 4.0
 #: Heights below this share of the ballistic clearance are nearly closed: guesses are limited to it.
 _LEAST_SHARE = 0.1
-#: Tolerance of the runs: 1 % of an amplitude is resolved; and model error of the fidelity level they may take.
-_RTOL, _MODEL_ERROR = 1e-4, 2e-3
+#: Tolerance of the runs: 1 % of an amplitude is resolved.
+_RTOL = 1e-4
 
 
 Start = tuple[float, float]  # amplitude of the beam [m], height [m]
@@ -71,8 +71,7 @@ class PcaSelector:
         """Take the system of a scene; without gravity all models are computed as if there were none (Fig. 4.43)."""
         self._scene = scene if gravity else scene.with_(gravity=0.0)
         self._damper = DamperResponse(self._scene, _RTOL)
-        quick = self._damper.sufficient(1e-3, math.inf)
-        quick.opened(1e-3, 4.0 * quick.diameter, Timing(1.0, 4.0))
+        self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
     def select(
         self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
@@ -102,8 +101,7 @@ class _Run:
     """One run of the algorithm, with its stages."""
 
     def __init__(self, damper: DamperResponse, amplitude: float) -> None:
-        self.complete, self.amplitude = damper, amplitude
-        self.damper = damper.sufficient(amplitude, _MODEL_ERROR)
+        self.damper, self.amplitude = damper, amplitude
         self.stages: list[Stage] = []
         self.evaluations = self._tuned = 0
         self._lowest = damper.diameter + _LEAST_SHARE * damper.ballistic_clearance(amplitude)
@@ -112,29 +110,15 @@ class _Run:
         self._settle, self._window = 0.6 * settle, 6.0
 
     def whole(self) -> tuple[float, float]:
-        """Return the best height [m] and the beam's amplitude there [m].
-
-        The amplitude of the height that the tuning ends at is run again at the complete fidelity: where the two
-        disagree, the height is tuned on at that.
-        """
+        """Return the best height [m] and the beam's amplitude there [m]."""
         height = self._iterate()[1]
         least = self._opened(height)
         self._record("PCA", height, least, "before tuning, opened from closed")
-        height, amplitude = self._tune(height, least)
-        note = f"{amplitude:.5g} m while tuning with {self.damper.fidelity}"
-        if self.damper is not self.complete:
-            self.damper = self.complete
-            checked = self._opened(height)
-            if abs(checked / amplitude - 1.0) > _DONE:
-                note = f"{note}, {checked:.5g} m with {self.damper.fidelity}, so tuned on with it"
-                height, amplitude = self._tune(height, checked)
-        self.evaluations += 1
+        height, amplitude = tune(self._tuning, height, least, self._lowest, self._highest)
         final = self.damper.opened(self.amplitude, height, Timing(self.damper.settling(), 16.0)).amplitude
-        self._record("result", height, final, note)
+        self.evaluations += 1
+        self._record("result", height, final, f"{amplitude:.5g} m while tuning")
         return height, final
-
-    def _tune(self, height: float, least: float) -> tuple[float, float]:
-        return tune(self._tuning, height, least, self._lowest, self._highest)
 
     def _iterate(self) -> Start:
         """Simplified and Predictive Model, then Complex and Predictive Model until the criteria hold.

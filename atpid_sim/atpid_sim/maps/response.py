@@ -133,13 +133,15 @@ class DamperResponse:
         of it at every amplitude and mass of the grain. Above resonance, where the grainless beam swings more than the
         closed damper, the latter's velocity counts: a good damper leaves the beam less than either (docs/selection.md).
         """
-        grainless = abs(self._phasor(amplitude, self.system.beam_mass))
+        s, w = self.system, 2.0 * math.pi * self.frequency
+        force = complex(s.stiffness, s.damping * w)
+        grainless = amplitude * abs(force) / abs(complex(s.stiffness - s.beam_mass * w * w, s.damping * w))
         return math.pi * min(grainless, self.closed_amplitude(amplitude))
 
-    def _phasor(self, amplitude: float, mass: float | None = None) -> complex:
-        """Return the steady response of one mass [kg], by default beam and grain, against the support's sine [m]."""
+    def _phasor(self, amplitude: float) -> complex:
+        """Return the steady response of beam and grain as one mass, against the support's sine [m]."""
         s, w = self.system, 2.0 * math.pi * self.frequency
-        mass = s.beam_mass + s.grain_mass if mass is None else mass
+        mass = s.beam_mass + s.grain_mass
         drive_force = complex(s.stiffness, s.damping * w) * amplitude
         return drive_force / complex(s.stiffness - mass * w * w, s.damping * w)
 
