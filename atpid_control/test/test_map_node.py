@@ -88,7 +88,7 @@ def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand: Stand, 
 
 @pytest.mark.slow
 def test_a_cancelled_map_is_kept_and_goes_on(stand: Stand, tmp_path: Path) -> None:
-    amplitudes = [0.01 + 0.0005 * k for k in range(40)]
+    amplitudes = [0.01 + 0.00005 * k for k in range(400)]
     goal = stand.ask(tmp_path / "map.npz", amplitudes)
     while not any(message.done for message in stand.feedback):
         stand.executor.spin_once(timeout_sec=0.02)
@@ -113,7 +113,7 @@ def test_bad_input_is_answered_in_one_line(stand: Stand, tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_a_second_map_is_aborted_with_the_reason(stand: Stand, tmp_path: Path) -> None:
-    amplitudes = [0.01 + 0.0005 * k for k in range(40)]
+    amplitudes = [0.01 + 0.00005 * k for k in range(400)]
     first = stand.ask(tmp_path / "first.npz", amplitudes)
     while not any(message.done for message in stand.feedback):
         stand.executor.spin_once(timeout_sec=0.02)
