@@ -28,7 +28,7 @@ def test_a_killed_map_is_resumed_without_recomputation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, journal = tmp_path / "map.npz", tmp_path / "map.npz.journal"
-    command = [sys.executable, "-m", "atpid_sim", "map", str(SCENE), "--amplitudes", "0.01:0.04:16"]
+    command = [sys.executable, "-m", "atpid_sim", "map", str(SCENE), "--amplitudes", "0.01:0.04:61"]
     with subprocess.Popen(
         [*command, "--mass-fractions", "0.1", "--out", str(out)], stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, cwd=tmp_path,
@@ -53,11 +53,11 @@ def test_a_killed_map_is_resumed_without_recomputation(
 
     monkeypatch.setattr(cluster, "quick_best", counted)
     seen: list[tuple[int, int]] = []
-    made = build_map(scene, [round(0.01 + 0.002 * k, 9) for k in range(16)], [0.1], out, lambda *at: seen.append(at))
-    assert 3 <= kept < 16
-    assert len(computed) == 16 - kept
-    assert seen[0] == (kept, 16)
-    assert seen[-1] == (16, 16)
+    made = build_map(scene, [round(0.01 + 0.0005 * k, 9) for k in range(61)], [0.1], out, lambda *at: seen.append(at))
+    assert 3 <= kept < 61
+    assert len(computed) == 61 - kept
+    assert seen[0] == (kept, 61)
+    assert seen[-1] == (61, 61)
     assert not journal.exists()
     assert (HeightMap.load(out).heights == made.heights).all()
 
