@@ -2,6 +2,7 @@
 """The hold of methods that select at any frequency: what moves the ceiling when the frequency does."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.controller import SelectingController
 from atpid_control.loop.drift import DriftSettings
-from atpid_control.loop.hold import Hold, HoldSettings
+from atpid_control.loop.hold import UNSETTLED, UNSETTLED_COUNT, Hold, HoldSettings
 from atpid_control.loop.protocol import ControlSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection
@@ -91,6 +92,26 @@ def test_a_height_that_comes_late_is_taken_for_a_frequency_that_drifts(seconds: 
     now = steady(0.015, frequency=5.49 * (1.0 + 0.01 * seconds))
     assert machine.agrees(0.015, now, 5.49)
     assert not machine.agrees(0.015, steady(0.015, frequency=5.6), 5.49)
+
+
+def test_a_frequency_that_is_not_followed_is_reported_once_until_it_is_steady() -> None:
+    """5 % a second: each estimate is a band away from the last."""
+    settings = ControlSettings(HoldSettings(**(SETTINGS | ANYWHERE)), STEP_BACK, DRIFT, 0.0)
+    controller = SelectingController(settings, OfNoUse(), (0.017, 1.0))
+    drifting = 5.49 * (1.0 + 0.05 * 0.05 * np.arange(100))
+    events, commands = [], []
+    for k, frequency in enumerate([*[5.49] * 10, *drifting.tolist(), *[drifting[-1]] * 10]):
+        quality = Quality.TRANSIENT if 10 <= k < 110 else Quality.STEADY
+        answer = controller.answer(0.05 * k, replace(steady(0.015, frequency), quality=quality), math.nan)
+        commands.append(answer.command)
+        if answer.kind:
+            events.append((k, answer.kind, answer.text))
+    ((first, kind, text),) = events
+    assert (kind, text) == ("refused", f"the ceiling stays: {UNSETTLED}")
+    assert 10 + UNSETTLED_COUNT <= first <= 12 + UNSETTLED_COUNT  # inside the dead band at first
+    assert commands[first].reason == UNSETTLED
+    assert commands[-1].sequence == commands[first].sequence + 1
+    assert commands[-1].reason == "inside dead band"
 
 
 class OfNoUse:

@@ -17,7 +17,10 @@ from atpid_common.errors import InputError
 from atpid_control.identification import Estimate, Quality
 
 OFF_RESONANCE, NO_HEIGHT = "frequency off resonance", "no height for this amplitude"
-
+#: Estimates without a decision after which that is reported, 2 s in blocks of 50 ms, and the reason.
+UNSETTLED_COUNT = 40
+_WAITING = "waiting for a steady excitation"
+UNSETTLED = f"the excitation has not settled for {UNSETTLED_COUNT} estimates, or changes faster than is followed"
 
 #: How far a frequency may have moved on since its height was asked for [-]: a drift of 1 % a second, and a slow method.
 _MOVED_ON = 0.01
@@ -85,7 +88,7 @@ class Hold:
         self._failed = (math.nan, math.nan)  # amplitude [m] and frequency [Hz] for which there is no height
         self._select_anew = False
         self._rising = _window(settings)
-        self._falling = 0
+        self._falling = self._undecided = 0
 
     def configure(self, settings: HoldSettings, *, select_anew: bool = False) -> None:
         """Judge by other settings from the next estimate on.
@@ -97,6 +100,12 @@ class Hold:
 
     def judge(self, estimate: Estimate) -> Verdict:
         """Return what to do about one more estimate. Answer a verdict to select with `acted` or `failed`."""
+        verdict = self._judged(estimate)
+        undecided = verdict.reason in (_WAITING, OFF_RESONANCE) and not verdict.refused
+        self._undecided = self._undecided + 1 if undecided else 0
+        return Verdict(False, UNSETTLED, refused=True) if self._undecided >= UNSETTLED_COUNT else verdict
+
+    def _judged(self, estimate: Estimate) -> Verdict:
         trouble = self.trouble(estimate)
         if trouble:
             self._reset()
@@ -150,7 +159,7 @@ class Hold:
             return Verdict.to_select("selected for another frequency" if another else "selected", estimate)
         if self._climbing() and not same_amplitude:
             return Verdict.to_select("rising", estimate)
-        return Verdict(False, "waiting for a steady excitation")
+        return Verdict(False, _WAITING)
 
     def _settled(self) -> bool:
         """Whether the last estimates are steady and agree with the newest."""
