@@ -4,6 +4,7 @@
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from atpid_control.loop.computation import InlineExecutor, threaded
 from atpid_control.loop.controller import SelectingController
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.protocol import Command, ControlSettings
+from atpid_control.loop.protocol import WARNING, Command, ControlSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Selection, SelectionError
 
@@ -129,6 +130,25 @@ def test_a_height_that_is_only_looked_up_is_in_the_answer_that_asks_for_it() -> 
     machine = SelectingController(SETTINGS, selector, (0.017, 1.0), None, Held())
     estimate = Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49)
     assert [machine.answer(0.05 * k, estimate, 0.017).command.sequence for k in range(5)] == [0, 0, 0, 1, 1]
+
+
+class Late(Linear):
+    """Ends after its deadline."""
+
+    def select(self, *excitation: float, margin: float = 0.0, height: float = math.nan) -> Selection:
+        found = super().select(*excitation, margin=margin, height=height)
+        return replace(found, wall_s=0.21, late=True, note="in 3 of 49 sampled systems; late: 0.210 s of 0.15 s")
+
+
+def test_what_a_height_holds_for_is_its_reason_and_a_missed_deadline_an_event() -> None:
+    machine = SelectingController(SETTINGS, Late(), (0.017, 1.0))
+    estimate = Estimate(quality=Quality.STEADY, amplitude=0.015, amplitude_std=1e-6, frequency=5.49)
+    answers = [machine.answer(0.05 * k, estimate, 0.017) for k in range(6)]
+    (event,) = [answer for answer in answers if answer.kind]
+    assert event.command.reason == "selected (in 3 of 49 sampled systems; late: 0.210 s of 0.15 s)"
+    assert (event.kind, event.severity, event.value) == ("slow", WARNING, 0.21)
+    assert event.text == "direct: in 3 of 49 sampled systems; late: 0.210 s of 0.15 s"
+    assert answers[-1].command.reason == "inside dead band"
 
 
 def test_inline_the_height_is_in_the_answer_that_asks_for_it() -> None:

@@ -59,6 +59,42 @@ def test_bad_input_is_one_line_and_status_two(
     assert named in output.err
 
 
+def of_no_use(tmp_path: Path) -> str:
+    scene = tmp_path / "below.yaml"
+    text = (ROOT / "scenes" / "standard.yaml").read_text(encoding="utf-8")
+    scene.write_text(text.replace("amplitude: 0.01", "amplitude: 0.0003"), encoding="utf-8")
+    return str(scene)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["direct"],
+        ["direct", "--margin", "3", "--amplitude-std", "1e-5"],
+        ["direct", "--margin", "3", "--amplitude-std", "1e-5", "--deadline", "1e-3"],
+        ["pca"],
+    ],
+    ids=" ".join,
+)
+def test_a_height_of_no_use_is_reported_however_it_is_asked_for(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["select", of_no_use(tmp_path), "--json", "--method", *arguments]) == 0
+    chosen = json.loads(capsys.readouterr().out)
+    assert chosen["height"] == 0.017
+    assert "does not lift it; it stays closed" in chosen["no_use"]
+
+
+def test_a_deadline_that_is_missed_is_announced(capsys: pytest.CaptureFixture[str]) -> None:
+    hurried = ["select", SCENE, "--method", "direct", "--margin", "3", "--amplitude-std", "1e-4", "--deadline", "1e-3"]
+    assert main([*hurried, "--json"]) == 0
+    chosen = json.loads(capsys.readouterr().out)
+    assert chosen["late"]
+    assert "in 1 of 49 sampled systems" in chosen["note"]
+    assert main(hurried) == 0
+    assert "late: " in capsys.readouterr().out
+
+
 def test_a_numerical_failure_is_status_three(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # so large a swing presses the grain deeper into a wall than its radius
     scene = tmp_path / "huge.yaml"

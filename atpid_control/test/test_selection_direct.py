@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from atpid_control.selection.direct import DirectSelector
-from atpid_control.selection.margin import Uncertainty
+from atpid_control.selection.uncertain import Uncertainty
 from atpid_control.studies.figures_selection import margin_curve, pca_errors
 from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing
 from atpid_sim.scene import Scene, load_scene

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A margin found by a deadline: its systems, what it guarantees, and the threads it is computed on."""
 
+import gc
 import math
 import threading
 import time
@@ -9,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from atpid_control.loop.settings import selector_of
 from atpid_control.selection import SelectionError
+from atpid_control.selection.deadline import Deadline, OutOfTimeError, without_collection
 from atpid_control.selection.direct import DirectSelector
-from atpid_control.selection.margin import Uncertainty, points, systems_of, with_restitution
+from atpid_control.selection.margin import Excitation, Robust, robust_height
+from atpid_control.selection.uncertain import Uncertainty, points, systems_of, with_restitution
 from atpid_control.selection.workers import Workers
 from atpid_control.studies.selection_speed import main
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
@@ -86,10 +90,92 @@ def test_at_its_deadline_a_margin_states_what_it_holds_for(scene: Scene) -> None
     hurried = DirectSelector(scene, deadline=1e-3)
     safe = hurried.select(0.01, 2e-4, margin=3.0)
     assert safe.height <= hurried.select(0.01).height
-    note = safe.stages[-1].note
-    assert "in 4 of 49 sampled systems" in note  # the expected one, and with it the first
-    assert "late: " in note
-    assert "of 0.001 s" in note
+    assert math.isnan(safe.price)
+    searched, margin = safe.stages
+    assert "not ended within 0.0005 s: the price of the margin is unknown" in searched.note
+    assert "in 1 of 49 sampled systems" in margin.note  # the expected one
+    assert "late: " in margin.note
+    assert "of 0.001 s" in margin.note
+
+
+class Counted:
+    """Whether the time has passed, in questions instead of seconds."""
+
+    def __init__(self, questions: float) -> None:
+        self.left = questions
+
+    def __call__(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+
+def test_whenever_it_is_ended_there_is_an_answer_and_no_more_runs(scene: Scene) -> None:
+    damper = DamperResponse(scene, 1e-5)
+    systems = systems_of(scene, damper, Uncertainty())
+    excitation, limits = Excitation(0.01, 6e-4, damper.frequency), (damper.diameter, 0.5)
+
+    def ended_after(questions: float) -> Robust:
+        return robust_height(systems, excitation, 0.235, limits, map, Counted(questions))
+
+    complete = ended_after(math.inf)
+    assert complete.verified == complete.sampled == 49
+    found = [ended_after(questions) for questions in (0, 3, 20, 80, 100, 120)]
+    assert found[0].evaluations == 1  # the expected system
+    for questions, one in zip((0, 3, 20, 80, 100, 120), found, strict=True):
+        assert damper.diameter < one.height <= 0.235
+        assert 1 <= one.verified <= 49
+        assert one.evaluations <= questions + 1
+        assert one.worst >= one.amplitude
+    assert ended_after(2 * complete.evaluations) == complete
+
+
+def test_without_the_bare_optimum_a_margin_begins_with_a_look(scene: Scene) -> None:
+    damper = DamperResponse(scene, 1e-5)
+    systems = systems_of(scene, damper, Uncertainty())
+    excitation, limits = Excitation(0.01, 6e-4, damper.frequency), (damper.diameter, 0.5)
+    given, looked = (robust_height(systems, excitation, bare, limits, map, lambda: False) for bare in (0.235, math.nan))
+    assert looked.height == pytest.approx(given.height, rel=0.06)
+    assert looked.worst == pytest.approx(given.worst, rel=0.05)
+
+
+def test_a_deadline_in_lockstep_depends_on_no_clock(scene: Scene) -> None:
+    values = {"stiffness_uncertainty": 0.02, "selection_deadline": 1e-3}
+    selector = selector_of(values.__getitem__, "direct", scene, None, lockstep=True)
+    assert "in 49 of 49 sampled systems" in selector.select(0.01, 2e-4, margin=3.0).note
+    hurried = selector_of(values.__getitem__, "direct", scene, None, lockstep=False)
+    assert "in 1 of 49 sampled systems" in hurried.select(0.01, 2e-4, margin=3.0).note
+
+
+def test_garbage_is_collected_again_after_a_selection(scene: Scene) -> None:
+    selector = DirectSelector(scene, deadline=1e-3)
+    assert gc.isenabled()
+    with without_collection():
+        assert not gc.isenabled()
+        selector.select(0.01, 2e-4, margin=3.0)
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    with pytest.raises(SelectionError):
+        selector.select(3.0)  # presses the grain deeper into a wall than its radius
+    assert gc.isenabled()
+
+
+def test_runs_are_begun_while_time_is_left() -> None:
+    def twice(job: int) -> int:
+        return 2 * job
+
+    unlimited = Deadline(math.inf)
+    assert unlimited.limited(map, 0.5) is map
+    assert not unlimited.passed()
+    begun = Deadline(UNHURRIED)
+    assert list(begun.limited(map, 0.5)(twice, [1, 2])) == [2, 4]
+    assert not begun.passed(0.5)
+    assert not begun.near(0.5)
+    assert 0.0 < begun.spent < UNHURRIED
+    over = Deadline(1e-9)
+    assert over.passed()
+    assert over.near(1.0)
+    with pytest.raises(OutOfTimeError):
+        list(over.limited(map, 0.5)(twice, [1, 2]))
 
 
 @pytest.mark.parametrize("deadline", [0.0, -1.0, math.nan])

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common.arguments import file_path, positive, real
-from atpid_control.selection.protocol import DEADLINE, Selection, SelectionError
-from atpid_control.selection.registry import make_selector, methods
+from atpid_control.selection.protocol import DEADLINE, HeightSelector, Selection, SelectionError
+from atpid_control.selection.registry import anywhere, make_selector, methods
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
 from atpid_sim.simulation.excitation import amplitude_at
@@ -100,19 +100,19 @@ def to_json(chosen: Selection) -> dict[str, Any]:
     return _without_nan(plain)
 
 
-def _selector(args: argparse.Namespace, scene: Scene) -> Any:
+def _selector(args: argparse.Namespace, scene: Scene) -> HeightSelector:
     if args.deadline is not None:
         if args.method != "direct":
             raise SelectionError(f"--deadline: given with method {args.method}; allowed with direct")
         from atpid_control.selection.direct import DirectSelector
 
-        return DirectSelector(scene, deadline=args.deadline)
+        return anywhere(DirectSelector(scene, deadline=args.deadline), scene)
     if args.without_gravity:
         if args.method != "pca":
             raise SelectionError(f"--without-gravity: given with method {args.method}; allowed with pca")
         from atpid_control.selection.pca import PcaSelector
 
-        return PcaSelector(scene, gravity=False)
+        return anywhere(PcaSelector(scene, gravity=False), scene.with_(gravity=0.0))
     return make_selector(args.method, scene, _map(args, scene))
 
 

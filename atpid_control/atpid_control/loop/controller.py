@@ -201,9 +201,11 @@ class SelectingController:
         self._expected = self._command.predicted_amplitude
         self._refusal = ""
         announced, self._of_no_use = self._of_no_use, bool(selection.no_use)
-        if not selection.no_use or announced:
-            return Answer(self._command)
-        return Answer(self._command, "no_use", selection.no_use, verdict.amplitude, INFO)
+        if selection.no_use and not announced:
+            return Answer(self._command, "no_use", selection.no_use, verdict.amplitude, INFO)
+        if selection.late:
+            return Answer(self._command, "slow", f"{selection.method}: {selection.note}", selection.wall_s)
+        return Answer(self._command)
 
     def _limited(self, selection: Selection, verdict: Verdict) -> Command:
         low, high = self._limits
@@ -213,6 +215,8 @@ class SelectingController:
         reason = verdict.reason if allowed == selection.height else f"{verdict.reason}, below what rumbled"
         if selection.no_use:
             reason = f"{verdict.reason}: {selection.no_use}"
+        elif selection.note:
+            reason = f"{reason} ({selection.note})"
         return Command(
             sequence=self._command.sequence + 1,
             height=height,

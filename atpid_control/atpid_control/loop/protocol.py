@@ -33,7 +33,7 @@ class Answer:
     """The command that answers one estimate and, where there is an event, its kind, text and quantity."""
 
     command: Command
-    kind: str = ""  # refused, no_use, step_back, drift or fallback; empty: no event
+    kind: str = ""  # refused, no_use, slow, step_back, drift or fallback; empty: no event
     text: str = ""
     value: float = math.nan
     severity: int = WARNING

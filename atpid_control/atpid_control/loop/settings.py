@@ -24,16 +24,22 @@ Value = Callable[[str], Any]
 S = TypeVar("S")
 
 
-def selector_of(value: Value, method: str, scene: Scene, height_map: Path | None) -> HeightSelector:
-    """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where it cannot be."""
+def selector_of(
+    value: Value, method: str, scene: Scene, height_map: Path | None, *, lockstep: bool
+) -> HeightSelector:  # fmt: skip
+    """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where it cannot be.
+
+    lockstep: the simulation waits for the answer, so a margin has no deadline, and a run is the same on any machine.
+    """
     if method != "direct":
         return make_selector(method, scene, height_map)
     # here, since only this method has to load the simulation
     from atpid_control.selection.direct import DirectSelector
-    from atpid_control.selection.margin import Uncertainty
+    from atpid_control.selection.uncertain import Uncertainty
 
     uncertainty = Uncertainty(stiffness=float(value("stiffness_uncertainty")))
-    made = DirectSelector(scene, uncertainty, deadline=float(value("selection_deadline")))
+    deadline = math.inf if lockstep else float(value("selection_deadline"))
+    made = DirectSelector(scene, uncertainty, deadline=deadline)
     made.prepare()
     return anywhere(made, scene)
 

@@ -106,7 +106,7 @@ SELECTOR = (
         "", 1, 10_000,
     ),
     Row("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
-    Row("selection_deadline", 0.15, "time for a selection by direct with a margin", "s", 0.01, 60.0),
+    Row("selection_deadline", 0.15, "time for a selection by direct with a margin; not in lockstep", "s", 0.01, 60.0),
     _live(
         "stale_timeout", 0.4, "silence of excitation or ceiling/state after which an event is published", "s", 0.1,
         60.0,

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers each excitation estimate with one ceiling command, and selects heights on request."""
 
+import gc
 import math
 import sys
 import time
@@ -65,6 +66,10 @@ class SelectorNode(Node):
         )
         with announced(COMPILING, self.get_logger().info):
             self._controller = self._make_controller()
+        if not self._lockstep:
+            # what lives as long as the node is not looked through again: that may take longer than a selection
+            gc.collect()
+            gc.freeze()
         self.done: Future = Future()
         self._latest: Estimate | None = None
         self._start_ns: int | None = None
@@ -79,7 +84,7 @@ class SelectorNode(Node):
     def _make_selector(self, method: str) -> HeightSelector:
         given = self.parameters["map"]
         height_map = Path(given) if given else getattr(self._scene.ceiling, "map", None)
-        return selector_of(self.parameters.__getitem__, method, self._scene, height_map)
+        return selector_of(self.parameters.__getitem__, method, self._scene, height_map, lockstep=self._lockstep)
 
     def _make_controller(self) -> Controller:
         scene, selector = self._scene, self._make_selector(self._method)

@@ -7,13 +7,12 @@ lift it, above it the open damper brings the beam without its grain into resonan
 
 import math
 from dataclasses import replace
-from typing import Any
 
 from atpid_control.selection.checks import check_excitation, frequencies_of
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 from atpid_sim.maps import DamperResponse
 from atpid_sim.maps.use import LEAST_USE, closed_over_gravity, rests
-from atpid_sim.scene import HarmonicExcitation, Scene, SceneError
+from atpid_sim.scene import Scene
 
 
 class AnyFrequency:
@@ -21,17 +20,11 @@ class AnyFrequency:
 
     def __init__(self, selector: HeightSelector, scene: Scene) -> None:
         """Take the method and the scene it selects for."""
-        self._selector, self._scene = selector, scene
-        self._lowest = max(2.0 * scene.grain.radius, getattr(scene.ceiling, "range", (0.0,))[0])
+        self._selector, self._damper = selector, DamperResponse(scene)
+        self._lowest = max(self._damper.diameter, getattr(scene.ceiling, "range", (0.0,))[0])
         self.method, self.simulates = selector.method, selector.simulates
         #: Lowest and highest frequency it selects for [Hz].
         self.frequencies = frequencies_of(scene)
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what else the method has; called where this class has none of the name."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self._selector, name)
 
     def select(
         self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
@@ -39,7 +32,10 @@ class AnyFrequency:
     ) -> Selection:  # fmt: skip
         """Return the best height, or that of the closed damper where it is of no use; see `HeightSelector.select`."""
         check_excitation(amplitude, amplitude_std, frequency, margin)
-        damper = self._damper_at(self._scene.frequency_hz if math.isnan(frequency) else frequency)
+        damper = self._damper
+        if not math.isnan(frequency):
+            self._check_frequency(frequency)
+            damper = damper.at_frequency(frequency)
         if rests(damper, amplitude):
             lifts = f"the closed beam's acceleration, {closed_over_gravity(damper, amplitude):.2f} g, does not lift it"
             return self._closed(damper, amplitude, Selection(math.nan, math.nan, math.nan, self.method), lifts)
@@ -49,20 +45,12 @@ class AnyFrequency:
         found = f"the best height found, {chosen.height:.4f} m, takes {100.0 * chosen.efficiency:.1f} % off the beam"
         return self._closed(damper, amplitude, chosen, found)
 
-    def _damper_at(self, frequency: float) -> DamperResponse:
+    def _check_frequency(self, frequency: float) -> None:
         low, high = self.frequencies
-        own = self._scene.frequency_hz  # of a scene that is itself beyond them: it was asked for
-        if not (low <= frequency <= high or frequency == own):
+        # that of a scene which is itself beyond them was asked for
+        if not (low <= frequency <= high or frequency == self._damper.frequency):
             allowed = f"{low:.4g} to {high:.4g} Hz, half to twice the natural frequency"
             raise SelectionError(f"frequency: given {frequency:g} Hz; allowed: {allowed}")
-        excitation = self._scene.excitation
-        try:
-            scene = self._scene
-            if isinstance(excitation, HarmonicExcitation):
-                scene = scene.with_(frequency=frequency)
-            return DamperResponse(scene)
-        except SceneError as error:
-            raise SelectionError(str(error)) from None
 
     def _closed(self, damper: DamperResponse, amplitude: float, chosen: Selection, why: str) -> Selection:
         """Return the selection of the ceiling's lowest height, with the reason."""

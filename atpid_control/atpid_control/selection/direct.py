@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Direct selection: the whole range of heights simulated, from the state the damper is in, in less than a period."""
 
+import gc
 import math
-import time
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, partial
 
 from atpid_control.selection.checks import check_excitation, response_at
-from atpid_control.selection.margin import Excitation, Robust, System, Uncertainty, robust_height, systems_of
+from atpid_control.selection.deadline import Deadline, OutOfTimeError, without_collection
+from atpid_control.selection.margin import Excitation, Robust, robust_height
 from atpid_control.selection.protocol import DEADLINE, Selection, SelectionError, Stage
+from atpid_control.selection.uncertain import System, Uncertainty, systems_of
 from atpid_control.selection.workers import Workers
 from atpid_sim.maps import FROM_CLOSED, Checked, DamperResponse, Timing, quick_best, travelled
 from atpid_sim.maps.best import FLAT
@@ -21,8 +24,9 @@ _RTOL = 1e-5
 _SPEED = 0.3
 #: A second travel starts this much later, in periods: what depends on the phase of the start is not reproducible.
 _LATER = 0.37
-#: Share of the deadline after which nothing more is begun.
-_SHARE = 0.75
+#: Shares of the deadline after which no more run of the bare optimum is begun, and no more run at all. What is left is
+#: for runs that have begun, and for threads that wait for their processor on a busy machine.
+_BARE, _ALL = 0.5, 0.85
 
 
 class DirectSelector:
@@ -39,11 +43,10 @@ class DirectSelector:
     ) -> None:
         """Take the system of a scene, and the ceiling's range and speed where it is controlled.
 
-        deadline: time after which a selection with a margin ends with what it has found [s].
+        deadline: time in which a selection with a margin ends with what it has found [s]; math.inf: none, so that it
+        does not depend on how busy the machine is.
         """
-        if not deadline > 0.0:
-            raise SelectionError(f"deadline: given {deadline:g} s; allowed is a time above 0 s")
-        self._scene, self._workers, self._deadline = scene, workers or cores(), deadline
+        self._scene, self._workers, self._deadline = scene, workers or cores(), Deadline(deadline).seconds
         self._limits = getattr(scene.ceiling, "range", (2.0 * scene.grain.radius, math.inf))
         self._speed = float(getattr(scene.ceiling, "speed", _SPEED))
         self._uncertainty = uncertainty or Uncertainty()
@@ -53,7 +56,10 @@ class DirectSelector:
 
     @cached_property
     def _systems(self) -> list[System]:
-        return systems_of(self._scene, self._damper, self._uncertainty)
+        made = systems_of(self._scene, self._damper, self._uncertainty)
+        # so that no full collection is due at the end of the next selection, before its answer is out
+        gc.collect()
+        return made
 
     def prepare(self) -> None:
         """Make what a margin needs now, so that the first selection with one is as fast as the next."""
@@ -67,40 +73,60 @@ class DirectSelector:
         check_excitation(amplitude, amplitude_std, frequency, margin)
         if margin > 0.0:
             self.prepare()
-        begun = time.monotonic()
+        deadline = Deadline(self._deadline if margin > 0.0 else math.inf)
         damper = response_at(self._damper, self._scene, frequency, _RTOL)
         approaches = FROM_CLOSED
         if height > damper.diameter * (1.0 + 1e-6):
             approaches = travelled(height, self._speed), travelled(height, self._speed, _LATER * damper.period)
+        bare = partial(quick_best, damper, amplitude, limits=self._limits, approaches=approaches)
         try:
-            with Workers(self._workers) as workers:
-                best = quick_best(damper, amplitude, limits=self._limits, approaches=approaches, mapper=workers.map)
+            with without_collection(), Workers(self._workers) as workers:
                 if margin > 0.0:
                     given = Excitation(amplitude, margin * amplitude_std, damper.frequency)
-                    until = begun + _SHARE * self._deadline
-                    found = robust_height(self._systems, given, best, self._limits, workers.map, until)
+                    return self._with_margin(damper, given, bare, workers, deadline)
+                best = bare(mapper=workers.map)
         except NumericalFailure as error:
             raise SelectionError(f"direct: {error}") from error
-        seconds = time.monotonic() - begun
         search = _searched(best)
         disagreed = search.note if best.disagreement > FLAT else ""
-        if not margin > 0.0:
-            return Selection(
-                best.height, best.amplitude, best.efficiency, self.method, best.evaluations, seconds, stages=(search,),
-                note=disagreed,
-            )  # fmt: skip
-        efficiency = 1.0 - found.amplitude / damper.closed_amplitude(amplitude)
-        guaranteed = self._guaranteed(found, seconds)
         return Selection(
-            found.height, found.amplitude, efficiency, self.method, best.evaluations + found.evaluations, seconds,
-            best.efficiency - efficiency, (search, guaranteed), note=guaranteed.note,
+            best.height, best.amplitude, best.efficiency, self.method, best.evaluations, deadline.spent,
+            stages=(search,), note=disagreed,
         )  # fmt: skip
 
-    def _guaranteed(self, found: Robust, seconds: float) -> Stage:
-        rumble = "" if found.regular else "; irregular in the worst of them"
-        late = f"; late: {seconds:.3f} s of {self._deadline:g} s" if seconds > self._deadline else ""
-        held = f"least efficiency {found.least:.3f} in {found.verified} of {found.sampled} sampled systems"
-        return Stage("margin", found.height, found.worst, held + rumble + late)
+    def _with_margin(
+        self, damper: DamperResponse, given: Excitation, bare: Callable[..., Checked], workers: Workers,
+        deadline: Deadline,
+    ) -> Selection:  # fmt: skip
+        """Return the height that is best in the worst case; bare: computes the bare optimum, given a mapper."""
+        try:
+            best: Checked | None = bare(mapper=deadline.limited(workers.map, _BARE))
+        except OutOfTimeError:
+            best = None  # as where many motions are irregular: the margin begins with a first look instead
+        begin = math.nan if best is None else best.height
+        late = partial(deadline.near, _ALL)
+        found = robust_height(self._systems, given, begin, self._limits, workers.map, late)
+        efficiency = 1.0 - found.amplitude / damper.closed_amplitude(given.amplitude)
+        searched = _unfinished(_BARE * self._deadline) if best is None else _searched(best)
+        guaranteed = _guaranteed(found, deadline)
+        return Selection(
+            found.height, found.amplitude, efficiency, self.method,
+            found.evaluations + (best.evaluations if best else 0), deadline.spent,
+            best.efficiency - efficiency if best else math.nan, (searched, guaranteed), note=guaranteed.note,
+            late=deadline.passed(),
+        )  # fmt: skip
+
+
+def _guaranteed(found: Robust, deadline: Deadline) -> Stage:
+    rumble = "" if found.regular else "; irregular in the worst of them"
+    late = f"; late: {deadline.spent:.3f} s of {deadline.seconds:g} s" if deadline.passed() else ""
+    held = f"least efficiency {found.least:.3f} in {found.verified} of {found.sampled} sampled systems"
+    return Stage("margin", found.height, found.worst, held + rumble + late)
+
+
+def _unfinished(seconds: float) -> Stage:
+    text = f"of the bare optimum not ended within {seconds:g} s: the price of the margin is unknown"
+    return Stage("search", math.nan, math.nan, text)
 
 
 def _searched(best: Checked) -> Stage:

@@ -95,9 +95,8 @@ def _make(scene: Scene, folder: Path) -> Path:
     except OSError as error:
         raise MapError(f"{folder}: no map can be kept there: {error.strerror}; name one in ceiling.map") from None
     path = folder / f"{key}.npz"
-    if ratios is None and _is_map_of(
-        path, scene
-    ):  # made before, and lacks amplitudes that cannot be computed: made anew it would again
+    # made before, it lacks amplitudes that cannot be computed; made anew it would again
+    if ratios is None and _is_map_of(path, scene):
         return path
     print(f"no height map fits this system: making one, kept as {path}", file=sys.stderr)
     with working("looking for the largest amplitude that can be simulated"):

@@ -13,8 +13,8 @@ from atpid_common import output
 from atpid_common.arguments import file_path
 from atpid_common.folders import share_folder
 from atpid_control.selection.direct import DirectSelector
-from atpid_control.selection.margin import Uncertainty, with_stiffness
 from atpid_control.selection.pca import PcaSelector
+from atpid_control.selection.uncertain import Uncertainty, with_stiffness
 from atpid_sim.display import working
 from atpid_sim.figure_numbers import metadata_of
 from atpid_sim.maps import DamperResponse, HeightMap, Timing, best_height

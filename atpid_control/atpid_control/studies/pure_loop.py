@@ -78,7 +78,8 @@ def run_loop(
     """
     modelled, moved = model or scene, controlled(scene)
     selecting, identifying = parameters["selector_node"], parameters["identifier_node"]
-    selector = selector_of(selecting.__getitem__, controlled(modelled).controller, modelled, height_map)
+    method = controlled(modelled).controller
+    selector = selector_of(selecting.__getitem__, method, modelled, height_map, lockstep=True)
     controller = controller_of(selecting.__getitem__, modelled, selector)
     identifier = Identifier(identification_settings(identifying.__getitem__))
     watch = RumbleWatch(rumble_settings(identifying.__getitem__))
