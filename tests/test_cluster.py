@@ -64,7 +64,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_map(
             done_when_killed.append(done)
 
     scene = load_scene(SCENE)
-    made = build_map(scene, AMPLITUDES, [0.1], tmp_path / "far.npz", progress, scheduler=address)
+    made = build_map(scene, AMPLITUDES, [0.1], tmp_path / "far.npz", progress, Workers(cluster=address))
     here = build_map(scene, AMPLITUDES, [0.1], tmp_path / "here.npz")
     assert done_when_killed
     assert done_when_killed[0] < len(AMPLITUDES)
@@ -90,6 +90,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch: pytest.Monkey
     monkeypatch.setattr("atpid_sim.simulation.cluster._CONNECT_TIMEOUT", 1.0)
     with pytest.raises(ClusterError, match="no Dask scheduler answers there") as caught:
         build_map(
-            load_scene(SCENE), AMPLITUDES, [0.1], tmp_path / "map.npz", scheduler=f"tcp://127.0.0.1:{free_port()}"
-        )
+            load_scene(SCENE), AMPLITUDES, [0.1], tmp_path / "map.npz",
+            workers=Workers(cluster=f"tcp://127.0.0.1:{free_port()}"),
+        )  # fmt: skip
     assert "\n" not in str(caught.value)

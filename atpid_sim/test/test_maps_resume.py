@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from atpid_sim.maps import Best, DamperResponse, HeightMap, MapError, build_map, cluster
+from atpid_sim.maps import Best, DamperResponse, HeightMap, build, build_map
 from atpid_sim.maps.quick import quick_best
 from atpid_sim.scene import Scene, load_scene
+from atpid_sim.simulation.journal import JournalError
 
 ROOT = Path(__file__).parents[2]
 SCENE = ROOT / "scenes" / "standard.yaml"
@@ -51,7 +52,7 @@ def test_a_killed_map_is_resumed_without_recomputation(
         computed.append(amplitude)
         return original(damper, amplitude, hysteresis)
 
-    monkeypatch.setattr(cluster, "quick_best", counted)
+    monkeypatch.setattr(build, "quick_best", counted)
     seen: list[tuple[int, int]] = []
     made = build_map(scene, [round(0.01 + 0.0005 * k, 9) for k in range(61)], [0.1], out, lambda *at: seen.append(at))
     assert 3 <= kept < 61
@@ -66,10 +67,10 @@ def test_the_journal_of_another_system_is_refused(scene: Scene, tmp_path: Path) 
     out = tmp_path / "map.npz"
     journal = tmp_path / "map.npz.journal"
     journal.write_text(json.dumps({"format": 1, "system": {"beam.mass": 1.0}, "tolerance": 1e-5}) + "\n")
-    with pytest.raises(MapError, match="begun for another system"):
+    with pytest.raises(JournalError, match="begun for another system"):
         build_map(scene, [0.01, 0.02], [0.1], out)
     journal.write_text("not a journal\n")
-    with pytest.raises(MapError, match="is no journal of this command"):
+    with pytest.raises(JournalError, match="is no journal of this command"):
         build_map(scene, [0.01, 0.02], [0.1], out)
 
 
@@ -77,10 +78,10 @@ def test_two_runs_cannot_make_the_same_map(scene: Scene, tmp_path: Path) -> None
     out = tmp_path / "map.npz"
     with (tmp_path / "map.npz.journal").open("a+b") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
-        with pytest.raises(MapError, match="another run is writing it"):
+        with pytest.raises(JournalError, match="another run is writing it"):
             build_map(scene, [0.01, 0.02], [0.1], out)
 
 
 def test_a_map_that_cannot_be_written_is_refused_before_the_work(scene: Scene, tmp_path: Path) -> None:
-    with pytest.raises(MapError, match="cannot be written"):
+    with pytest.raises(JournalError, match="cannot be written"):
         build_map(scene, [0.01, 0.02], [0.1], tmp_path / "none" / "map.npz")

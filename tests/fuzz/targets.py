@@ -32,10 +32,10 @@ from atpid_driver.motor.errors import ProtocolError
 from atpid_driver.motor.protocol import decode, encode, reply_of
 from atpid_driver.standins.control import Control
 from atpid_sim.maps import HeightMap
-from atpid_sim.maps.journal import Journal
 from atpid_sim.scene import SeriesExcitation, load_scene
 from atpid_sim.scene.excitation import Series
 from atpid_sim.scene.series import read_series
+from atpid_sim.simulation.journal import Journal
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 BAG = ROOT / "bags/thesis_4_3_short"
@@ -196,7 +196,7 @@ def _launch_arguments() -> st.SearchStrategy[bytes]:
 def _journal(path: Path) -> None:
     before = path.read_bytes()
     try:
-        made = Journal(path.with_name("map.npz"), {"format": 1})
+        made = Journal(path, {"format": 1})
     except AtpidError:
         assert path.read_bytes() == before, "a file that is no journal was changed"
         raise

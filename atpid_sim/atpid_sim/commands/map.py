@@ -9,7 +9,7 @@ import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, refuse
-from atpid_sim.commands.options import add_workers
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
 from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
@@ -70,9 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if args.header and ratios:
         raise MapError("--header: given with --frequency-ratios; a firmware table holds one frequency; leave one out")
     with counting("height map", len(amplitudes) * len(fractions) * len(ratios or (1.0,)), kept=True) as count:
-        made = build_map(
-            scene, amplitudes, fractions, args.out, lambda done, _: count(done), args.workers, args.cluster, ratios
-        )
+        made = build_map(scene, amplitudes, fractions, args.out, lambda done, _: count(done), workers_of(args), ratios)
     if args.header:
         write_header(made, fractions[0], args.header)
     _print_summary(made, args.out)

@@ -2,29 +2,37 @@
 """Make a map: every point by itself, on all cores, kept in a journal until the map is whole."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from atpid_sim.maps.best import Best
-from atpid_sim.maps.cluster import Computed, on_cluster, on_cores
 from atpid_sim.maps.height_map import FORMAT, FORMAT_OF_RATIOS, Failure, HeightMap, MapError
 from atpid_sim.maps.identity import FREQUENCY, Identity, identity_of
-from atpid_sim.maps.journal import Journal, Point
+from atpid_sim.maps.quick import quick_best
 from atpid_sim.maps.response import DamperResponse
 from atpid_sim.maps.use import LEAST_USE, rests
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
+from atpid_sim.simulation.batch import HERE, Batch, Workers
 from atpid_sim.simulation.integration import rtol_of
+from atpid_sim.simulation.journal import Record, beside
 
 Progress = Callable[[int, int], None]
+#: Where a point lies: mass fraction [-], amplitude [m], and in a map over frequencies the frequency ratio [-].
+Point = tuple[float, ...]
+#: The fields of `Best` at a point; None, with `failure`, where a run fails.
+Values = dict[str, Any]
 #: Runs finer than this gain nothing: best heights are told apart by 0.2 % of the amplitude.
 _FINEST = 1e-5
+#: A map is read between its points, so it stays in one well unless another is better by this share.
+_HYSTERESIS = 0.15
+#: Systems of maps whose responses are kept at most: each takes a few kilobytes.
+_MOST_SYSTEMS = 1000
 
 
 def build_map(
@@ -33,8 +41,7 @@ def build_map(
     mass_fractions: Sequence[float],
     out: str | os.PathLike[str],
     progress: Progress | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    workers: Workers = HERE,
     frequency_ratios: Sequence[float] | None = None,
 ) -> HeightMap:
     """Return the map of a scene's system over support amplitudes [m] and mass fractions [-], both rising.
@@ -43,26 +50,20 @@ def build_map(
     the map is for the scene's frequency. Where the damper is of no use the height is that of the closed one.
 
     It is written to `out`, and a run that was killed goes on where it stopped: points lie in a journal beside that
-    file. `progress(done, total)` is called after each point. `scheduler` is the address of a Dask cluster to
-    use instead of this machine's cores. A point whose runs fail is NaN in the map, with the reason in `failures`.
-    Raises MapError, and NumericalFailure where every point fails.
+    file. `progress(done, total)` is called after each point. A point whose runs fail is NaN in the map, with the reason
+    in `failures`. Raises MapError, JournalError, ClusterError, and NumericalFailure where every point fails.
     """
     wide, heavy = _rising(amplitudes, "amplitudes", 2), _rising(mass_fractions, "mass fractions", 1)
     ratios = None if frequency_ratios is None else _rising(frequency_ratios, "frequency ratios", 2)
     plan = _Plan(scene, wide, heavy, ratios)
-    wanted = plan.points()
+    points = plan.points()
     report = progress or (lambda *_: None)
-    with closing(Journal(Path(out), plan.purpose)) as journal:
-        known = journal.points
-        missing = [point for point in wanted if point not in known]
-        report(len(wanted) - len(missing), len(wanted))
-        for point, values in _computed(plan, missing, workers, scheduler):
-            known[point] = values
-            journal.record(point, values)
-            report(sum(p in known for p in wanted), len(wanted))
-        made = _assemble(plan, known)
-        made.save(out)
-        journal.finish()
+    record: Record[Point, Values] = Record(beside(Path(out)), plan.purpose, tuple, dict, dict)
+    batch = Batch(partial(_computed, plan), points)
+    found = batch.run(workers, lambda done: report(done, len(points)), record)
+    made = _assemble(plan, dict(zip(points, found, strict=True)))
+    made.save(out)
+    record.finish()
     return made
 
 
@@ -71,9 +72,9 @@ class _Plan:
     """The grid of a map, and what it is made for."""
 
     scene: Scene
-    wide: list[float]  # support amplitudes [m]
-    heavy: list[float]  # mass fractions [-]
-    ratios: list[float] | None  # frequencies over the natural one [-]; None: that of the scene
+    wide: tuple[float, ...]  # support amplitudes [m]
+    heavy: tuple[float, ...]  # mass fractions [-]
+    ratios: tuple[float, ...] | None  # frequencies over the natural one [-]; None: that of the scene
 
     def points(self) -> list[Point]:
         """Return (mass fraction, amplitude) of each point, or (mass fraction, amplitude, frequency ratio)."""
@@ -111,38 +112,33 @@ class _Plan:
             raise MapError(f"mass fraction {fraction:g}: {error}") from None
 
 
-def _computed(plan: _Plan, missing: list[Point], workers: int | None, scheduler: str | None) -> Iterator[Computed]:
-    """Yield (point, values): at once where the grain is not lifted, the others as cores or a cluster deliver them."""
-    for (fraction, *ratio), points in _grouped(missing):
-        scene = plan.scene_at(fraction, *ratio or (None,))
-        damper = DamperResponse(scene, plan.tolerance)
-        simulated = []
-        for point in points:
-            if rests(damper, point[1]):
-                yield point, _closed(damper, point[1])
-            else:
-                simulated.append(point[:2])
-        if scheduler is None:
-            answers = on_cores(scene, simulated, plan.tolerance, workers)
-        else:
-            answers = on_cluster(scheduler, scene, simulated, plan.tolerance)
-        for (_, amplitude), values in answers:
-            useless = values["efficiency"] is not None and values["efficiency"] < LEAST_USE
-            yield (fraction, amplitude, *ratio), _closed(damper, amplitude) if useless else values
+def _computed(plan: _Plan, point: Point) -> Values:
+    """Return the values of a point."""
+    fraction, amplitude, *ratio = point
+    return values_at(_damper(plan, fraction, *ratio or (None,)), amplitude)
 
 
-def _grouped(points: list[Point]) -> Iterator[tuple[Point, list[Point]]]:
-    """Yield ((mass fraction,), points), or ((mass fraction, frequency ratio), points): one system and frequency."""
-    groups: dict[Point, list[Point]] = {}
-    for point in points:
-        groups.setdefault((point[0], *point[2:]), []).append(point)
-    yield from groups.items()
+@lru_cache(_MOST_SYSTEMS)
+def _damper(plan: _Plan, fraction: float, ratio: float | None) -> DamperResponse:
+    """Return the response that all amplitudes of a system at a frequency have in common."""
+    return DamperResponse(plan.scene_at(fraction, ratio), plan.tolerance)
 
 
-def _closed(damper: DamperResponse, amplitude: float) -> dict[str, Any]:
-    """Return the values of a point where the damper is of no use: those of the closed one."""
-    best = Best(damper.diameter, damper.closed_amplitude(amplitude), 0.0, reproducible=True, evaluations=0)
-    return asdict(best)
+def values_at(damper: DamperResponse, amplitude: float) -> Values:
+    """Return the values of a point at a support amplitude [m]: of the closed damper where an open one is of no use.
+
+    One amplitude that cannot be simulated, as where the grain is pressed deeper into a wall than its radius, must not
+    cost the others.
+    """
+    closed = Best(damper.diameter, damper.closed_amplitude(amplitude), 0.0, reproducible=True, evaluations=0)
+    if rests(damper, amplitude):
+        return asdict(closed)
+    try:
+        best = quick_best(damper, amplitude, _HYSTERESIS)
+    except NumericalFailure as error:
+        lost = {"height": None, "amplitude": None, "efficiency": None, "reproducible": False, "evaluations": 0}
+        return {**lost, "failure": str(error)}
+    return asdict(closed if best.efficiency < LEAST_USE else best)
 
 
 def map_tolerance(scene: Scene) -> float:
@@ -150,7 +146,7 @@ def map_tolerance(scene: Scene) -> float:
     return max(rtol_of(scene), _FINEST)
 
 
-def _assemble(plan: _Plan, known: dict[Point, dict[str, Any]]) -> HeightMap:
+def _assemble(plan: _Plan, known: dict[Point, Values]) -> HeightMap:
     points = plan.points()
     failures = tuple(Failure(point[0], point[1], known[point]["failure"], *point[2:]) for point in points
                      if "failure" in known[point])  # fmt: skip
@@ -177,8 +173,8 @@ def _assemble(plan: _Plan, known: dict[Point, dict[str, Any]]) -> HeightMap:
     )
 
 
-def _rising(values: Sequence[float], name: str, least: int) -> list[float]:
-    numbers = [float(value) for value in values]
+def _rising(values: Sequence[float], name: str, least: int) -> tuple[float, ...]:
+    numbers = tuple(float(value) for value in values)
     if len(numbers) < least or not np.isfinite(numbers).all() or numbers[0] <= 0.0 or (np.diff(numbers) <= 0.0).any():
         given = ", ".join(f"{value:g}" for value in numbers[:4]) + (", ..." if len(numbers) > 4 else "")
         raise MapError(f"{name}: given {given}; allowed are at least {least} rising numbers above 0")

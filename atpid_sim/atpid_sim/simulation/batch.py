@@ -3,17 +3,15 @@
 
 import os
 import signal
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from typing import Generic, TypeVar
 
-from atpid_sim.scene import Scene
 from atpid_sim.simulation.cluster import on_cluster
 from atpid_sim.simulation.journal import Journal, Record
-from atpid_sim.simulation.simulate import Result, simulate
 
 Job = TypeVar("Job", bound=Hashable)
 Answer = TypeVar("Answer")
@@ -45,7 +43,7 @@ class Batch(Generic[Job, Answer]):
     jobs: Sequence[Job]
     processes: bool = False
 
-    def computed(self, workers: Workers = HERE) -> Iterator[tuple[Job, Answer]]:
+    def computed(self, workers: Workers = HERE) -> Generator[tuple[Job, Answer], None, None]:
         """Yield (job, answer) as they come, in any order; the first error ends the rest and is raised.
 
         Each worker takes the next job when it has done one: long jobs hold up no short ones. Raises ClusterError.
@@ -78,7 +76,8 @@ class Batch(Generic[Job, Answer]):
                             if (key := record.key(job)) in journal.points}  # fmt: skip
                 report(len(done))
                 missing = [job for job in self.jobs if job not in done]
-                for job, answer in Batch(self.work, missing, self.processes).computed(workers):
+                computed = Batch(self.work, missing, self.processes).computed(workers)
+                for job, answer in ends.enter_context(closing(computed)):
                     done[job] = answer
                     if record is not None and journal is not None:
                         journal.record(record.key(job), record.plain(answer))
@@ -96,7 +95,7 @@ def cores() -> int:
 
 def on_all_cores(
     work: Callable[[Job], Answer], jobs: Iterable[Job], workers: int | None = None
-) -> Iterator[tuple[Job, Answer]]:
+) -> Generator[tuple[Job, Answer], None, None]:
     """Yield (job, answer) as they come, in any order; the first error ends the rest and is raised.
 
     The first job runs alone, so that kernels are compiled once and not by every thread.
@@ -111,33 +110,32 @@ def on_all_cores(
 
 def _in_processes(
     work: Callable[[Job], Answer], jobs: Sequence[Job], workers: int | None
-) -> Iterator[tuple[Job, Answer]]:
+) -> Generator[tuple[Job, Answer], None, None]:
     if not jobs:
         return
-    # a fork would copy the locks of threads but not the threads; Ctrl-C ends a process at once, without its traceback
-    context, default = get_context("spawn"), (signal.SIGINT, signal.SIG_DFL)
-    pool = ProcessPoolExecutor(min(workers or cores(), len(jobs)), context, signal.signal, default)
+    # a fork would copy the locks of threads but not the threads
+    pool = ProcessPoolExecutor(min(workers or cores(), len(jobs)), get_context("spawn"), _end_at_once)
+    resource_tracker.ensure_running()  # a process of its own, which would unblock the signal
     yield from _submitted(pool, work, jobs)
 
 
-def _submitted(pool: Executor, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[tuple[Job, Answer]]:
+def _end_at_once() -> None:
+    """Let Ctrl-C end a worker process, without its traceback; until here the signal has waited."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _submitted(
+    pool: Executor, work: Callable[[Job], Answer], jobs: Iterable[Job]
+) -> Generator[tuple[Job, Answer], None, None]:
     try:
-        futures: dict[Future[Answer], Job] = {pool.submit(work, job): job for job in jobs}
+        # a worker that is started here inherits the mask: while it loads, Ctrl-C would print its traceback
+        held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            futures: dict[Future[Answer], Job] = {pool.submit(work, job): job for job in jobs}
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, held)
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def simulate_many(
-    scenes: Sequence[Scene],
-    fidelity: str = "auto",
-    rtol: float | None = None,
-    check: bool = True,
-    progress: Progress | None = None,
-    workers: Workers = HERE,
-) -> list[Result]:
-    """Return the result of each scene, in order; errors as `simulate`. `progress` is called with the number done."""
-    scenes = list(scenes)
-    work = Batch(lambda place: simulate(scenes[place], fidelity, rtol, check=check), range(len(scenes)))
-    return work.run(workers, progress)

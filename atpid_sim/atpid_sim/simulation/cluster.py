@@ -6,7 +6,7 @@ is done by another.
 """
 
 import importlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from typing import Any, TypeVar
 
 from atpid_common.errors import InputError
@@ -21,7 +21,9 @@ class ClusterError(InputError):
     """A cluster that cannot be used; one line."""
 
 
-def on_cluster(address: str, work: Callable[[Job], Answer], jobs: Iterable[Job]) -> Iterator[tuple[Job, Answer]]:
+def on_cluster(
+    address: str, work: Callable[[Job], Answer], jobs: Iterable[Job]
+) -> Generator[tuple[Job, Answer], None, None]:
     """Yield (job, answer of `work`) as the workers of the scheduler at `address` deliver them.
 
     Work, jobs and answers are sent as pickles; functions of the project by name, so that workers need it installed.

@@ -50,8 +50,6 @@ def beside(out: Path) -> Path:
 class Journal:
     """A file whose first line identifies system and settings; an incomplete last line is dropped."""
 
-    error: type[InputError] = JournalError
-
     def __init__(self, path: Path, purpose: Mapping[str, Any]) -> None:
         """Open or begin a journal; raise JournalError where it is another's, in use or cannot be written."""
         self.path = path
@@ -59,43 +57,39 @@ class Journal:
         try:
             self._file = self.path.open("a+b")
         except OSError as error:
-            raise self.error(f"{self.path}: cannot be written: {error.strerror}; choose another --out") from None
+            raise JournalError(f"{self.path}: cannot be written: {error.strerror}; choose another --out") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._resume(dict(purpose))
         except OSError:
             self.close()
             problem = f"{self.path}: another run is writing it"
-            raise self.error(f"{problem}; wait for it or choose another --out") from None
-        except self.error:
+            raise JournalError(f"{problem}; wait for it or choose another --out") from None
+        except JournalError:
             self.close()
             raise
 
     def close(self) -> None:
-        """Close the file, which stays for the next attempt unless `finish` was called."""
+        """Close the file, which stays for the next attempt."""
         self._file.close()
 
     def record(self, point: Point, values: Mapping[str, Any]) -> None:
         """Put one answer on the disk."""
         self._append({"point": list(point), **values})
 
-    def finish(self) -> None:
-        """Remove the journal: what it is for is written."""
-        self.path.unlink(missing_ok=True)
-
     def _resume(self, purpose: dict[str, Any]) -> None:
         self._file.seek(0)
         if os.fstat(self._file.fileno()).st_size > _MOST_BYTES:
-            raise self.error(f"{self.path}: is no journal of this command; remove it or choose another --out")
+            raise JournalError(f"{self.path}: is no journal of this command; remove it or choose another --out")
         whole = self._file.read().rpartition(b"\n")[0]
         lines = whole.splitlines()
         try:
             first, rest = (json.loads(lines[0]), [_point(line) for line in lines[1:]]) if lines else (None, [])
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             problem = f"{self.path}: is no journal of this command"
-            raise self.error(f"{problem}; remove it or choose another --out") from None
+            raise JournalError(f"{problem}; remove it or choose another --out") from None
         if lines and first != json.loads(json.dumps(purpose)):
-            raise self.error(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
+            raise JournalError(f"{self.path}: begun for another system or tolerance; remove it or choose another --out")
         self._file.truncate(len(whole) + 1 if whole else 0)  # only now: until here it may be another's file
         self.points.update(rest)
         if not lines:
@@ -109,7 +103,7 @@ class Journal:
         except OSError as error:
             with suppress(OSError):  # without another attempt to write what is buffered
                 self.close()
-            raise self.error(
+            raise JournalError(
                 f"{self.path}: cannot be written: {error.strerror}; make room and give the same command: it goes on "
                 "from what is in it"
             ) from None
