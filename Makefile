@@ -114,6 +114,10 @@ avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends \
 	    gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev
 
+.PHONY: parquet
+parquet: setup ## install what `export --format parquet` needs, 170 MB (docs/reading.md)
+	@.venv/bin/python -m pip install -q --require-hashes -r requirements/parquet.txt
+
 .PHONY: clean
 clean: ## remove all that set-up and runs made
 	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log ros2_ws/setup.log ros2_ws/.setup.lock out

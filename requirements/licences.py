@@ -18,6 +18,7 @@ NAMES = (
     (r"\bpsf\b|python software foundation|matplotlib", "PSF-2.0"),
     (r"\bmit\b|any-osi", "MIT"),
     (r"zlib", "Zlib"),
+    (r"\bisc\b", "ISC"),
 )
 #: Those whose metadata do not say it, or say it in several ways; from the text of the licence that comes with each.
 STATED = {
@@ -33,7 +34,8 @@ STATED = {
 #: What may be used, changed and distributed with work under the Apache License 2.0; MPL-2.0 asks for the source
 #: of its own files.
 COMPATIBLE = {
-    "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD", "MIT", "MPL-2.0", "PSF-2.0", "Zlib", "any OSI-approved",
+    "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD", "ISC", "MIT", "MPL-2.0", "PSF-2.0", "Zlib",
+    "any OSI-approved",
 }  # fmt: skip
 #: Tools that are run and neither imported by the packages nor distributed with them: what each does here.
 TOOLS = {

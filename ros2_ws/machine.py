@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 WORKSPACE = ROOT / "ros2_ws"
 VENV = ROOT / ".venv"
 
-DISK_NEEDED = 1.24e9  # of the environment and the workspace [bytes]
+DISK_NEEDED = 1.44e9  # of the environment and the workspace [bytes]
 SUPPORTED = ("3.10", "3.11", "3.12", "3.13")
 SEARCH_ORDER = ("python3", "python3.12", "python3.11", "python3.13", "python3.10")
 PYTHON_PROBE = """

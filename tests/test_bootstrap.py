@@ -235,7 +235,7 @@ def test_an_unknown_failure_shows_its_last_lines(capsys: pytest.CaptureFixture[s
 def test_the_first_line_names_what_set_up_needs(steps: Steps, capsys: pytest.CaptureFixture[str]) -> None:
     bootstrap.set_up(None)
     first = capsys.readouterr().out.splitlines()[0]
-    assert first == "set-up: Python 3.12, ROS 2 Jazzy from its wheels (Linux on x86_64 only), 1.2 GB of disk"
+    assert first == "set-up: Python 3.12, ROS 2 Jazzy from its wheels (Linux on x86_64 only), 1.4 GB of disk"
 
 
 def test_a_disk_without_room_is_refused_before_anything_is_made(

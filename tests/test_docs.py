@@ -155,6 +155,7 @@ NOT_RUN = {
     r"make lock$": "resolves against the package index; its results have a test",
     r"make audit$": "asks PyPI; the licences have a test in tests/test_security.py",
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
+    r"make parquet$": "installs a package; .ci/run does it",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",
