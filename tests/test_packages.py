@@ -37,10 +37,12 @@ KEYS = {
 #: Modules without such a key, by what pip calls them.
 PIP_ONLY = {
     "distributed": "distributed",
+    "foxglove": "foxglove-sdk",
     "labjack": "labjack-ljm",
     "mcap": "mcap",
     "nidaqmx": "nidaqmx",
     "plotly": "plotly",
+    "shtab": "shtab",
     "zstandard": "zstandard",
 }
 #: What is needed without an import: by `ros2 launch`, by the messages, by CMake, and by pytest as a plugin.
