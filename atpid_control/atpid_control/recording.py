@@ -21,11 +21,18 @@ from atpid_control.bags.support import write_support
 from atpid_control.bags.verify import repair, verify
 
 FOUND = 1
+#: Arguments of the example in the help.
+EXAMPLE = "verify bags/thesis_4_3_short"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Verify, check or repair a bag, or write the files kept in it or its support's motion; return the exit status."""
-    parser = Parser(prog="python -m atpid_control.recording", description=__doc__)
+    return run_parsed(parser, arguments)
+
+
+def parser() -> Parser:
+    """Return the parser of the command line."""
+    parser = Parser(prog="python -m atpid_control.recording", description=__doc__, example=EXAMPLE)
     add = parser.add_argument
     add("action", choices=("verify", "check", "repair", "extract"))
     add("bag", type=file_path, help="folder of the bag")
@@ -34,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     interval = rising(0.0, math.inf, "FROM:TO, two rising times from 0 on in s")
     add("--support", type=interval, nargs="?", const=(0.0, math.inf), metavar="FROM:TO", help=support)
     parser.set_defaults(run=_run)
-    return run_parsed(lambda: parser, arguments)
+    return parser
 
 
 def _run(given: argparse.Namespace) -> int:

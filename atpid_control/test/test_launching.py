@@ -119,7 +119,7 @@ def test_what_is_left_out_keeps_its_default() -> None:
 @pytest.mark.parametrize(
     ("given", "line"),
     [
-        ("mpa", "bench.launch.py: unknown argument mpa; did you mean map? allowed: scene, map, bag, motor_config"),
+        ("mpa", "bench.launch.py: unknown argument mpa; did you mean map?; allowed: scene, map, bag, motor_config"),
         ("sigterm_timeout", "unknown argument sigterm_timeout; allowed: scene"),
         ("record", "unknown argument record"),
     ],

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line of a package: `python -m PACKAGE COMMAND`.
 
-A command is a module with `add_arguments(parser)` and `run(arguments) -> status`, imported when the command is given:
-the others may need ROS, matplotlib or a compiler. Its errors are `AtpidError`s, reported in one line.
+A command is a module with `add_arguments(parser)`, `run(arguments) -> status` and `EXAMPLE`, its arguments in one
+example. It is imported when the command is given: the others may need ROS, matplotlib or a compiler. Its errors are
+`AtpidError`s, reported in one line.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ import errno
 import importlib
 import io
 import os
+import re
 import select
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NoReturn, TextIO
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from atpid_common.errors import BAD_INPUT, BROKEN_PIPE, INTERRUPTED, AtpidError, one_line
+from atpid_common.suggestion import did_you_mean
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -28,7 +31,7 @@ Commands = Mapping[str, tuple[str, str]]  # Name of each command: (module, what 
 def run_commands(package: str, description: str, commands: Commands, argv: Sequence[str] | None = None) -> int:
     """Run the command named by `argv`, by default the process's arguments; return its exit status."""
     given = list(sys.argv[1:] if argv is None else argv)
-    return run_parsed(lambda: _parser(package, description, commands, given), given)
+    return run_parsed(lambda: _parser(package, description, commands, given[:1]), given)
 
 
 def run_parsed(make: Callable[[], argparse.ArgumentParser], argv: Sequence[str] | None = None) -> int:
@@ -115,9 +118,19 @@ def _is_full(stream: TextIO) -> bool:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, as all others, and which fails where help or errors cannot be written: some
-    versions of argparse drop them, and the status would depend on the version and on PYTHONUNBUFFERED.
+    """A parser whose help ends with an example, whose errors are one line, as all others, with the nearest match of a
+    word that is mistyped, and which fails where help or errors cannot be written: some versions of argparse drop them,
+    and the status would depend on the version and on PYTHONUNBUFFERED.
     """
+
+    def __init__(self, *, example: str = "", **settings: Any) -> None:
+        """Make a parser; `example` holds arguments that it takes, argparse has the `settings`."""
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        self.show_example(example)
+
+    def show_example(self, example: str) -> None:
+        """End the help with the program and the arguments of `example`; without it where that is empty."""
+        self.epilog = f"example:\n  {self.prog} {example}" if example else None
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
         """Print the help."""
@@ -129,15 +142,36 @@ class Parser(argparse.ArgumentParser):
         print(f"error: {problem}; what it takes: {self.prog} --help", file=sys.stderr)
         raise SystemExit(BAD_INPUT)
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse; what is left over is an error of the command it was given to, and not of the program."""
+        parsed, rest = super().parse_known_args(args, namespace)
+        if rest:
+            options = re.findall(r"(?<![\w-])--?[a-z][\w-]*", self.format_usage())
+            hint = did_you_mean(rest[0].partition("=")[0], options) if rest[0].startswith("-") else ""
+            self.error(f"given {' '.join(rest)}, which is no argument of it{hint}")
+        return parsed, rest
 
-def _parser(package: str, description: str, commands: Commands, given: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser, with the arguments of the command given; the other commands' modules stay unloaded."""
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            names = [str(name) for name in action.choices]
+            hint = did_you_mean(str(value), names)
+            raise argparse.ArgumentError(action, f"given {value}{hint}; allowed: {', '.join(names)}")
+
+
+def full_parser(package: str, commands: Commands) -> Parser:
+    """Return the parser with the arguments of all commands, whose modules are loaded: for completion in a shell."""
+    return _parser(package, "", commands, list(commands))
+
+
+def _parser(package: str, description: str, commands: Commands, given: Sequence[str]) -> Parser:
+    """Return the parser, with the arguments of the commands `given`; the other commands' modules stay unloaded."""
     parser = Parser(prog=f"python -m {package}", description=description)
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, (module_name, text) in commands.items():
         command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-        if given and given[0] == name:
+        if name in given:
             module = importlib.import_module(module_name)
             module.add_arguments(command)
+            command.show_example(getattr(module, "EXAMPLE", ""))
             command.set_defaults(run=module.run)
     return parser

@@ -34,6 +34,8 @@ from atpid_sim.scene import ControlledCeiling, Scene, load_scene
 
 #: The tone of the warm-up: rate [Hz], samples a block, blocks.
 _RATE, _BLOCK, _BLOCKS = 1000.0, 50, 60
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/thesis_4_3.yaml --out out/bench"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,9 @@ from atpid_control.beam_calibration.fit import BeamFit, fit_beam
 from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
 from atpid_control.beam_calibration.recording import CalibrationError, read_recording
 
+#: Arguments of the example in the help.
+EXAMPLE = "decay.csv --moving-mass 0.9 --grain-mass 0.08 --out beam.yaml"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

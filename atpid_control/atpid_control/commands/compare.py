@@ -18,6 +18,9 @@ from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.simulation.journal import beside
 
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/thesis_4_3.yaml scenes/stiff_beam.yaml --out out/methods"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

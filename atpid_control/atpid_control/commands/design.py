@@ -15,6 +15,8 @@ from atpid_control.design.problem import DesignError, Problem, Uncertainty, prob
 from atpid_sim.display import counting
 
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
+#: Arguments of the example in the help.
+EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out out/design"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,6 +22,8 @@ from atpid_sim.display import counting
 
 #: How often a run in real time is begun again where the machine was too busy for it.
 _ATTEMPTS = 3
+#: Arguments of the example in the help.
+EXAMPLE = "--part motor --out out/faults"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,6 +7,8 @@ from atpid_control.studies import figures_frequency, figures_identification, fig
 
 #: Each has `add_arguments(parser)` and `run(arguments) -> status`.
 FIGURES = {"frequency": figures_frequency, "identification": figures_identification, "selection": figures_selection}
+#: Arguments of the example in the help.
+EXAMPLE = "selection --out out/figures"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

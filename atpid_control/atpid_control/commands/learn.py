@@ -18,6 +18,8 @@ from atpid_sim.display import counting
 _FEWEST = 32
 #: Name of the model's file.
 _FILE = "heights.npz"
+#: Arguments of the example in the help.
+EXAMPLE = "--systems 1024 --out out/learned"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,8 @@ from atpid_control.studies.off_resonance import compared, systems, table_lines
 from atpid_sim.display import counting
 
 METHODS = ("direct", "pca")
+#: Arguments of the example in the help.
+EXAMPLE = "--systems 5 --seed 1"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -20,6 +20,9 @@ from atpid_control.bench.running import run_realtime, shown
 from atpid_control.graph.domain import MOST, own_domain
 from atpid_control.graph.processes import stoppable
 
+#: Arguments of the example in the help.
+EXAMPLE = "bags/thesis_4_3_short --out out/again"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

@@ -7,6 +7,9 @@ from atpid_common.arguments import file_path
 from atpid_control.report.make import check_folder, report
 from atpid_sim.display import working
 
+#: Arguments of the example in the help.
+EXAMPLE = "bags/thesis_4_3_short --out out/report"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""

@@ -15,6 +15,9 @@ from atpid_control.studies.seeds import SeedRun, configured, run_all
 from atpid_sim.commands.options import add_journal, add_workers, workers_of
 from atpid_sim.display import counting
 
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/thesis_4_3.yaml --seeds 10"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

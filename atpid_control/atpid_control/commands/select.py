@@ -21,6 +21,8 @@ from atpid_sim.simulation.excitation import amplitude_at
 #: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
 #: is taken.
 _AT_THE_END = 0.02
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -27,6 +27,8 @@ _LONGEST = 8760.0
 #: A leg shorter than this shows nothing [h]: 2 s.
 _SHORTEST = 2.0 / 3600.0
 _FAILED = 1
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/thesis_4_3.yaml --hours 1 --out out/soak"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,6 +22,8 @@ from atpid_sim.scene import load_scene
 _LARGEST = 1_000_000_000  # of a map or a parameter file; what reads it has limits of its own [bytes]
 _NI = Part("atpid_driver", "ni_node", "ni.yaml")
 _LOOP = [NODES[name] for name in ("identifier_node", "selector_node", "recorder_node")]
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/stand_realtime.yaml --map map.npz --bag out/run"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -18,6 +18,9 @@ from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import Workers
 
+#: Arguments of the example in the help.
+EXAMPLE = "list"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

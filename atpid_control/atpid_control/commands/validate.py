@@ -20,6 +20,8 @@ from atpid_sim.display import working
 from atpid_sim.simulation.integration import FIDELITIES
 
 SERIES, SCENE, PICTURE, NUMBERS = "support.csv", "scene.yaml", "agreement.png", "agreement.json"
+#: Arguments of the example in the help.
+EXAMPLE = "bags/thesis_4_3_short --out out/agreement"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

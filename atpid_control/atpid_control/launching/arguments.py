@@ -2,7 +2,6 @@
 """The arguments of the launch files, checked before anything is started, and what starts their nodes."""
 
 import atexit
-import difflib
 import math
 import os
 import shutil
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from atpid_common.errors import InputError
+from atpid_common.suggestion import did_you_mean
 
 #: A check: takes the text that was given, returns the text to use.
 Check = Callable[[str], str]
@@ -147,9 +147,8 @@ def check_names(launch_file: str, arguments: Sequence[Argument], names: Sequence
     known, common = ([argument.name for argument in group] for group in (arguments, COMMON))
     for name in names:
         if name not in [*known, *common]:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise LaunchArgumentError(f"{launch_file}: unknown argument {name}; {hint}allowed: {', '.join(known)}")
+            hint = did_you_mean(name, known)
+            raise LaunchArgumentError(f"{launch_file}: unknown argument {name}{hint}; allowed: {', '.join(known)}")
 
 
 #: What starts a node. SIGINT, SIGTERM and SIGHUP are blocked until the node handles them, so that Ctrl-C while Python

@@ -42,6 +42,8 @@ LATER = {
     "selector_node": Rights(subscribe={"/sensors/laser"}),  # while it searches
 }
 _LISTED, _READ = "/list_parameters", "/get_parameters"
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/stand_realtime.yaml --out security/stand.policy.xml"
 
 
 @contextmanager
@@ -104,7 +106,7 @@ def run(given: Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = Parser(prog="python -m atpid_control.nodes.policy", description=__doc__)
+    parser = Parser(prog="python -m atpid_control.nodes.policy", description=__doc__, example=EXAMPLE)
     parser.add_argument("scene", type=file_path, help="a scene of the stand")
     parser.add_argument("--out", type=path_to(".xml"), help="file to write; not given: standard output")
     parser.set_defaults(run=run)

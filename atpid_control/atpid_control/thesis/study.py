@@ -10,6 +10,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from atpid_common.errors import InputError
+from atpid_common.suggestion import did_you_mean
 
 #: Values of the keys that change a scene: number, word or, for a scene file, its name.
 Value = float | str
@@ -91,8 +92,9 @@ def load(name: str) -> Study:
     """Return a study by its name; raise StudyError in one line for an unknown name or a file that does not fit."""
     path = FOLDER / f"{name}.yaml"
     if not path.is_file() or name == NOT_COMPUTED:
-        known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.yaml") if file.stem != NOT_COMPUTED))
-        raise StudyError(f"study {name!r}: there is none; allowed: all, list, {known}")
+        known = ["all", "list", *sorted(file.stem for file in FOLDER.glob("*.yaml") if file.stem != NOT_COMPUTED)]
+        hint = did_you_mean(name, known)
+        raise StudyError(f"study {name!r}: there is none{hint}; allowed: {', '.join(known)}")
     try:
         return Study.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     except ValidationError as error:

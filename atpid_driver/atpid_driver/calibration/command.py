@@ -14,6 +14,9 @@ from atpid_common.arguments import file_path, path_to, real, refuse, whole, word
 from atpid_driver.calibration.fit import Fit, fit, read_readings
 from atpid_driver.calibration.model import Calibration, CalibrationError, save
 
+#: Arguments of the example in the help.
+EXAMPLE = "readings.csv --channel support_displacement --sensor optoNCDT-1420 --serial 17 --out laser.yaml"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

@@ -16,6 +16,8 @@ from atpid_driver.calibration.fit import COLUMNS, LARGEST, read_readings
 from atpid_driver.calibration.model import CalibrationError
 
 BLOCKS_PER_SECOND = 20.0
+#: Arguments of the example in the help.
+EXAMPLE = "readings.csv --position 0.010 --terminal AIN0"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,6 +16,8 @@ from atpid_driver.emulator.fuzz import fuzz
 from atpid_driver.emulator.storm import storm
 
 MOVED = 3  # exit status of fuzz where the motor moved
+#: Arguments of the example in the help.
+EXAMPLE = "run --link out/motor --height 0.3"
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -58,7 +60,7 @@ def _storm(arguments: argparse.Namespace) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status, 3 where the motor moved."""
-    parser = Parser(prog="python -m atpid_driver.emulator", description=__doc__)
+    parser = Parser(prog="python -m atpid_driver.emulator", description=__doc__, example=EXAMPLE)
     commands = parser.add_subparsers(required=True)
     run = commands.add_parser("run", help="serve the emulated board in real time")
     run.add_argument("--link", type=file_path, required=True, help="where its serial port shall appear")

@@ -144,6 +144,10 @@ class Result:
         return sum(self.cores[name] for name in DRIVERS)
 
 
+#: Arguments of the example in the help.
+EXAMPLE = "--seconds 60"
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(

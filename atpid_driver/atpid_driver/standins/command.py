@@ -9,6 +9,9 @@ from atpid_common.arguments import file_path, real, text, whole
 from atpid_driver.standins.build import StandinError, build, environment
 from atpid_driver.standins.control import CHANNELS, Control
 
+#: Arguments of the example in the help.
+EXAMPLE = "--ljm-control out/ljm.bin --ljm-source sine:amplitude=1,frequency=5"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

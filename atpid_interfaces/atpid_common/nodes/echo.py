@@ -18,6 +18,8 @@ from atpid_common.nodes.node_main import command_node
 from atpid_common.waiting import announced
 
 TURN = 0.1  # how soon a signal is noticed [s]
+#: Arguments of the example in the help.
+EXAMPLE = "/excitation --field amplitude"
 
 
 class Echo(Node):
@@ -79,7 +81,7 @@ def echo(topic: str, field: str, once: bool) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = Parser(prog="python -m atpid_common.nodes.echo", description=__doc__)
+    parser = Parser(prog="python -m atpid_common.nodes.echo", description=__doc__, example=EXAMPLE)
     parser.add_argument("topic", type=graph_name, help="name of the topic")
     parser.add_argument("--field", type=text, default="", help="a field of the message, a.b for one inside another")
     parser.add_argument("--once", action="store_true", help="end after the first message")

@@ -87,9 +87,13 @@ def change(name: str, transition: str) -> int:
     return DONE
 
 
+#: Arguments of the example in the help.
+EXAMPLE = "/motor_node configure"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = Parser(prog="python -m atpid_common.nodes.lifecycle", description=__doc__)
+    parser = Parser(prog="python -m atpid_common.nodes.lifecycle", description=__doc__, example=EXAMPLE)
     parser.add_argument("node", type=graph_name, help="name of the lifecycle node, for example /motor_node")
     parser.add_argument("transition", choices=tuple(TRANSITIONS), help="what it shall do")
     parser.set_defaults(run=lambda given: change(given.node, given.transition))

@@ -89,10 +89,13 @@ VERBS: dict[str, tuple[Callable[..., None], tuple[str, ...], str]] = {
     "list": (list_all, (), "print the names of all parameters"),
 }
 
+#: Arguments of the example in the help.
+EXAMPLE = "set /selector_node dead_band 0.02"
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
-    parser = Parser(prog="python -m atpid_common.nodes.param", description=__doc__)
+    parser = Parser(prog="python -m atpid_common.nodes.param", description=__doc__, example=EXAMPLE)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for verb, (act, arguments, text) in VERBS.items():
         command = verbs.add_parser(verb, help=text)

@@ -17,6 +17,8 @@ from atpid_sim.studies.atlas.stability_picture import draw_stability
 range_of = rising(1e-9, 1e3, "A0:A1 with 0 < A0 < A1, at most 1000 m", closed=False)
 #: Amplitudes of the standard bench [m], with 0.01 m in their middle.
 _AMPLITUDES = "0.00125:0.08"
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/standard.yaml --quick --out out/atlas"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

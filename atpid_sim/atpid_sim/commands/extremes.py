@@ -19,6 +19,8 @@ from atpid_sim.simulation.journal import Record, beside
 from atpid_sim.studies.extremes import TOLERANCE, Case, broken, case_of, fidelities_for, run_case
 
 _QUANTILES = (("median", 0.5), ("90 %", 0.9), ("99 %", 0.99))
+#: Arguments of the example in the help.
+EXAMPLE = "--systems 200 --out out/extremes"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

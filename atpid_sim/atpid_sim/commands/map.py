@@ -16,6 +16,9 @@ from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.scene.plausibility import LARGEST_AMPLITUDE, Quantity
 
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/standard.yaml --amplitudes 0.005:0.03:5 --mass-fractions 0.1 --out out/map.npz"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

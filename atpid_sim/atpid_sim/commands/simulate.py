@@ -34,6 +34,8 @@ _DECAY = (
 
 #: Samples of a series at most: 80 MB a column.
 _MOST_SAMPLES = 10_000_000
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/standard.yaml --height 0.15"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,6 +13,8 @@ from atpid_sim.studies.sweep import standard_task, sweep
 
 #: Heights at most: their results fill the memory from there on.
 _MOST_POINTS = 100_000
+#: Arguments of the example in the help.
+EXAMPLE = "--points 500 --fidelity impact"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -24,6 +24,8 @@ _BASELINE_STYLE: dict[str, Any] = {"marker": "s", "linestyle": "--", "linewidth"
 _RING: dict[str, Any] = {"markersize": 13, "fillstyle": "none", "linestyle": "none"}
 #: The two LSODA as the tables name them.
 _NAMES = {"lsoda": "scipy LSODA", "odeint": "odeint"}
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/standard.yaml --out out/tradeoff"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

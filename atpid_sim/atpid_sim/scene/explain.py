@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is wrong with a scene in one line: key, what was given, what is allowed."""
 
-import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
 from pydantic_core import ErrorDetails
 
+from atpid_common.suggestion import did_you_mean
 from atpid_sim.contact.laws import NAMES
 from atpid_sim.fields import Block, variants_of
 from atpid_sim.scene.ceiling import Ceiling
@@ -56,7 +56,7 @@ def _explain(error: ErrorDetails) -> str:
     if kind == "model_type":
         return f"{key}: given {shown(error['input'])}; allowed: a block with the keys {', '.join(_keys(error['loc']))}"
     if kind == "literal_error":
-        similar = _did_you_mean(str(error["input"]), re.findall(r"'([^']*)'", context["expected"]))
+        similar = did_you_mean(str(error["input"]), re.findall(r"'([^']*)'", context["expected"]))
         word = "a bare number, or the word " if error["loc"][-1] == "<word>" else ""
         return f"{key}: given {shown(error['input'])}; allowed: {word}{context['expected']}{similar}"
     allowed = error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
@@ -90,7 +90,7 @@ def decimal_comma(mapping: Any, place: str = "") -> str:
 def _unknown_key(error: ErrorDetails) -> str:
     name = str(error["loc"][-1])
     keys = _keys(error["loc"][:-1])
-    return f"{_key(error['loc'])}: unknown key{_did_you_mean(name, keys)}; allowed: {', '.join(keys)}"
+    return f"{_key(error['loc'])}: unknown key{did_you_mean(name, keys)}; allowed: {', '.join(keys)}"
 
 
 def _unknown_law(key: str, error: ErrorDetails) -> str:
@@ -100,12 +100,7 @@ def _unknown_law(key: str, error: ErrorDetails) -> str:
         return f"{key}: given {shown(given)}; allowed: a block with law, one of {names}"
     if "law" not in given:
         return f"{key}.law: missing; allowed: {names}"
-    return f"{key}.law: given {shown(given['law'])}{_did_you_mean(str(given['law']), NAMES)}; allowed: {names}"
-
-
-def _did_you_mean(given: str, names: Iterable[str]) -> str:
-    close = difflib.get_close_matches(given, list(names), n=1, cutoff=0.5)
-    return f"; did you mean {close[0]}?" if close else ""
+    return f"{key}.law: given {shown(given['law'])}{did_you_mean(str(given['law']), NAMES)}; allowed: {names}"
 
 
 def _key(location: tuple[int | str, ...]) -> str:
