@@ -12,6 +12,7 @@ COMMANDS = {
     "stand": ("atpid_control.commands.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
     "seeds": ("atpid_control.commands.seeds", "run scenes through the loop with many noises, without the node graph"),
     "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),
+    "traces": ("atpid_control.commands.traces", "write a bag as Foxglove and PlotJuggler plot it"),
     "report": ("atpid_control.commands.report", "make the report of a bag: an HTML page and pictures"),
     "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
     "compare": ("atpid_control.commands.compare", "compare the methods with passive dampers on the same scenes"),

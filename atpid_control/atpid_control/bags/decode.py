@@ -67,6 +67,10 @@ class Decoder:
         except Exception as error:  # the generated code raises many types of errors for damaged bytes
             raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
 
+    def definition(self, name: str) -> bytes:
+        """Return the definition of a message type and, after separators, those of all types inside it."""
+        return self._store.generate_msgdef(name, ros_version=2)[0].encode()
+
     def fields(self, name: str) -> dict[str, Any]:
         """Return the fields of a message type, as rosbags describes them, by their names in the message's order."""
         return dict(self._store.fielddefs[name][1])

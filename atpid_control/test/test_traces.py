@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag with its traces for Foxglove and PlotJuggler; each path in the layouts leads to what its panel can show."""
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Channel, Schema
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from atpid_control.bags import Bag, open_bag
+from atpid_control.bags.definitions import message_type
+from atpid_control.bags.read import stamp_of
+from atpid_control.bags.topics import BY_CLOCK, DEFAULT, parse
+from atpid_control.cli import main
+from atpid_control.traces.layout import FOXGLOVE, PLOTJUGGLER, foxglove_layout, plotjuggler_layout
+from atpid_control.traces.records import LOG, MARKERS, NUMBER, TEXT, number
+from atpid_control.traces.tracer import MODES, QUALITIES, STATES, Tracer, closed_gain
+from atpid_sim.scene import load_scene
+from atpid_sim.simulation.excitation import amplitude_at
+from atpid_sim.simulation.integration import undamped_amplitude
+from atpid_sim.system import Array
+
+ROOT = next(folder for folder in Path(__file__).resolve().parents if (folder / "bags").is_dir())
+BAG = ROOT / "bags/thesis_4_3_short"
+#: What a stand records besides, and no bag in lockstep: by the machine's clock.
+BESIDES = {name.name if name.name.startswith("/") else f"/{name.name}": name.type for name in parse(DEFAULT, False)}
+#: Traces of what is by the machine's clock.
+TRACED_BESIDES = {"/traces/supervisor_state": TEXT}
+
+
+class Traced:
+    """A file of traces, read with public libraries and the definitions inside it."""
+
+    def __init__(self, file: Path) -> None:
+        self.store = get_typestore(Stores.EMPTY)
+        self.types: dict[str, str] = {}
+        self.messages: dict[str, list[tuple[int, Any]]] = {}
+        with file.open("rb") as stream:
+            for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+                assert schema is not None
+                self._register(schema, channel)
+                decoded = self.store.deserialize_cdr(message.data, schema.name)
+                self.messages.setdefault(channel.topic, []).append((message.log_time, decoded))
+
+    def _register(self, schema: Schema, channel: Channel) -> None:
+        if channel.topic in self.types:
+            return
+        assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")  # what PlotJuggler's client takes
+        types = get_types_from_msg(schema.data.decode(), schema.name)
+        self.store.register({name: kind for name, kind in types.items() if name not in self.store.fielddefs})
+        self.types[channel.topic] = schema.name
+
+    def series(self, topic: str) -> tuple[Array, Array]:
+        times, values = zip(*((time, message.data) for time, message in self.messages[topic]), strict=True)
+        return np.array(times), np.array(values)
+
+
+@pytest.fixture(scope="module")
+def bag() -> Bag:
+    return open_bag(BAG)
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory: pytest.TempPathFactory) -> Traced:
+    file = tmp_path_factory.mktemp("traces") / "traces.mcap"
+    assert main(["traces", str(BAG), "--out", str(file)]) == 0
+    return Traced(file)
+
+
+# the file
+
+
+def test_every_sample_has_its_number_at_its_time(bag: Bag, traced: Traced) -> None:
+    blocks = list(bag.stream("/sensors/laser"))
+    for place, name in enumerate(blocks[0].channels):
+        times, values = traced.series(f"/traces/{name}")
+        data = np.concatenate([block.data.reshape(-1, len(block.channels))[:, place] for block in blocks])
+        assert np.array_equal(values, data, equal_nan=True)
+        late = 1e9 * blocks[0].skew[place]
+        index = np.arange(len(data))
+        assert np.abs(times - (stamp_of(blocks[0]) + 1e9 * index / blocks[0].rate + late)).max() <= 2.0  # ns, rounded
+
+
+def test_the_messages_of_the_bag_are_in_the_file_unchanged(bag: Bag, traced: Traced) -> None:
+    for topic, kind in bag.types.items():
+        assert traced.types[topic] == kind
+        copied = [message for _, message in traced.messages[topic]]
+        own = [message for _, message in bag.messages(topic)]
+        assert [str(message) for message in copied] == [str(message) for message in own]
+
+
+def test_the_efficiency_is_that_of_the_true_motion(bag: Bag, traced: Traced) -> None:
+    truth = list(bag.stream("/plant/truth"))
+    beam = np.concatenate([block.beam for block in truth])
+    scene = load_scene(ROOT / "bags/thesis_4_3_short.yaml")
+    found = {stamp_of(message): message for _, message in bag.messages("/excitation")}
+    times, values = traced.series("/traces/efficiency")
+    assert len(times) > 50
+    for time, value in zip(times, values, strict=True):
+        last = round(time * 1e-9 * truth[0].rate)
+        window = beam[last - round(found[time].window * truth[0].rate) : last + 1]
+        closed = amplitude_at(scene, time * 1e-9) * closed_gain(scene, scene.frequency_hz)
+        assert value == pytest.approx(1.0 - 0.5 * np.ptp(window) / closed, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["thesis_4_3", "standard"])
+def test_the_closed_damper_is_the_simulated_one(name: str) -> None:
+    scene = load_scene(ROOT / f"scenes/{name}.yaml").with_(
+        excitation={"amplitude": 0.01, "frequency": "resonance"}, duration=60.0
+    )
+    simulated = undamped_amplitude(scene)
+    assert 0.01 * closed_gain(scene, scene.frequency_hz) == pytest.approx(simulated, rel=2e-3)
+
+
+def test_the_damper_stands_as_the_plant_does(bag: Bag, traced: Traced) -> None:
+    truth = list(bag.stream("/plant/truth"))
+    beam, grain, ceiling = (np.concatenate([getattr(b, name) for b in truth]) for name in ("beam", "grain", "ceiling"))
+    shown = [(time, array) for time, array in traced.messages["/traces/damper"] if len(array.markers) == 4]
+    assert len(shown) == pytest.approx(25 * 8, abs=2)  # 25 pictures a second of 8 s
+    for time, array in shown:
+        parts = {marker.ns: marker for marker in array.markers}
+        place = round(time * 1e-9 * truth[0].rate)
+        thick = parts["floor"].scale.z
+        assert {marker.header.frame_id for marker in array.markers} == {"stand"}
+        assert parts["floor"].pose.position.z == pytest.approx(beam[place] - 0.5 * thick)
+        assert parts["ceiling"].pose.position.z == pytest.approx(beam[place] + ceiling[place] + 0.5 * thick)
+        assert parts["grain"].pose.position.z == pytest.approx(grain[place] + 0.5 * parts["grain"].scale.z)
+
+
+def test_a_slower_rate_takes_every_nth_sample(bag: Bag, traced: Traced, tmp_path: Path) -> None:
+    file = tmp_path / "slow.mcap"
+    assert main(["traces", str(BAG), "--out", str(file), "--rate", "170"]) == 0
+    times, values = Traced(file).series("/traces/beam_displacement")
+    all_times, all_values = traced.series("/traces/beam_displacement")
+    every = math.ceil(next(bag.stream("/sensors/laser")).rate / 170.0)
+    assert np.array_equal(times, all_times[::every])
+    assert np.array_equal(values, all_values[::every], equal_nan=True)
+
+
+def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "traces.mcap"
+    file.write_bytes(b"mine")
+    assert main(["traces", str(BAG), "--out", str(file)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert file.read_bytes() == b"mine"
+
+
+def test_a_number_is_what_the_library_writes() -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    record = number("x", 5, -1.5)
+    read: Any = store.deserialize_cdr(record.data, NUMBER)
+    assert read.data == -1.5
+    assert record.data == bytes(store.serialize_cdr(store.types[NUMBER](-1.5), NUMBER))
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "others"),
+    [
+        (MODES, "CeilingState", ()),
+        (QUALITIES, "Excitation", ("SUPPORT", "BEAM")),
+        (STATES, "SupervisorState", ()),
+    ],
+)
+def test_the_words_are_those_of_the_constants(words: tuple[str, ...], kind: str, others: tuple[str, ...]) -> None:
+    name = f"atpid_interfaces/msg/{kind}"
+    constants = get_types_from_msg(message_type(name).definition, name)[name][0]
+    assert dict(enumerate(words)) == {value: word.lower() for word, _, value in constants if word not in others}
+
+
+def test_without_the_plants_truth_the_damper_is_drawn_from_the_laser() -> None:
+    tracer = Tracer()
+    head = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id="x")
+    state = SimpleNamespace(header=head, handshake=False, height=0.2, mode=3)
+    block = SimpleNamespace(
+        header=head, handshake=False, first_index=0, rate=1000.0, skew=np.zeros(2), data=np.array([0.01, -0.02]),
+        channels=["support_displacement", "beam_displacement"],
+    )  # fmt: skip
+    assert [record.type for record in tracer.push("CeilingState", state)] == [TEXT]
+    records = list(tracer.push("SampleBlock", block))
+    assert [record.type for record in records] == [NUMBER, NUMBER, MARKERS]
+    drawn: Any = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(records[-1].data, MARKERS)
+    assert [marker.ns for marker in drawn.markers] == ["support", "floor", "ceiling"]
+
+
+# the layouts
+
+
+def fields_of(store: Any, kind: str) -> dict[str, Any]:
+    return dict(store.fielddefs[kind][1])
+
+
+def leaf(traced: Traced, topic: str, path: str) -> str:
+    """Return the type at the end of a path of fields, none of them an array: a plot of one line over time."""
+    kind = traced.types.get(topic) or BESIDES.get(topic) or TRACED_BESIDES[topic]
+    store = traced.store
+    if kind not in store.fielddefs:
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(message_type(kind).definition, kind))
+    for name in path.split("."):
+        node, inside = fields_of(store, kind)[name]
+        assert node in (Nodetype.BASE, Nodetype.NAME), f"{topic}.{path}: an array"
+        kind = inside[0] if node == Nodetype.BASE else inside
+    return str(kind)
+
+
+def numeric(kind: str) -> bool:
+    return kind.startswith(("int", "uint", "float", "bool"))
+
+
+def panels(kind: str) -> Iterator[dict[str, Any]]:
+    layout = json.loads((ROOT / "docs/foxglove" / FOXGLOVE).read_text())
+    return (config for name, config in layout["configById"].items() if name.partition("!")[0] == kind)
+
+
+def test_the_files_are_those_that_the_command_writes() -> None:
+    assert json.loads((ROOT / "docs/foxglove" / FOXGLOVE).read_text()) == foxglove_layout()
+    assert (ROOT / "docs/foxglove" / PLOTJUGGLER).read_text() == plotjuggler_layout()
+
+
+def test_every_panel_has_its_place_once() -> None:
+    def names(node: Any) -> list[str]:
+        return [node] if isinstance(node, str) else [*names(node["first"]), *names(node["second"])]
+
+    layout = foxglove_layout()
+    assert sorted(names(layout["layout"])) == sorted(layout["configById"])
+
+
+def test_every_foxglove_path_leads_to_what_its_panel_shows(traced: Traced) -> None:
+    plotted = [path["value"] for plot in panels("Plot") for path in plot["paths"]]
+    assert len(plotted) > 10
+    for path in plotted:
+        topic, _, field = path.partition(".")
+        assert numeric(leaf(traced, topic, field)), path
+    for path in (path["value"] for panel in panels("StateTransitions") for path in panel["paths"]):
+        assert leaf(traced, *path.split(".", 1)) == "string"
+    assert [traced.types[topic] for panel in panels("3D") for topic in panel["topics"]] == [MARKERS]
+    assert [traced.types[panel["topicToRender"]] for panel in panels("RosOut")] == [LOG]
+    shown = [BESIDES[panel["topicToRender"]] for panel in panels("DiagnosticSummary")]
+    assert shown == ["diagnostic_msgs/msg/DiagnosticArray"]
+    assert {panel["topicPath"] for panel in panels("RawMessages")} <= traced.types.keys()
+
+
+def test_every_curve_of_plotjuggler_is_a_number_in_the_file(traced: Traced) -> None:
+    root = ElementTree.parse(ROOT / "docs/foxglove" / PLOTJUGGLER).getroot()
+    curves = [str(curve.get("name")) for curve in root.iter("curve")]
+    assert len(curves) > 10
+    for name in curves:
+        topic, _, field = name.rpartition("/")
+        assert traced.types[topic]
+        assert numeric(leaf(traced, topic, field)), name
+    split = next(root.iter("DockSplitter"))
+    assert int(str(split.get("count"))) == len(split) == len(str(split.get("sizes")).split(";"))
+
+
+def test_a_path_into_an_array_or_beside_the_fields_is_found(traced: Traced) -> None:
+    with pytest.raises(AssertionError, match="an array"):
+        leaf(traced, "/sensors/laser", "data")
+    with pytest.raises(KeyError):
+        leaf(traced, "/excitation", "amplitud")
+    assert {kind for kind in BY_CLOCK if kind.startswith("atpid")} <= set(BESIDES.values())
