@@ -44,9 +44,10 @@ class Stand:
             self.executor.spin_once(timeout_sec=0.02)
         return future.result()
 
-    def ask(self, out: Path, amplitudes: list[float], scene: str = SCENE) -> Any:
+    def ask(self, out: Path, amplitudes: list[float], scene: str = SCENE, ratios: tuple[float, ...] = ()) -> Any:
         assert self.client.wait_for_server(timeout_sec=100.0)
         goal = ComputeMap.Goal(scene=scene, amplitudes=amplitudes, mass_fractions=[0.1], out=str(out))
+        goal.frequency_ratios = ratios
         return self.wait(self.client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback)))
 
     def close(self) -> None:
@@ -84,6 +85,37 @@ def test_points_that_are_missing_or_of_no_use_are_no_best_heights(stand: Stand, 
     assert summary_of(useless, "made.npz") == (
         "made.npz: 2 best heights, 2 of them not reproducible, 1 of them without effect (efficiency not above 0)"
     )
+
+
+def test_a_map_over_frequencies_is_made(stand: Stand, tmp_path: Path) -> None:
+    asked = stand.ask(tmp_path / "made.npz", [0.01, 0.012], ratios=(0.55, 1.0))
+    answer = stand.wait(asked.get_result_async())
+    assert answer.result.success, answer.result.message
+    assert all(message.total == 4 for message in stand.feedback)
+    made = HeightMap.load(tmp_path / "made.npz")
+    assert made.frequency_ratios is not None
+    assert made.frequency_ratios.tolist() == [0.55, 1.0]
+    assert made.lookup(0.012, 0.1, 1.0).height == pytest.approx(0.235, abs=0.03)
+    assert made.lookup(0.012, 0.1, 0.55).height == pytest.approx(0.017, abs=1e-6)  # the grain is not lifted
+
+
+@pytest.mark.parametrize(
+    ("ratios", "words"),
+    [
+        ((0.4, 1.0), "frequency ratios: given 0.4; allowed: rising numbers from 0.5 to 2, or none"),
+        ((1.0, float("nan")), "frequency ratios: given nan; allowed: "),
+        ((1.1, 1.0), "frequency ratios: given 1.1, 1; allowed are at least 2 rising numbers"),
+        ((1.0,), "frequency ratios: given 1; allowed are at least 2 rising numbers"),
+    ],
+)
+def test_impossible_frequencies_are_refused_in_one_line(
+    stand: Stand, tmp_path: Path, ratios: tuple[float, ...], words: str
+) -> None:
+    answer = stand.wait(stand.ask(tmp_path / "map.npz", [0.01, 0.02], ratios=ratios).get_result_async())
+    assert answer.status == GoalStatus.STATUS_ABORTED
+    assert words in answer.result.message
+    assert "\n" not in answer.result.message
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -21,7 +21,8 @@ from rclpy.task import Future
 from atpid_common.errors import AtpidError, InputError
 from atpid_control.loop.computation import threaded
 from atpid_control.nodes.search_server import concluded
-from atpid_sim.maps import HeightMap, build_map
+from atpid_sim.maps import HeightMap, MapError, build_map
+from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import load_scene
 
 #: Period of the feedback [s].
@@ -36,7 +37,8 @@ class _MapJob:
     """One map being computed; points computed are in its journal, so a stop costs one point."""
 
     def __init__(self, goal: ComputeMap.Goal, executor: Executor) -> None:
-        self.done, self.total = 0, len(goal.amplitudes) * len(goal.mass_fractions)
+        layers = max(1, len(goal.frequency_ratios))
+        self.done, self.total = 0, len(goal.amplitudes) * len(goal.mass_fractions) * layers
         self.began = time.monotonic()
         self.stop = threading.Event()  # set: it ends after the present point
         self.result = executor.submit(self._make, goal)
@@ -44,9 +46,8 @@ class _MapJob:
     def _make(self, goal: ComputeMap.Goal) -> tuple[bool, str]:
         """Make the map; return whether it was made, and what it holds or why it was not."""
         try:
-            made = build_map(
-                load_scene(goal.scene), list(goal.amplitudes), list(goal.mass_fractions), goal.out, self._on_point
-            )
+            grid, ratios = (list(goal.amplitudes), list(goal.mass_fractions)), _ratios_of(goal)
+            made = build_map(load_scene(goal.scene), *grid, goal.out, self._on_point, frequency_ratios=ratios)
         except (AtpidError, OSError) as error:
             return False, str(error)  # not the error itself, whose traceback would keep a stopped map's threads
         return True, summary_of(made, goal.out)
@@ -114,6 +115,16 @@ class MapServer:
         return ComputeMap.Result(success=success, message=message, out=out, wall_time=wall)
 
 
+def _ratios_of(goal: ComputeMap.Goal) -> list[float] | None:
+    """Return the frequency ratios of a goal [-]; None: it has none. Raises MapError beyond those heights are for."""
+    ratios = list(goal.frequency_ratios)
+    beyond = [ratio for ratio in ratios if not LOWEST_RATIO <= ratio <= HIGHEST_RATIO]
+    if beyond:
+        allowed = f"rising numbers from {LOWEST_RATIO:g} to {HIGHEST_RATIO:g}, or none for the scene's frequency"
+        raise MapError(f"frequency ratios: given {beyond[0]:g}; allowed: {allowed}")
+    return ratios or None
+
+
 def summary_of(made: HeightMap, out: str) -> str:
     """Return how many best heights a map holds, and how many of its points are missing or of no use."""
     computed = made.heights.size - len(made.failures)
@@ -125,7 +136,8 @@ def summary_of(made: HeightMap, out: str) -> str:
     if not made.failures:
         return text
     first = made.failures[0]
-    return (
-        f"{text}; {len(made.failures)} of {made.heights.size} points could not be computed, the first: "
-        f"{first.amplitude:g} m, mass fraction {first.mass_fraction:g}: {first.reason}"
-    )
+    where = f"{first.amplitude:g} m, mass fraction {first.mass_fraction:g}"
+    if made.frequency_ratios is not None:
+        where += f", frequency ratio {first.frequency_ratio:g}"
+    lost = f"{len(made.failures)} of {made.heights.size} points could not be computed"
+    return f"{text}; {lost}, the first: {where}: {first.reason}"
