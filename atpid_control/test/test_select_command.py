@@ -119,6 +119,7 @@ def with_range(tmp_path: Path, high: float) -> str:
     [
         ("lookup", " m is beyond ceiling.range (0.017 to 0.3 m); the loop would send"),
         ("direct", "lies at the end of ceiling.range (0.017 to 0.3 m), in which `direct` selects"),
+        ("pca", "lies at the end of ceiling.range (0.017 to 0.3 m), in which `pca` selects"),
     ],
 )
 def test_a_height_beyond_the_ceiling_s_range_is_a_warning(

@@ -79,8 +79,9 @@ def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
     if nearest != chosen.height:
         return [f"{height} is beyond {allowed}; the loop would send the ceiling to {nearest:g} m"]
     stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
-    if chosen.method == "direct" and stopped:
-        return [f"{height} lies at the end of {allowed}, in which `direct` selects; a greater height may do better"]
+    if chosen.method in ("direct", "pca") and stopped:
+        where = f"in which `{chosen.method}` selects"
+        return [f"{height} lies at the end of {allowed}, {where}; a greater height may do better"]
     return []
 
 

@@ -84,8 +84,7 @@ def robust_height(
     """Return the height whose largest amplitude over the systems is least.
 
     bare: the bare optimum [m], NaN: unknown; limits: of the height [m]; late: whether to end with what has been found
-    so far, asked before every run. Only the expected system is looked at and verified in any case. Raises
-    NumericalFailure.
+    so far, asked before every run. Only the expected system is verified in any case. Raises NumericalFailure.
     """
     search = MarginSearch(systems, excitation, limits, mapper, late)
     search.look(search.bare() if math.isnan(bare) else bare)
@@ -116,14 +115,14 @@ class MarginSearch:
         self.evaluations = 0
 
     def bare(self) -> float:
-        """Return about the bare optimum [m] from a look at the expected system, in any case."""
+        """Return about the bare optimum [m] from a look at the expected system; its lowest height if time is over."""
         damper = self._systems[0].damper.at_frequency(self._given.frequency)
         below = damper.frequency < BELOW_RESONANCE * damper.natural_frequency
         unit, last = damper.ballistic_clearance(self._given.amplitude), LAST_BELOW if below else _LAST
         heights = self._allowed(unit, np.arange(_FIRST, last, _COARSE).tolist())
-        found = self._map(self._opened, heights)
-        self.evaluations += len(heights)
-        return min(zip(found, heights, strict=True))[1]
+        found = list(self._map(self._raised, [(0, [height]) for height in heights]))
+        self.evaluations += sum(map(len, found))
+        return min(((*seen, math.inf)[0], height) for seen, height in zip(found, heights, strict=True))[1]
 
     def look(self, bare: float) -> None:
         """Look at heights up to the bare optimum [m] in the systems that fail first and respond most.
@@ -212,21 +211,17 @@ class MarginSearch:
         damper = one.damper.at_frequency(given.frequency * one.frequency)
         return damper.sufficient(amplitude, self._error), amplitude, one.offset
 
-    def _opened(self, height: float) -> float:
-        """Amplitude [m] in the expected system at a height [m] opened at once from closed."""
-        return self._raised_in(0, [height])[0]
-
     def _raised(self, job: tuple[int, list[float]]) -> list[float]:
-        """As `_raised_in`, of as many of the heights [m] as the time is enough for, the lowest first."""
-        return self._raised_in(*job, late=self._late)
+        """Amplitudes [m] in a system at rising heights [m], as many of them as the time is enough for.
 
-    def _raised_in(self, number: int, heights: list[float], late: Callable[[], bool] = lambda: False) -> list[float]:
-        """Amplitudes [m] at rising heights [m], the first opened from closed, the others raised from the one before."""
+        The first is opened from closed, the others are raised from the one before.
+        """
+        number, heights = job
         damper, amplitude, offset = self._excited(number)
         value, irregular = math.inf, 0
         state, timing, found = damper.closed_state(amplitude), Timing(0.8 * damper.settling(), 8.0), list[float]()
         for height in heights:
-            if late():
+            if self._late():
                 break
             if irregular < _CLIFF:
                 path = ((state.time, max(height + offset, damper.diameter)),)

@@ -68,7 +68,11 @@ class PcaSelector:
     method, simulates = "pca", True
 
     def __init__(self, scene: Scene, gravity: bool = True) -> None:
-        """Take the system of a scene; without gravity all models are computed as if there were none (Fig. 4.43)."""
+        """Take the system of a scene, and the ceiling's range where it is controlled.
+
+        Without gravity all models are computed as if there were none (Fig. 4.43).
+        """
+        self._limits = getattr(scene.ceiling, "range", (0.0, math.inf))
         self._scene = scene if gravity else scene.with_(gravity=0.0)
         self._damper = DamperResponse(self._scene, _RTOL)
         self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
@@ -85,7 +89,7 @@ class PcaSelector:
         used = amplitude - margin * amplitude_std
         if used <= 0.0:
             raise SelectionError(f"amplitude: its error bar ({margin:g} x {amplitude_std:g} m) reaches below 0")
-        run = _Run(response_at(self._damper, self._scene, frequency, _RTOL), used)
+        run = _Run(response_at(self._damper, self._scene, frequency, _RTOL), used, self._limits)
         try:
             best, observed = run.whole()
         except NumericalFailure as error:
@@ -100,12 +104,13 @@ class PcaSelector:
 class _Run:
     """One run of the algorithm, with its stages."""
 
-    def __init__(self, damper: DamperResponse, amplitude: float) -> None:
+    def __init__(self, damper: DamperResponse, amplitude: float, limits: tuple[float, float]) -> None:
         self.damper, self.amplitude = damper, amplitude
         self.stages: list[Stage] = []
         self.evaluations = self._tuned = 0
-        self._lowest = damper.diameter + _LEAST_SHARE * damper.ballistic_clearance(amplitude)
-        self._highest = damper.diameter + damper.ballistic_clearance(amplitude)
+        unit, (low, high) = damper.ballistic_clearance(amplitude), limits
+        self._highest = min(max(damper.diameter + unit, low), high)
+        self._lowest = min(max(damper.diameter + _LEAST_SHARE * unit, low), self._highest)
         settle = damper.settling()
         self._settle, self._window = 0.6 * settle, 6.0
 
