@@ -160,7 +160,7 @@ def test_a_second_map_is_aborted_with_the_reason(stand: Stand, tmp_path: Path) -
 def test_a_defect_is_the_result_s_message_and_the_node_goes_on(
     stand: Stand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def defective(*_: object) -> None:
+    def defective(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a defect")
 
     monkeypatch.setattr("atpid_control.nodes.map_server.build_map", defective)
