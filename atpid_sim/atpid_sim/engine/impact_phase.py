@@ -95,7 +95,8 @@ def stick(y, n, segment, tau, until, system, control, view, out):  # type: ignor
     # a first step is made in any case: whether the wall presses at the instant of impact depends on rounding
     while (pressing >= 0.0 or tau == begin or held) and tau < until and steps_used(n) < control.budget:
         n[at.CONTACT_STEPS] += 1
-        longest = min(stride, until - tau)
+        # held and unobserved, nothing can happen on the way
+        longest = until - tau if held and not view.observing else min(stride, until - tau)
         # the wall surely presses this long: the force's rate of change is known, and that changes by the snap at most
         step = longest if held else max(safe_velocity_step(pressing, -side * jerk, snap, longest), least)
         ahead = until if step >= until - tau else tau + step

@@ -120,9 +120,14 @@ def tolerance_of(integration: Integration) -> float:
     return _ROUNDING if integration.fidelity == "impact" else max(_ROUNDING, _TOLERANCES * integration.rtol)
 
 
+def least_size(conditions: Conditions) -> float:
+    """Return the displacement [m] below which the amplitude of the beam is not the size of a motion."""
+    return max(1e-3 * conditions.amplitude, 1e-12)
+
+
 def size_of(amplitude: float, conditions: Conditions) -> Array:
     """Return the size (4,) of a motion with an amplitude of the beam [m]: displacements and velocities."""
-    size = max(amplitude, 1e-3 * conditions.amplitude, 1e-12)
+    size = max(amplitude, least_size(conditions))
     velocity = 2.0 * math.pi * conditions.frequency * size
     return np.array([size, velocity, size, velocity])
 

@@ -2,52 +2,46 @@
 """The steady motion of a scene without waiting for it: the transient is followed until it contracts, then solved for.
 
 Which motion a system ends in depends on how it got there, so the run is followed from its start, with contacts from a
-table. Once the distance between passages of the section shrinks regularly, the motion it shrinks to is a fixed point of
-the return map of period one or two. Newton's method finds it there at the fidelity asked for, with a derivative from
-the tabulated contacts, which differs from the true one by far less than Newton's steps need. The last of these steps is
-the period that verifies the motion.
+table (`engine.settling_run`). Once the distance between passages of the section shrinks regularly, the motion it
+shrinks to is a fixed point of the return map of period one or two. Newton's method finds it there at the fidelity asked
+for, with a derivative from the tabulated contacts, which differs from the true one by far less than Newton's steps
+need. The last of these steps is the period that verifies the motion.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.engine.columns import END
-from atpid_sim.engine.state import State
+from atpid_sim.engine import columns, drive
+from atpid_sim.engine.settling_run import IN_CONTACT, REGULAR, settle
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, passage
-from atpid_sim.periodic.solve import size_of
+from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap
+from atpid_sim.periodic.solve import least_size, size_of
 from atpid_sim.scene import HarmonicExcitation, Scene
 from atpid_sim.simulation.excitation import amplitude_points, frequency_points
 from atpid_sim.simulation.fidelity import choose, complete_fidelity
-from atpid_sim.simulation.integration import Integration, Observation, drive_table, rtol_of
+from atpid_sim.simulation.integration import Integration, drive_table, rtol_of
 from atpid_sim.system import Array
 
-#: Periods before contraction is looked for, and how many distances in a row have to shrink.
-_SETTLED, _REGULAR = 4, 3
-#: Distance of two passages, relative to the motion's size, below which a fixed point is looked for; factor by which
-#: distances have to shrink at least.
-_NEAR, _SHRINKING = 0.03, 0.98
-#: Distance of successive passages over the one still to go, up to which they belong to one of period one.
-_ALIKE = 2.5
+#: Periods before contraction is looked for; in the last of them the section is chosen.
+_SETTLED = 4
 #: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed.
 _WIDTH, _FOLLOWING = 1e-5, 1e-4
-#: Periods followed in one call.
-_CHUNK = 7
+#: Passages from which the end is extrapolated, and relative size of a part of their moves that depends on the others.
+_MIXED, _DEPENDENT = 5, 1e-6
 #: Step beyond which the derivative is taken again.
 _CURVED = 1e-2
-#: Step from which on the motion is the one of the tabulated contacts.
-_COARSE = 1e-4
-#: Newton's steps at most, and how far they may lead, in the distances that are left to go at the rate of contraction.
-_STEPS, _FARTHEST = 12, 5.0
-#: Share of the tolerance with which the periods of the solution are integrated.
-_SHARE = 0.1
+#: Steps with the derivative taken anew, and at the fidelity asked for, at most; how far they may lead, in the distances
+#: that are left to go at the rate of contraction.
+_COARSE_STEPS, _FINE_STEPS, _FARTHEST = 6, 6, 5.0
+#: Tolerance with which the motion of the tabulated contacts is brought near the one asked for.
+_BETWEEN = 1e-7
+#: Share of the tolerance with which the periods of the solution are integrated, and the finest tolerance.
+_SHARE, _FINEST = 0.1, 1e-12
 _IDENTITY = np.eye(4)
 #: Least multiplier of which a logarithm is taken.
 _LEAST = 1e-12
@@ -98,12 +92,12 @@ class SteadySearch:
 
 @dataclass(frozen=True)
 class _Approach:
-    """A transient that contracts: its last section state, and how far apart its passages are."""
+    """A transient that contracts: its passages of a section, and how far it still has to go."""
 
     once: ReturnMap  # of the run that was followed, over one period
     periods: int
-    section: Array
-    scale: Array
+    passages: Array  # section states (k, 4), `periods` apart
+    scale: Array  # size of the motion (4,)
     time: float
     remaining: float  # distance still to go at the rate of contraction, relative
 
@@ -117,23 +111,17 @@ def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None
     """
     scene.require_prescribed_ceiling()
     choice = choose(scene, fidelity)
-    conditions = _conditions(scene)
-    if conditions is None:
+    still = _still_from(scene)
+    if not isinstance(scene.excitation, HarmonicExcitation) or still >= scene.duration:
         return SteadySearch(SteadyEnding.CHANGING)
+    conditions = Conditions(amplitude_points(scene)[-1][1], scene.frequency_hz, scene.ceiling.heights[-1][1])
     asked = rtol_of(scene) if rtol is None else rtol
-    fine = Integration(scene, choice.fidelity, max(1e-12, _SHARE * asked))
     quick = Integration(scene, "finite" if complete_fidelity(scene) == "soft" else "impact", _FOLLOWING)
-    approach = _follow(scene, quick, conditions)
+    fine = quick.at_level(choice.fidelity, max(_FINEST, _SHARE * asked))
+    approach = _follow(scene, quick, conditions, still)
     if not isinstance(approach, _Approach):
         return SteadySearch(approach)
     return _solve(approach, quick, fine, conditions, choice.model_error + asked)
-
-
-def _conditions(scene: Scene) -> Conditions | None:
-    """Return what does not change any more after the last kink of the scene; None where something does."""
-    if not isinstance(scene.excitation, HarmonicExcitation) or _still_from(scene) >= scene.duration:
-        return None
-    return Conditions(amplitude_points(scene)[-1][1], scene.frequency_hz, scene.ceiling.heights[-1][1])
 
 
 def _still_from(scene: Scene) -> float:
@@ -145,54 +133,85 @@ def _still_from(scene: Scene) -> float:
     return last
 
 
-def _follow(scene: Scene, quick: Integration, conditions: Conditions) -> _Approach | SteadyEnding:
-    """Follow the scene until its passages of a section draw together regularly."""
+def _follow(scene: Scene, quick: Integration, conditions: Conditions, still: float) -> _Approach | SteadyEnding:
+    """Follow the scene until its passages of a section draw together regularly; still: when its last kink is [s]."""
     period = 1.0 / conditions.frequency
-    begin = period * (math.ceil(_still_from(scene) / period) + _SETTLED)
-    if begin >= scene.duration:
+    begin = period * (math.ceil(still / period) + _SETTLED - 1)
+    most = int((scene.duration - begin) / period)
+    if most < 1:
         return SteadyEnding.IRREGULAR
-    state = quick.initial_state()
-    table = drive_table(scene, (begin - period, begin))
-    _advance(quick, state, table[table[:, END] <= begin], Observation((begin - period, begin)))
-    try:
-        phase, section = passage(quick, conditions, state, 0.0)
-    except NumericalFailure:
-        return SteadyEnding.IN_CONTACT
-    once = ReturnMap(quick, conditions, phase)
-    scale = size_of(state.amplitude, conditions)
-    apart_by = {1: [math.inf], 2: [math.inf]}  # distances of passages one and two periods apart
-    followed = _passages(once, section, scale, int((scene.duration - begin) / period) - 1)
-    for count, (section, *distances) in enumerate(followed, 1):
-        for apart, distance in zip(apart_by.values(), distances, strict=True):
-            apart.append(distance)
-        for periods, apart in apart_by.items():
-            if apart[-1] > _NEAR or len(apart) <= _REGULAR + periods:
-                continue
-            rate = max(b / a if a > 0.0 else 0.0 for a, b in pairwise(apart[-_REGULAR - 1 :]))
-            if rate <= _SHRINKING:
-                remaining = apart[-1] / (1.0 - rate)
-                # a motion of period one draws together at every second passage as well, and there more evenly
-                repeats = 1 if apart_by[1][-1] <= _ALIKE * remaining else periods
-                return _Approach(once, repeats, section, scale, begin + (count + 1) * period, remaining)
-    return SteadyEnding.IRREGULAR
+    rows = _rows_until(scene, begin)
+    state, sections = quick.initial_state(), np.empty((most, 4))
+    table = _next_period(rows[-1], period)
+    outcome, ending, passed, amplitude, count, periods, remaining = settle(
+        quick.kernel_inputs, rows, table, state.y, state.n, least_size(conditions), quick.step_limit, sections
+    )
+    if outcome != Outcome.DONE:
+        raise NumericalFailure(Outcome(outcome).sentence)
+    if ending != REGULAR:
+        return SteadyEnding.IN_CONTACT if ending == IN_CONTACT else SteadyEnding.IRREGULAR
+    once = ReturnMap(quick, conditions, float(table[0, columns.PHASE]) / (2.0 * math.pi) % 1.0)
+    passages, time = sections[:count][::-periods][::-1], begin + passed * period
+    return _Approach(once, periods, passages, size_of(amplitude, conditions), time, remaining)
 
 
-def _passages(once: ReturnMap, section: Array, scale: Array, count: int) -> Iterator[tuple[Array, float, float]]:
-    """Yield the next `count` section states (4,) and how far each is from the last and the last but one, relative to
-    the motion's size; ends early where a run fails. A chunk is one call of compiled code.
-    """
-    known = section[None]
-    while count > 0:
-        wanted = min(count, _CHUNK)
-        chunk = np.concatenate([known, once.passages(known[-1], wanted)])
-        one = (np.abs(chunk[1:] - chunk[:-1]) / scale).max(axis=1).tolist()
-        two = (np.abs(chunk[2:] - chunk[:-2]) / scale).max(axis=1).tolist()
-        if len(known) == 1:
-            two = [math.inf, *two][: len(one)]
-        yield from zip(chunk[len(known) :], one[len(known) - 1 :], two, strict=True)
-        if len(chunk) < wanted + len(known):
-            return
-        known, count = chunk[-2:], count - wanted
+def _rows_until(scene: Scene, end: float) -> Array:
+    """Return the drive table of a scene up to `end` [s]."""
+    if scene.frequency_moves:
+        whole = drive_table(scene, (end,))
+        return whole[whole[:, columns.END] <= end]
+    # kinks of the ceiling as points of the amplitude: rows need not be cut
+    times, amplitudes = zip(*amplitude_points(scene), strict=True)
+    edges = sorted({0.0, end, *(t for t in (*times, *(t for t, _ in scene.ceiling.heights)) if t < end)})
+    points = list(zip(edges, np.interp(edges, times, amplitudes).tolist(), strict=True))
+    rows = drive.harmonic_rows(points, scene.frequency_hz, end)
+    drive.enter_ceiling(rows, scene.ceiling.heights)
+    return rows
+
+
+def _next_period(row: Array, period: float) -> Array:
+    """Return the row (1, DRIVE_COLUMNS) of the period [s] after one of constant conditions, from time zero on."""
+    following = row[None].copy()
+    following[0, columns.PHASE] += row[columns.OMEGA] * (row[columns.END] - row[columns.START])
+    following[0, columns.START], following[0, columns.END] = 0.0, period
+    return following
+
+
+class _Newton:
+    """Newton's steps to a fixed point, from where a transient draws together."""
+
+    def __init__(self, approach: _Approach, known: float) -> None:
+        """Begin; known: relative error that steps do not remove."""
+        self.left, self.slope = math.inf, _IDENTITY
+        self._inverse: NDArray[np.floating[Any]] = _IDENTITY
+        self._start, self._scale = approach.passages[-1], approach.scale
+        self._farthest = _FARTHEST * approach.remaining + known
+        ahead = _extrapolated(approach.passages, approach.scale)
+        self.section = self._start if self._too_far(ahead) else ahead
+
+    def derive(self, slope: Array) -> None:
+        """Take another derivative of the return map (4, 4)."""
+        self.slope, self._inverse = slope, np.linalg.inv(_IDENTITY - slope)
+
+    def step(self, after: Array) -> None:
+        """Step from the section state (4,) to which `after` is the next passage; raises NumericalFailure if too far."""
+        step = np.asarray(self._inverse @ (after - self.section), dtype=float)
+        self.left = _size(step, self._scale)
+        self.section = self.section + step
+        if self._too_far(self.section):
+            raise NumericalFailure("no fixed point near the transient")
+
+    def _too_far(self, section: Array) -> bool:
+        return not _size(section - self._start, self._scale) <= self._farthest
+
+
+def _extrapolated(passages: Array, scale: Array) -> Array:
+    """Return the section state (4,) to which passages (k, 4) of a linear map would draw together: Anderson's mixing."""
+    recent = passages[-_MIXED:] / scale
+    moves = recent[1:] - recent[:-1]
+    weights = np.linalg.lstsq((moves[1:] - moves[:-1]).T, moves[-1], rcond=_DEPENDENT)[0]
+    end: Array = (recent[-1] - weights @ moves[1:]) * scale
+    return end
 
 
 def _size(step: Array, scale: Array) -> float:
@@ -207,28 +226,23 @@ def _solve(
     coarse = approach.once
     if approach.periods > 1:
         coarse = ReturnMap(quick, conditions, approach.once.phase, approach.periods)
-    exact = coarse.by(fine)
-    scale, section, left = approach.scale, approach.section, math.inf
-    slope: Array | None = None
-    inverse: NDArray[np.floating[Any]] = _IDENTITY
+    exact, newton = coarse.by(fine), _Newton(approach, known)
     try:
-        for count in range(_STEPS):
-            # first the motion of the tabulated contacts, next to the one that is asked for
-            near, orbit, after = count >= _STEPS // 2 or left <= _COARSE, None, None
-            if slope is None or left > _CURVED:  # the derivative where the last step has led
-                after, slope = coarse.forward_differences(section, _WIDTH * scale)
-                inverse = np.linalg.inv(_IDENTITY - slope)
-            if near:
-                after, orbit = exact.passed(section)
-            elif after is None:
-                after = coarse(section)
-            step = inverse @ (after - section)
-            left = _size(step, scale)
-            if orbit is not None and left <= known:
-                return _described(approach, fine, orbit, section, slope, left + known)
-            section = section + step
-            if _size(section - approach.section, scale) > _FARTHEST * approach.remaining + known:
+        for _ in range(_COARSE_STEPS):  # first the motion of the tabulated contacts, next to the one asked for
+            after, slope = coarse.forward_differences(newton.section, _WIDTH * approach.scale)
+            newton.derive(slope)
+            newton.step(after)
+            if newton.left <= _CURVED:
                 break
+        if fine.rtol < _BETWEEN:
+            newton.step(coarse.by(fine.at_level(fine.fidelity, _BETWEEN))(newton.section))
+        newton.step(exact(newton.section))
+        for _ in range(_FINE_STEPS):
+            section = newton.section
+            after, orbit = exact.passed(section)
+            newton.step(after)
+            if newton.left <= known:
+                return _described(approach, fine, orbit, section, newton.slope, newton.left + known)
     except (NumericalFailure, np.linalg.LinAlgError):
         pass
     return SteadySearch(SteadyEnding.NOT_CONVERGED)
@@ -246,9 +260,3 @@ def _described(
         orbit.impacts, fine.fidelity,
     )  # fmt: skip
     return SteadySearch(SteadyEnding.FOUND, found)
-
-
-def _advance(integration: Integration, state: State, table: Array, observation: Observation) -> None:
-    outcome = integration.advance(state, table, observation)
-    if outcome != Outcome.DONE:
-        raise NumericalFailure(outcome.sentence)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
+from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -112,22 +113,11 @@ class Integration:
         the scene at time zero. Raises ValueError for an unknown fidelity, a tolerance out
         of range, or fidelity soft and a law without a force.
         """
-        if fidelity not in FIDELITIES:
-            raise ValueError(f"fidelity {fidelity!r}: allowed are {', '.join(FIDELITIES)}")
-        self.rtol = rtol_of(scene) if rtol is None else float(rtol)
-        if not 0.0 < self.rtol <= LOOSEST:
-            raise ValueError(f"rtol: given {self.rtol:g}; allowed: above 0 and at most {LOOSEST:g}")
-        self.scene, self.fidelity = scene, fidelity
+        self.scene = scene
         self.system: System = system_of(scene)
         self.contact: Contact = contact_of(scene)
-        if fidelity in ("finite", "soft") and self.contact.law == IMPACT:
-            raise ValueError(
-                f"fidelity {fidelity}: the contact law impact has no force to integrate; "
-                "use fidelity impact, or another law"
-            )
+        self._set_level(fidelity, rtol_of(scene) if rtol is None else float(rtol))
         self._table, self._start = table, start
-        self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else NO_TABLE
-        self._fidelity = int(Fidelity[fidelity.upper()])
         self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
         tones = (
             frequency_at(scene, 0.0),
@@ -136,6 +126,26 @@ class Integration:
         )
         #: Highest frequency of beam and drive [Hz].
         self._fastest = max([scene.natural_frequency_hz, *(tone for tone in tones if math.isfinite(tone))])
+
+    def _set_level(self, fidelity: str, rtol: float) -> None:
+        if fidelity not in FIDELITIES:
+            raise ValueError(f"fidelity {fidelity!r}: allowed are {', '.join(FIDELITIES)}")
+        if not 0.0 < rtol <= LOOSEST:
+            raise ValueError(f"rtol: given {rtol:g}; allowed: above 0 and at most {LOOSEST:g}")
+        if fidelity in ("finite", "soft") and self.contact.law == IMPACT:
+            raise ValueError(
+                f"fidelity {fidelity}: the contact law impact has no force to integrate; "
+                "use fidelity impact, or another law"
+            )
+        self.fidelity, self.rtol = fidelity, rtol
+        self._fidelity = int(Fidelity[fidelity.upper()])
+        self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else NO_TABLE
+
+    def at_level(self, fidelity: str, rtol: float) -> Integration:
+        """Return the same integration at another fidelity level and relative tolerance; raises as the constructor."""
+        other = copy(self)
+        other._set_level(fidelity, rtol)
+        return other
 
     @cached_property
     def table(self) -> Array:
