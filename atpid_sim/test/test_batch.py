@@ -2,6 +2,7 @@
 """Many runs on all cores give what one after the other gives."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -132,3 +133,23 @@ def test_ctrl_c_ends_a_command_in_one_line(tmp_path: Path, command: str, file: s
     line = r"interrupted: \d+ of \d+ done; the same command goes on from them, kept in .*\n"
     assert re.fullmatch(line, printed.splitlines(keepends=True)[-1])
     assert "Traceback" not in printed
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_processes_that_are_still_loading_without_a_traceback() -> None:
+    program = (
+        "import time; from atpid_common.cli import guarded; from atpid_sim.simulation.batch import Batch, Workers\n"
+        "raise SystemExit(guarded(lambda: len(Batch(time.sleep, (600.0, 601.0), processes=True).run(Workers(2)))))"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        start_new_session=True,
+    ) as process:  # fmt: skip
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        while process.poll() is None and len(children.read_text().split()) < 3:  # two workers and their tracker
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.001)
+        os.killpg(process.pid, signal.SIGINT)
+        printed, _ = process.communicate()
+    assert printed == "interrupted: 0 of 2 done\n"
+    assert process.returncode == 130

@@ -16,6 +16,7 @@ from atpid_sim.engine import columns, drive
 from atpid_sim.engine import contact_table as table
 from atpid_sim.engine import scaled_contact as scaled
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
+from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import on_all_cores
 from atpid_sim.simulation.contact_tables import table_of
@@ -126,6 +127,7 @@ def test_a_series_does_not_change_a_run() -> None:
 def test_auto_takes_the_cheapest_level_that_meets_the_tolerance() -> None:
     levels = [choose(STANDARD.with_(tolerance=tolerance)).fidelity for tolerance in (1e-2, 1e-3, 1e-4, 1e-6)]
     assert levels == ["impact", "finite", "finite", "soft"]
+    assert Plant(STANDARD.with_(height=0.2, tolerance=1e-4)).integration.fidelity == "finite"
     stiff, rubber = (
         STANDARD.with_(contact={"law": "tsuji", "young_modulus": modulus, "poisson_ratio": 0.2, "damping_ratio": 1.0})
         for modulus in (2.1e8, 2.1e6)

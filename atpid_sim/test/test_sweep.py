@@ -112,6 +112,16 @@ def test_a_sweep_has_what_each_height_has_alone(fidelity: str) -> None:
     assert (done.integration_s > 0.0).all()
 
 
+@pytest.mark.parametrize(("rtol", "level"), [("1e-2", "impact"), ("1e-4", "finite"), ("1e-6", "soft")])
+def test_a_sweep_takes_the_cheapest_level_and_prints_it(
+    rtol: str, level: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sweep", "--points", "4", "--rtol", rtol]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["fidelity"] == level
+    assert result["model_error"] <= float(rtol)
+
+
 def test_a_height_that_cannot_be_simulated_ends_the_sweep() -> None:
     deep = STANDARD.with_(contact={"law": "hertz", "young_modulus": 2e4, "poisson_ratio": 0.2}, tolerance=1e-3)
     with pytest.raises(NumericalFailure, match=r"deeper into a wall than its radius.* \(at \d"):

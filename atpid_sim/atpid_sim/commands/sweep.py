@@ -8,6 +8,7 @@ from atpid_common.arguments import real, whole
 from atpid_sim.commands.options import add_journal, add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import cores
+from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import FIDELITIES
 from atpid_sim.studies.sweep import standard_task, sweep
 
@@ -26,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rtol", type=real(1e-13, 0.1), default=1e-6, metavar="R", help="relative tolerance; default 1e-6"
     )
-    parser.add_argument("--fidelity", default="soft", choices=FIDELITIES, help="fidelity level; default soft")
+    levels = "fidelity level; default: the cheapest whose model error is at most --rtol"
+    parser.add_argument("--fidelity", default="auto", choices=("auto", *FIDELITIES), help=levels)
     add_workers(parser)
     add_journal(parser)
 
@@ -34,13 +36,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the sweep and print one JSON object; return 0. Raises NumericalFailure."""
     task, workers = standard_task(0.01, 0.1, 0.2), workers_of(args)
+    choice = choose(task.with_(tolerance=args.rtol), args.fidelity)
     with counting("heights", args.points) as count:
-        done = sweep(task, 0.02, 0.4, args.points, args.rtol, args.fidelity, count, workers, args.journal)
+        done = sweep(task, 0.02, 0.4, args.points, args.rtol, choice.fidelity, count, workers, args.journal)
     best = int(done.amplitudes.argmin())
     result = {
         "points": args.points,
         "cores": cores(),
-        "fidelity": args.fidelity,
+        "fidelity": choice.fidelity,
+        "model_error": choice.model_error,
         "wall_s": done.wall_s,
         "simulations_per_second": done.computed / done.wall_s,
         "integration_ms": 1e3 * float(done.integration_s.mean()),

@@ -3,9 +3,10 @@
 
 import os
 import signal
-from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
+import threading
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from typing import Generic, TypeVar
@@ -125,16 +126,32 @@ def _end_at_once() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
+@contextmanager
+def _interrupt_held() -> Iterator[None]:
+    """Hold Ctrl-C until the block has ended; a process that is started in it begins with the signal blocked.
+
+    A worker that is still loading, or has not got what it needs for that, would print a traceback.
+    """
+    came: list[int] = []
+    main = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number)) if main else None
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if main:
+            signal.signal(signal.SIGINT, handler)
+    if came:
+        signal.raise_signal(signal.SIGINT)
+
+
 def _submitted(
     pool: Executor, work: Callable[[Job], Answer], jobs: Iterable[Job]
 ) -> Generator[tuple[Job, Answer], None, None]:
     try:
-        # a worker that is started here inherits the mask: while it loads, Ctrl-C would print its traceback
-        held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with _interrupt_held():
             futures: dict[Future[Answer], Job] = {pool.submit(work, job): job for job in jobs}
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, held)
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
