@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 
 from atpid_control.thesis.run import finished
+from atpid_sim.cli import main
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.cluster import ClusterError
+from atpid_sim.studies.sweep import standard_task, sweep
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENE = ROOT / "scenes/standard.yaml"
@@ -70,6 +72,33 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_map(
     assert done_when_killed[0] < len(AMPLITUDES)
     np.testing.assert_array_equal(made.heights, here.heights)
     assert workers[0].wait() != 0
+
+
+@pytest.mark.slow
+def test_commands_on_a_cluster_that_loses_a_worker_give_what_this_machine_gives(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
+) -> None:
+    address, workers = cluster
+
+    def lose_one(done: int) -> None:
+        if done and workers[0].poll() is None:
+            workers[0].kill()
+            workers[0].wait()
+
+    task = standard_task(0.01, 0.1, 0.2)
+    far = sweep(task, 0.02, 0.4, 160, 1e-4, "finite", lose_one, Workers(cluster=address))
+    here = sweep(task, 0.02, 0.4, 160, 1e-4, "finite")
+    assert workers[0].returncode is not None
+    np.testing.assert_array_equal(far.amplitudes, here.amplitudes)
+    for command, result in (("extremes --systems 10", "extremes.json"), ("atlas --quick", "atlas.csv")):
+        for name, options in (("here", []), ("far", ["--cluster", address])):
+            assert main([*command.split(), "--out", str(tmp_path / name), *options]) == 0
+        found = [_without_times((tmp_path / name / result).read_text()) for name in ("here", "far")]
+        assert found[0] == found[1]
+
+
+def _without_times(text: str) -> list[str]:
+    return [line for line in text.splitlines() if "_s" not in line]
 
 
 @pytest.mark.slow

@@ -140,8 +140,8 @@ def settle(run, rows, table, y, n, least_size, budget, sections):  # type: ignor
     passed, amplitude, begin = 0.0, 0.0, np.empty((1, 4))
     while outcome == 0:
         share, amplitude = _to_section(run, table, y, n, budget)
-        if share < 0.0:
-            return outcome, IN_CONTACT, passed, amplitude, 0, 1, math.inf
+        if share < 0.0:  # where it has flown before, the motion is irregular
+            return outcome, IRREGULAR if passed > 0.0 else IN_CONTACT, passed, amplitude, 0, 1, math.inf
         passed += 1.0 + share
         begin[0] = y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY]
         size, pace = max(amplitude, least_size), table[0, at.OMEGA]

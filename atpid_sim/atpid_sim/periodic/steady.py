@@ -37,7 +37,7 @@ _MIXED, _DEPENDENT = 5, 1e-6
 _CURVED = 1e-2
 #: Steps with the derivative taken anew, and at the fidelity asked for, at most; how far they may lead, in the distances
 #: that are left to go at the rate of contraction.
-_COARSE_STEPS, _FINE_STEPS, _FARTHEST = 6, 6, 5.0
+_COARSE_STEPS, _FINE_STEPS, _FARTHEST = 6, 8, 5.0
 #: Tolerance with which the motion of the tabulated contacts is brought near the one asked for.
 _BETWEEN = 1e-7
 #: Share of the tolerance with which the periods of the solution are integrated, and the finest tolerance.
@@ -178,31 +178,46 @@ def _next_period(row: Array, period: float) -> Array:
 
 
 class _Newton:
-    """Newton's steps to a fixed point, from where a transient draws together."""
+    """Newton's steps to a fixed point near where a transient draws together, from a section state (4,)."""
 
-    def __init__(self, approach: _Approach, known: float) -> None:
+    def __init__(self, approach: _Approach, known: float, section: Array) -> None:
         """Begin; known: relative error that steps do not remove."""
-        self.left, self.slope = math.inf, _IDENTITY
+        self.section, self.left, self.slope = section, math.inf, _IDENTITY
         self._inverse: NDArray[np.floating[Any]] = _IDENTITY
-        self._start, self._scale = approach.passages[-1], approach.scale
+        self._last, self._scale, self._known = approach.passages[-1], approach.scale, known
         self._farthest = _FARTHEST * approach.remaining + known
-        ahead = _extrapolated(approach.passages, approach.scale)
-        self.section = self._start if self._too_far(ahead) else ahead
+        self._before: tuple[Array, Array] | None = None  # last section state and what is missing to its image
 
     def derive(self, slope: Array) -> None:
         """Take another derivative of the return map (4, 4)."""
         self.slope, self._inverse = slope, np.linalg.inv(_IDENTITY - slope)
 
-    def step(self, after: Array) -> None:
-        """Step from the section state (4,) to which `after` is the next passage; raises NumericalFailure if too far."""
-        step = np.asarray(self._inverse @ (after - self.section), dtype=float)
-        self.left = _size(step, self._scale)
-        self.section = self.section + step
-        if self._too_far(self.section):
+    def step(self, after: Array, alike: bool = False) -> None:
+        """Step from the section state (4,) to which `after` is the next passage; raises NumericalFailure if too far.
+
+        alike: whether the last step was by the same map, so that it improves the derivative.
+        """
+        missing = after - self.section
+        step = np.asarray(self._inverse @ missing, dtype=float)
+        if alike and self._before is not None and _size(step, self._scale) > self._known:
+            self._improve(self.section - self._before[0], self._before[1] - missing)
+            step = np.asarray(self._inverse @ missing, dtype=float)
+        self._before = self.section, missing
+        self.left, self.section = _size(step, self._scale), self.section + step
+        if not _size(self.section - self._last, self._scale) <= self._farthest:
             raise NumericalFailure("no fixed point near the transient")
 
-    def _too_far(self, section: Array) -> bool:
-        return not _size(section - self._start, self._scale) <= self._farthest
+    def _improve(self, moved: Array, closed: Array) -> None:
+        """Broyden's update: a move (4,) has closed so much (4,) of what was missing."""
+        row = (moved / self._scale**2) @ self._inverse
+        share = float(row @ closed)
+        if share != 0.0:
+            self._inverse = self._inverse + np.outer(moved - self._inverse @ closed, row) / share
+
+
+def _size(step: Array, scale: Array) -> float:
+    """Return the largest part of a step (4,), relative to the motion's size."""
+    return float(max(map(abs, (step / scale).tolist())))
 
 
 def _extrapolated(passages: Array, scale: Array) -> Array:
@@ -214,11 +229,6 @@ def _extrapolated(passages: Array, scale: Array) -> Array:
     return end
 
 
-def _size(step: Array, scale: Array) -> float:
-    """Return the largest part of a step (4,), relative to the motion's size."""
-    return float(max(map(abs, (step / scale).tolist())))
-
-
 def _solve(
     approach: _Approach, quick: Integration, fine: Integration, conditions: Conditions, known: float
 ) -> SteadySearch:
@@ -226,37 +236,50 @@ def _solve(
     coarse = approach.once
     if approach.periods > 1:
         coarse = ReturnMap(quick, conditions, approach.once.phase, approach.periods)
-    exact, newton = coarse.by(fine), _Newton(approach, known)
-    try:
-        for _ in range(_COARSE_STEPS):  # first the motion of the tabulated contacts, next to the one asked for
-            after, slope = coarse.forward_differences(newton.section, _WIDTH * approach.scale)
-            newton.derive(slope)
-            newton.step(after)
-            if newton.left <= _CURVED:
-                break
-        if fine.rtol < _BETWEEN:
-            newton.step(coarse.by(fine.at_level(fine.fidelity, _BETWEEN))(newton.section))
-        newton.step(exact(newton.section))
-        for _ in range(_FINE_STEPS):
-            section = newton.section
-            after, orbit = exact.passed(section)
-            newton.step(after)
-            if newton.left <= known:
-                return _described(approach, fine, orbit, section, newton.slope, newton.left + known)
-    except (NumericalFailure, np.linalg.LinAlgError):
-        pass
+    for start in (_extrapolated(approach.passages, approach.scale), approach.passages[-1]):
+        try:
+            found = _solved_from(start, approach, coarse, fine, known)
+        except (NumericalFailure, np.linalg.LinAlgError):
+            continue
+        if found is not None:
+            return SteadySearch(SteadyEnding.FOUND, found)
     return SteadySearch(SteadyEnding.NOT_CONVERGED)
+
+
+def _solved_from(
+    start: Array, approach: _Approach, coarse: ReturnMap, fine: Integration, known: float
+) -> SteadyState | None:
+    """Return the stable motion to which Newton's steps from a section state (4,) lead; None where there is none.
+
+    Raises NumericalFailure, LinAlgError.
+    """
+    exact, newton = coarse.by(fine), _Newton(approach, known, start)
+    for _ in range(_COARSE_STEPS):  # first the motion of the tabulated contacts, next to the one asked for
+        after, slope = coarse.forward_differences(newton.section, _WIDTH * approach.scale)
+        newton.derive(slope)
+        newton.step(after)
+        if newton.left <= _CURVED:
+            break
+    if fine.rtol < _BETWEEN:
+        newton.step(coarse.by(fine.at_level(fine.fidelity, _BETWEEN))(newton.section))
+    newton.step(exact(newton.section))
+    for _ in range(_FINE_STEPS):
+        section = newton.section
+        after, orbit = exact.passed(section)
+        newton.step(after, alike=True)
+        if newton.left <= known:
+            return _described(approach, fine, orbit, section, newton.slope, newton.left + known)
+    return None
 
 
 def _described(
     approach: _Approach, fine: Integration, orbit: Orbit, section: Array, slope: Array, error: float
-) -> SteadySearch:
+) -> SteadyState | None:
     multipliers = np.linalg.eigvals(slope).astype(complex)
     multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
     if abs(multipliers[0]) >= 1.0:
-        return SteadySearch(SteadyEnding.NOT_CONVERGED)
-    found = SteadyState(
+        return None
+    return SteadyState(
         orbit.amplitude, error, approach.periods, multipliers, approach.time, section, approach.once.phase,
         orbit.impacts, fine.fidelity,
     )  # fmt: skip
-    return SteadySearch(SteadyEnding.FOUND, found)
