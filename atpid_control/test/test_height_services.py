@@ -23,6 +23,8 @@ from atpid_control.loop.computation import threaded
 from atpid_control.nodes.height_services import HeightServices
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.selection.checks import Resonance
+from atpid_control.selection.direct import DirectSelector
+from atpid_control.selection.registry import anywhere
 from atpid_sim.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +45,7 @@ class Stand:
         self.client = Node("client", context=self.context)
         self.latest: Estimate | None = None
         self.worker = threaded("requested-selection")
-        HeightServices(self.node, self.worker, make, "lookup", self.situation)
+        HeightServices(self.node, self.worker, make, "lookup", self.situation, SCENE)
         for node in (self.node, self.client):
             self.executor.add_node(node)
 
@@ -91,10 +93,19 @@ def test_each_method_answers_what_it_would_choose(stand: Stand) -> None:
         assert answer.price == 0.0
 
 
-def test_the_price_of_a_margin_is_nan_where_the_method_does_not_know_it(stand: Stand) -> None:
-    given = {"amplitude": 0.03, "amplitude_std": 1e-4, "margin": 3.0}
-    assert math.isnan(stand.ask("lookup", **given).price)
-    assert 0.0 < stand.ask("direct", **given).price < 0.2
+def unhurried(method: str) -> HeightSelector:
+    return anywhere(DirectSelector(SCENE, deadline=math.inf), SCENE) if method == "direct" else MAKE(method)
+
+
+def test_the_price_of_a_margin_is_nan_where_the_method_does_not_compute_it() -> None:
+    stand, given = Stand(unhurried), {"amplitude": 0.03, "amplitude_std": 1e-4, "margin": 3.0}
+    try:
+        assert math.isnan(stand.ask("lookup", **given).price)
+        answer = stand.ask("direct", **given)
+        assert 0.0 < answer.price < 0.2
+        assert "in 49 of 49 sampled systems" in answer.message
+    finally:
+        stand.close()
 
 
 def test_before_any_estimate_there_is_a_clear_answer(stand: Stand) -> None:
@@ -121,6 +132,11 @@ def test_nonsense_is_refused_by_every_method(stand: Stand, method: str) -> None:
 
 def test_an_amplitude_outside_the_map_is_refused(stand: Stand) -> None:
     assert "outside its 0.002 to 0.08 m" in stand.ask("lookup", amplitude=5.0).message
+
+
+def test_a_height_beyond_the_ceiling_s_range_is_named(stand: Stand) -> None:
+    message = stand.ask("lookup", amplitude=0.08).message
+    assert message.endswith(" m is beyond ceiling.range (0.017 to 1 m); the loop would send the ceiling to 1 m")
 
 
 class Blocked:

@@ -12,15 +12,13 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common.arguments import file_path, positive, real
+from atpid_control.selection.checks import range_warnings
 from atpid_control.selection.protocol import DEADLINE, HeightSelector, Selection, SelectionError
 from atpid_control.selection.registry import anywhere, make_selector, methods
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, load_scene
+from atpid_sim.scene import HarmonicExcitation, Scene, load_scene
 from atpid_sim.simulation.excitation import amplitude_at
 
-#: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
-#: is taken.
-_AT_THE_END = 0.02
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
 
@@ -67,22 +65,6 @@ def run(args: argparse.Namespace) -> int:
     else:
         _show(str(args.scene), scene, amplitude, chosen, warnings)
     return 0
-
-
-def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
-    """Return what the range of a controlled ceiling does to a selected height: a line, or nothing."""
-    if not isinstance(scene.ceiling, ControlledCeiling):
-        return []
-    low, high = scene.ceiling.range
-    height, allowed = f"height: {chosen.height:.4f} m", f"ceiling.range ({low:g} to {high:g} m)"
-    nearest = min(max(chosen.height, low), high)
-    if nearest != chosen.height:
-        return [f"{height} is beyond {allowed}; the loop would send the ceiling to {nearest:g} m"]
-    stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
-    if chosen.method in ("direct", "pca") and stopped:
-        where = f"in which `{chosen.method}` selects"
-        return [f"{height} lies at the end of {allowed}, {where}; a greater height may do better"]
-    return []
 
 
 def steady_amplitude(scene: Scene) -> float:

@@ -17,7 +17,8 @@ from rclpy.task import Future
 from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
 from atpid_control.selection import HeightSelector, Selection
-from atpid_control.selection.checks import Request, Resonance, reach_of, resolved
+from atpid_control.selection.checks import Request, Resonance, range_warnings, reach_of, resolved
+from atpid_sim.scene import Scene
 
 T = TypeVar("T")
 
@@ -49,15 +50,16 @@ class HeightServices:
 
     def __init__(
         self, node: Node, executor: Executor, make: Callable[[str], HeightSelector], method: str,
-        situation: Callable[[], tuple[Estimate | None, float, Resonance]],
+        situation: Callable[[], tuple[Estimate | None, float, Resonance]], scene: Scene,
     ) -> None:  # fmt: skip
         """Serve.
 
         executor: where heights are computed, one call at a time; make: returns the selector of a method, raises
         SelectionError or MapError; method: the loop's; situation: returns the latest steady estimate, the ceiling's
-        height [m] and where heights hold.
+        height [m] and where heights hold; scene: whose ceiling's range a height may lie beyond.
         """
         self._node, self._executor, self._make, self._situation = node, executor, make, situation
+        self._scene = scene
         self._selectors: dict[str, HeightSelector] = {}
         group = ReentrantCallbackGroup()
         for name, used in [("select", method), *((name, name) for name in METHODS)]:
@@ -76,7 +78,9 @@ class HeightServices:
         except Exception as error:  # a defect: reported, but the loop goes on
             self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
             return refused(method, f"internal error: {type(error).__name__}: {error}", response)
-        return filled(chosen, excitation.amplitude, response)
+        filled(chosen, excitation.amplitude, response)
+        response.message = "; ".join([response.message, *range_warnings(self._scene, chosen)])
+        return response
 
     def _select(
         self, method: str, request: Request, latest: Estimate | None, resonance: Resonance, height: float

@@ -124,7 +124,7 @@ class SelectorNode(Node):
 
     def _serve(self) -> None:
         self._height_services = HeightServices(
-            self, self._request_executor, self._make_selector, self._method, self._situation
+            self, self._request_executor, self._make_selector, self._method, self._situation, self._scene
         )
         self._maps = MapServer(self)
         # a ceiling that no controller moves cannot be searched

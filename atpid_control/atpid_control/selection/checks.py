@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a selector's input and of a request for a height, and the simulation for a frequency."""
+"""Checks of a selector's input, of a request and of the height, and the simulation for a frequency."""
 
 import math
 from dataclasses import dataclass
 
 from atpid_control.identification import Estimate
-from atpid_control.selection.protocol import HeightSelector, SelectionError
+from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 from atpid_sim.maps import DamperResponse
 from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
-from atpid_sim.scene import HarmonicExcitation, Scene, SceneError
+from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, SceneError
 
 #: A measured frequency this close to the scene's is the scene's: resonance is 2 % wide [relative].
 _SAME = 1e-3
+#: A height this close to the end of the range, in clearances, was stopped there: of heights equally good the lowest
+#: is taken.
+_AT_THE_END = 0.02
 
 
 def check_excitation(amplitude: float, amplitude_std: float, frequency: float, margin: float) -> None:
@@ -47,6 +50,22 @@ def reach_of(selector: HeightSelector) -> tuple[float, float] | None:
     """Return the frequencies a method selects at [Hz]; None: at its scene's alone."""
     reach: tuple[float, float] | None = getattr(selector, "frequencies", None)
     return reach
+
+
+def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
+    """Return what the range of a controlled ceiling does to a selected height: a line, or nothing."""
+    if not isinstance(scene.ceiling, ControlledCeiling):
+        return []
+    low, high = scene.ceiling.range
+    height, allowed = f"height: {chosen.height:.4f} m", f"ceiling.range ({low:g} to {high:g} m)"
+    nearest = min(max(chosen.height, low), high)
+    if nearest != chosen.height:
+        return [f"{height} is beyond {allowed}; the loop would send the ceiling to {nearest:g} m"]
+    stopped = high - chosen.height <= _AT_THE_END * (high - 2.0 * scene.grain.radius)
+    if chosen.method in ("direct", "pca") and stopped:
+        where = f"in which `{chosen.method}` selects"
+        return [f"{height} lies at the end of {allowed}, {where}; a greater height may do better"]
+    return []
 
 
 #: Most standard deviations of a margin [-].

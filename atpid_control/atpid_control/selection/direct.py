@@ -52,7 +52,8 @@ class DirectSelector:
         self._uncertainty = uncertainty or Uncertainty()
         self._damper = DamperResponse(scene, _RTOL)
         # compiled now, or loaded from the cache, so that the first selection is as fast as the next
-        self._damper.sufficient(1e-3, math.inf).opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
+        quick, path = self._damper.sufficient(1e-3, math.inf), ((0.0, 4.0 * self._damper.diameter),)
+        quick.follow_on(1e-3, quick.closed_state(1e-3), path, Timing(1.0, 4.0))
 
     @cached_property
     def _systems(self) -> list[System]:
