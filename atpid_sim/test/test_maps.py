@@ -152,7 +152,7 @@ def test_a_run_above_its_limit_ends_early(scene: Scene) -> None:
     damper, timing = DamperResponse(scene, 1e-6), Timing(120.0, 16.0)
     state = damper.closed_state(0.01)
     response = damper.follow_on(0.01, state, ((0.0, 0.08),), timing, Ending(limit=0.05))
-    assert response.hopeless
+    assert response.exceeded
     assert response.amplitude > 0.05
     assert state.time < 40.0 * damper.period
 

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time a selection has: runs are begun only while there is enough of it left for one."""
 
-import gc
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from atpid_control.selection.protocol import SelectionError
@@ -58,18 +56,3 @@ class Deadline:
             return mapper(in_time, jobs)
 
         return limited_mapper
-
-
-@contextmanager
-def without_collection() -> Iterator[None]:
-    """Put the collection of cyclic garbage off; a full one took 0.15 s beside busy processes, longer than a selection.
-
-    Where several threads do so at once, the first to begin puts it on again as it ends: then one may be late, no more.
-    """
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()

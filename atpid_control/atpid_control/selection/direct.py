@@ -7,11 +7,11 @@ from collections.abc import Callable
 from functools import cached_property, partial
 
 from atpid_control.selection.checks import check_excitation, response_at
-from atpid_control.selection.deadline import Deadline, OutOfTimeError, without_collection
+from atpid_control.selection.deadline import Deadline, OutOfTimeError
 from atpid_control.selection.margin import Excitation, Robust, robust_height
 from atpid_control.selection.protocol import DEADLINE, Selection, SelectionError, Stage
 from atpid_control.selection.uncertain import System, Uncertainty, systems_of
-from atpid_control.selection.workers import Workers
+from atpid_control.selection.workers import Workers, without_collection
 from atpid_sim.maps import FROM_CLOSED, Checked, DamperResponse, Timing, quick_best, travelled
 from atpid_sim.maps.best import FLAT
 from atpid_sim.outcome import NumericalFailure
@@ -52,8 +52,8 @@ class DirectSelector:
         self._uncertainty = uncertainty or Uncertainty()
         self._damper = DamperResponse(scene, _RTOL)
         # compiled now, or loaded from the cache, so that the first selection is as fast as the next
-        quick, path = self._damper.sufficient(1e-3, math.inf), ((0.0, 4.0 * self._damper.diameter),)
-        quick.follow_on(1e-3, quick.closed_state(1e-3), path, Timing(1.0, 4.0))
+        for level in (self._damper.sufficient(1e-3, math.inf), self._damper):
+            level.follow_on(1e-3, level.closed_state(1e-3), ((0.0, 4.0 * level.diameter),), Timing(1.0, 4.0))
 
     @cached_property
     def _systems(self) -> list[System]:

@@ -3,7 +3,7 @@
 
 The time to settle is passed in rounds of two periods, in which motions of period one and two repeat themselves. Once
 the states at the ends of rounds draw together regularly, what is left of the way is known; a run that has settled
-above a limit, or that grows again there, is hopeless (docs/decisions/0014-maps-and-selection.md).
+above a limit, or that grows again there, has exceeded it (docs/decisions/0014-maps-and-selection.md).
 """
 
 import math
@@ -18,10 +18,10 @@ from atpid_sim.kernel import kernel
 #: Periods of a round.
 ROUND = 2.0
 #: Verdicts of a run.
-WATCHED, SETTLED, HOPELESS = range(3)
+WATCHED, SETTLED, EXCEEDED = range(3)
 #: Factor by which distances of rounds have to shrink at least to count as drawing together.
 _SHRINKING = 0.95
-#: Rounds from which on a run may be hopeless.
+#: Rounds from which on a run may have exceeded its limit.
 _LEAST = 5
 #: Growth of the amplitude, relative, from which on it is no transient that fades.
 _GROWN = 1.05
@@ -43,7 +43,7 @@ class Schedule(NamedTuple):
     settle: float  # from the end of the path to the window [periods]
     window: float  # [periods]
     close: float  # distance from the steady motion, relative, at which a run may end; 0: not before its end
-    limit: float  # amplitude [m] above which a run is hopeless
+    limit: float  # amplitude [m] above which a run need not be finished
 
 
 @kernel
@@ -89,9 +89,9 @@ def _judge(amplitudes, apart, k, schedule):  # type: ignore[no-untyped-def]
         return SETTLED, here + left
     if k >= _LEAST and here > schedule.limit:
         if fading and here + left - _DOUBT * abs(left) > schedule.limit:
-            return HOPELESS, here + left
+            return EXCEEDED, here + left
         if here > _GROWN * amplitudes[:k].min():
-            return HOPELESS, here
+            return EXCEEDED, here
     return WATCHED, here
 
 

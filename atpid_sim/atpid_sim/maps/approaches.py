@@ -10,6 +10,8 @@ from atpid_sim.maps.response import DamperResponse, Path
 Approach = Callable[[DamperResponse, float, float], Path]
 #: Duration of slow travels of the ceiling [s]: the thesis's opening time.
 TRAVEL = 1.0
+#: Duration of a travel at once [s].
+_AT_ONCE = 1e-6
 #: Clearance before the ceiling is raised or lowered, as a share of the final one.
 _BELOW, _ABOVE = 0.5, 1.25
 
@@ -42,6 +44,19 @@ def travelled(present: float, speed: float, delay: float = 0.0) -> Approach:
         return (0.0, present), (start, present), (start + max(abs(height - present) / speed, 1e-6), height)
 
     return approach
+
+
+def later(approach: Approach, periods: float) -> Approach:
+    """Move the ceiling as an approach does, so many periods of the support later: in another phase of the motion."""
+
+    def path(damper: DamperResponse, height: float, rest: float) -> Path:
+        (_, first), *moves = approach(damper, height, rest)
+        delay = periods * damper.period
+        if not moves:  # at once
+            first, moves = damper.diameter, [(_AT_ONCE, height)]
+        return (0.0, first), (delay, first), *((delay + time, reached) for time, reached in moves)
+
+    return path
 
 
 #: All: a height that is good after each of them is good from every previous state.

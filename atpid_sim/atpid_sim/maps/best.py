@@ -28,25 +28,25 @@ _OVERLOOKED = 8
 #: Where, between irregular motions, narrow wells lie: there the steps are half as long.
 _NARROW = (0.44, 0.83)
 #: Where the best lies at the end of what was tried, the range grows by this much, down to closed and up to this share.
-_GROWTH, _HIGHEST = 0.2, 2.0
+_GROWTH, HIGHEST = 0.2, 2.0
 #: Finer grid around a promising clearance, in coarse steps.
 _FINE = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 #: How far a coarse amplitude may lie above the least to be looked at closely, and how many are.
 _PROMISING, _CANDIDATES, _RATED = 1.25, 4, 4
 #: In an irregular motion a short window shows less than the worst: what its amplitude is multiplied by.
-_IRREGULAR = 1.15
+IRREGULAR = 1.15
 #: Heights whose amplitudes differ by less than this share are equally good [-].
 FLAT = 2e-3
 #: Where the approach paths to a height end in amplitudes further apart than this, its motion is not reproducible, and
 #: the surcharge on its amplitude.
-REPRODUCIBLE, _SURCHARGE = 1e-2, 1.05
+REPRODUCIBLE, SURCHARGE = 1e-2, 1.05
 #: While not all approaches are known, a height this much worse than the best so far is given up.
-_HOPELESS = 1.08
+EXCEEDED = 1.08
 #: Heights tried between the best of the grid and the one below it.
 _BETWEEN = 4
 #: Wells whose clearances differ by this factor are far apart: between them the ceiling passes heights of
 #: irregular motion.
-_FAR = 1.1
+FAR = 1.1
 
 #: Like `map`, its answers in the order of the jobs: on one core, or a pool's `map` on all.
 Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
@@ -78,7 +78,7 @@ def best_height(
     share; with 0 the deepest is taken. A map follows one well, because it is interpolated between its points.
     limits: lowest and highest height allowed [m]; approaches: paths by which the ceiling may come to a height.
     """
-    search = Search(damper, amplitude, limits, approaches, mapper)
+    search = ThoroughSearch(damper, amplitude, limits, approaches, mapper)
     below = damper.frequency < BELOW_RESONANCE * damper.natural_frequency
     coarse = _scan(search, damper.ballistic_clearance(amplitude), LAST_BELOW if below else _LAST)
     wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
@@ -116,7 +116,7 @@ def promising(values: list[float]) -> list[int]:
     return sorted(kept, key=lambda k: values[k])[:_CANDIDATES]
 
 
-class Search:
+class ThoroughSearch:
     """Rates heights at one amplitude and keeps the results."""
 
     def __init__(
@@ -174,10 +174,10 @@ class Search:
             for (height, _), value in zip(jobs, self._map(self._approached, jobs), strict=True):
                 self._found[height].append(value)
             worst = {height: max(self._found[height][: approach + 1]) for height in left}
-            bound = min(limit, _HOPELESS * (1.0 + hysteresis) * min(worst.values(), default=math.inf))
+            bound = min(limit, EXCEEDED * (1.0 + hysteresis) * min(worst.values(), default=math.inf))
             left = [height for height in left if worst[height] <= bound]
         for height in left:
-            rating = self.worst(height) * (1.0 if self.gap(height) <= REPRODUCIBLE else _SURCHARGE)
+            rating = self.worst(height) * (1.0 if self.gap(height) <= REPRODUCIBLE else SURCHARGE)
             rated[height] = rating if rating <= limit else math.inf
         return rated
 
@@ -195,7 +195,7 @@ class Search:
 
     def _opened(self, height: float) -> float:
         response = self._damper.opened(self._amplitude, height, self._short)
-        return response.amplitude * (1.0 if response.regular else _IRREGULAR)
+        return response.amplitude * (1.0 if response.regular else IRREGULAR)
 
     def _approached(self, job: tuple[float, int]) -> float:
         height, approach = job
@@ -203,7 +203,7 @@ class Search:
         return self._damper.follow(self._amplitude, path, self._long).amplitude
 
 
-def _scan(search: Search, unit: float, last: float) -> list[Rated]:
+def _scan(search: ThoroughSearch, unit: float, last: float) -> list[Rated]:
     """Return (height [m], amplitude [m]) over a range that has the least amplitude inside, not at an end."""
     first = _FIRST
     while True:
@@ -213,7 +213,7 @@ def _scan(search: Search, unit: float, last: float) -> list[Rated]:
         lowest = next(k for k, value in enumerate(values) if value <= min(values) * (1.0 + FLAT))
         if lowest <= 1 and first > 2.0 * _STEP:
             first = max(_STEP, round((first - _GROWTH) / _STEP) * _STEP)
-        elif lowest >= len(heights) - 2 and last < _HIGHEST:
+        elif lowest >= len(heights) - 2 and last < HIGHEST:
             last += _GROWTH
         else:
             return list(zip(heights, values, strict=True))
@@ -225,12 +225,12 @@ def _far_below(wells: list[dict[float, float]], height: float, limit: float, dia
         (bottom, well)
         for well in wells
         for bottom in [min(well, key=well.__getitem__)]
-        if _FAR * (bottom - diameter) < height - diameter and well[bottom] <= limit
+        if FAR * (bottom - diameter) < height - diameter and well[bottom] <= limit
     ]
     return min(far, key=lambda item: item[0], default=(0.0, {}))[1]
 
 
-def _lowest(search: Search, rated: dict[float, float], coarse: list[Rated]) -> float:
+def _lowest(search: ThoroughSearch, rated: dict[float, float], coarse: list[Rated]) -> float:
     """Return the lowest height whose rating is within `FLAT` of the least, sought also below the best of the grid."""
     limit = (1.0 + FLAT) * min(rated.values())
     good = min(h for h, value in rated.items() if value <= limit)
@@ -241,18 +241,18 @@ def _lowest(search: Search, rated: dict[float, float], coarse: list[Rated]) -> f
     return min([h for h, value in search.rate(between, limit=limit).items() if value <= limit], default=good)
 
 
-def _overlooked(search: Search, coarse: list[Rated], least: float) -> list[float]:
+def _overlooked(search: ThoroughSearch, coarse: list[Rated], least: float) -> list[float]:
     """Return heights [m] of the scan that may be better than the least rating [m] so far: the best, and some between.
 
     On a plateau, where the grain does not reach the ceiling, a well is the first of equals, which not all approaches
     may lead to; and a steady look at an irregular motion may show less than its surcharge.
     """
-    better = [(v, h) for h, v in coarse if v < _IRREGULAR * (1.0 - FLAT) * least and not search.known(h)]
+    better = [(v, h) for h, v in coarse if v < IRREGULAR * (1.0 - FLAT) * least and not search.known(h)]
     spread = better[:: max(1, math.ceil(len(better) / _OVERLOOKED))]
     return list(dict.fromkeys(h for _, h in [*sorted(better)[: _OVERLOOKED // 2], *spread]))
 
 
-def _climbed(search: Search, height: float, diameter: float) -> float:
+def _climbed(search: ThoroughSearch, height: float, diameter: float) -> float:
     """Return the best of a height and those a little above it, up to the cliff."""
     least = search.rate([height])[height]
     higher = {search.limited(height + step * (height - diameter)) for step in CLIMB}

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.engine.response_run import HOPELESS, Drive, Schedule, respond
+from atpid_sim.engine.response_run import EXCEEDED, Drive, Schedule, respond
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
@@ -39,7 +39,7 @@ class Ending:
     """When a run may end before its time."""
 
     close: float = 0.0  # how near it has come to its steady motion, relative to the amplitude; 0: not before [-]
-    limit: float = math.inf  # amplitude above which its height is hopeless [m]
+    limit: float = math.inf  # amplitude above which it need not be finished [m]
 
 
 NEVER = Ending()
@@ -51,7 +51,7 @@ class Response:
 
     amplitude: float  # half peak-to-peak [m]; of a run that ended early what it comes to
     variation: float  # largest change of the beam between periods of the same parity, over the amplitude [-]
-    hopeless: bool = False  # the run ended early, since its amplitude exceeds the limit
+    exceeded: bool = False  # the run ended early, since its amplitude exceeds the limit
 
     @property
     def regular(self) -> bool:
@@ -179,7 +179,7 @@ class DamperResponse:
         if outcome != Outcome.DONE:
             reason = Outcome(outcome).sentence
             raise NumericalFailure(f"{reason} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
-        return Response(size, change / size if size > 0.0 else 0.0, verdict == HOPELESS)
+        return Response(size, change / size if size > 0.0 else 0.0, verdict == EXCEEDED)
 
     def advance(self, amplitude: float, state: State, path: Path, observation: Observation, phase: float = 0.0) -> None:
         """Advance a state in place from its time to the end of the observation's window while the ceiling follows the

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ratings of heights in the quick search: amplitudes over all approach paths, at the quick level and the complete."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import cycle
+
+from atpid_sim.engine.state import State
+from atpid_sim.maps.approaches import Approach, later
+from atpid_sim.maps.best import EXCEEDED, FLAT, REPRODUCIBLE, SURCHARGE, Mapper
+from atpid_sim.maps.response import NEVER, DamperResponse, Ending, Response, Timing
+
+#: How near to the steady motion a rating ends, and one that confirms another, relative to the amplitude [-].
+_CLOSE, _CONFIRMED_CLOSE = 5e-4, 5e-3
+#: A rating settles this many times as long as a transient lasts, since close to the cliff an instability grows slowly.
+_PATIENT = 1.5
+#: Where some approach paths end in a regular motion better than any before and others in an irregular one, these are
+#: followed on, so many times as long as before: many come to the regular one as well.
+_LATER = 1.0
+#: The height that is chosen is confirmed on the approach paths begun so many periods later: what depends on the phase
+#: shows by chance only.
+_PHASES = (0.37, 0.71)
+
+
+#: Surcharge on an amplitude to which all paths come late: where others settle sooner they are preferred.
+_SLOW = 0.02
+
+
+class Ratings:
+    """Rates heights at one amplitude and keeps the amplitudes over their approach paths.
+
+    A height is rated at the quick level, confirmed there in other phases, and checked at the complete one. As soon as
+    the two levels disagree about a reproducible motion, only the complete one is taken.
+    """
+
+    def __init__(
+        self, damper: DamperResponse, amplitude: float, approaches: Sequence[Approach], mapper: Mapper
+    ) -> None:
+        """See `quick_best`."""
+        self._damper, self._amplitude, self._approaches, self._map = damper, amplitude, approaches, mapper
+        self.quick = damper.sufficient(amplitude, FLAT)
+        self._long = Timing(_PATIENT * damper.settling(), 16.0)
+        self._rated: dict[float, list[float]] = {}  # height [m]: amplitudes [m], quick
+        self._checked: dict[float, list[float]] = {}  # the same, complete
+        self._others: dict[float, list[float]] = {}  # the same of the paths in other phases
+        self._late: dict[float, float] = {}  # height [m]: largest share of paths that come late to a regular motion
+        self.evaluations = 0
+        self.disagreement = 0.0  # largest between two levels at a height with reproducible motion, relative
+
+    @property
+    def heights(self) -> list[float]:
+        """All heights rated [m]."""
+        return list(self._rated | self._checked)
+
+    def complete(self, height: float) -> bool:
+        """Whether a height [m] is confirmed and checked."""
+        return height in self._checked and height in self._others
+
+    def checked(self, height: float) -> bool:
+        """Whether a height [m] is rated at the complete level."""
+        return height in self._checked
+
+    def value(self, height: float) -> float:
+        """Return what a rated height [m] counts with [m]: the worst amplitude over its paths, and surcharges.
+
+        They are for paths that disagree, for paths that come late, and the mean of what other phases are worse by.
+        """
+        worst, others = self.worst(height), self._others.get(height, [])
+        more = sum(max(one / worst - 1.0, 0.0) for one in others) / max(len(others), 1)
+        slow = _SLOW * self._late.get(height, 0.0)
+        return worst * (1.0 + more + slow) * (1.0 if _gap(self._found(height)) <= REPRODUCIBLE else SURCHARGE)
+
+    def worst(self, height: float) -> float:
+        """Return the largest amplitude [m] over the paths to a rated height [m]."""
+        return max(self._found(height))
+
+    def reproducible(self, height: float) -> bool:
+        """Whether all paths to a rated height [m], in all phases, end in the same motion."""
+        return _gap(self._found(height) + self._others.get(height, [])) <= REPRODUCIBLE
+
+    def _found(self, height: float) -> list[float]:
+        return self._checked.get(height) or self._rated[height]
+
+    def go_on(self, height: float) -> None:
+        """Do the next that a height [m] not yet complete needs: rate, confirm or check it."""
+        quick = self.quick is not self._damper and self.disagreement <= FLAT
+        if quick and height not in self._rated and height not in self._checked:
+            least = min(map(max, self._rated.values()), default=math.inf)
+            self._rated[height] = self._rate(self.quick, height, Ending(_CLOSE, EXCEEDED * least))
+        elif quick and height not in self._others:
+            self._confirm(height, self.quick)
+        elif height not in self._checked:
+            self.check(height)
+        else:
+            self._confirm(height, self._damper)
+
+    def _confirm(self, height: float, damper: DamperResponse) -> None:
+        """Rate a height [m] on the approach paths in other phases."""
+        ways = [later(approach, phase) for approach, phase in zip(self._approaches, cycle(_PHASES), strict=False)]
+        self._others[height] = self._rate(damper, height, Ending(_CONFIRMED_CLOSE), approaches=ways)
+
+    def check(self, height: float) -> None:
+        """Rate a height [m] with the complete level; where its motion is reproducible in both, they are compared."""
+        before = self._rated.get(height, [])
+        self._checked[height] = found = self._rate(self._damper, height, Ending(_CLOSE))
+        if before and max(_gap(before), _gap(found)) <= REPRODUCIBLE:
+            self.disagreement = max(self.disagreement, abs(max(found) / max(before) - 1.0))
+
+    def lasts(self, height: float, longer: float) -> bool:
+        """Rate a height [m] in runs so many times as long; return whether they come to no more than the usual ones."""
+        if height not in self._checked:
+            self._checked[height] = self._rate(self._damper, height, NEVER)
+        usual = max(self._checked[height])
+        long = Timing(longer * self._damper.settling(), longer * self._long.window)
+        self._checked[height] = self._checked[height] + self._rate(self.quick, height, NEVER, long)
+        return max(self._checked[height]) <= (1.0 + REPRODUCIBLE) * usual
+
+    def _rate(
+        self,
+        damper: DamperResponse,
+        height: float,
+        ending: Ending,
+        timing: Timing | None = None,
+        approaches: Sequence[Approach] = (),
+    ) -> list[float]:
+        """Return the amplitudes [m] at a height [m] over approach paths, by default all; timing: that of a rating."""
+        jobs = [(damper, height, path, ending, timing or self._long) for path in approaches or self._approaches]
+        self.evaluations += len(jobs)
+        ends = list(self._map(self._approached, jobs))
+        least = min((self.value(other) for other in self.heights if other != height), default=math.inf)
+        late = [k for k, (response, _) in enumerate(ends) if not response.regular]
+        if late and any(response.regular and response.amplitude < least for response, _ in ends):
+            self._late[height] = max(self._late.get(height, 0.0), len(late) / len(ends))
+            after = Timing(_LATER * self._long.settle, self._long.window)
+            more = [(damper, height, ends[k][1], replace(ending, limit=math.inf), after) for k in late]
+            for k, end in zip(late, self._map(self._continued, more), strict=True):
+                ends[k] = end
+        return [response.amplitude for response, _ in ends]
+
+    def _approached(self, job: tuple[DamperResponse, float, Approach, Ending, Timing]) -> tuple[Response, State]:
+        damper, height, approach, ending, timing = job
+        path = approach(damper, height, 0.5 * damper.settling() * damper.period)
+        state = damper.closed_state(self._amplitude)
+        return damper.follow_on(self._amplitude, state, path, timing, ending), state
+
+    def _continued(self, job: tuple[DamperResponse, float, State, Ending, Timing]) -> tuple[Response, State]:
+        damper, height, before, ending, timing = job
+        state = before.copy()
+        return damper.follow_on(self._amplitude, state, ((state.time, height),), timing, ending), state
+
+
+def _gap(found: list[float]) -> float:
+    """How far amplitudes differ, relative to the largest."""
+    return (max(found) - min(found)) / max(found)
