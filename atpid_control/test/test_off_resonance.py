@@ -96,12 +96,11 @@ def test_the_page_shows_what_is_computed_now(number: int) -> None:
     assert done.short("direct") < 0.02
 
 
-def test_direct_is_within_two_points_of_brute_force_but_where_the_motion_is_chaotic() -> None:
+def test_direct_is_within_two_points_of_brute_force() -> None:
     rows = shown()
     assert len(rows) == 40
-    short = {row[0]: float(row[5].split(" %")[0]) - float(row[6].split(" %")[0]) for row in rows}
-    assert {ratio for ratio, points in short.items() if points > 2.0} <= {"0.7949"}
-    assert max(short.values()) <= 3.5
+    short = [float(row[5].split(" %")[0]) - float(row[6].split(" %")[0]) for row in rows]
+    assert max(short) <= 2.0
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 
 from atpid_sim.engine.state import State
 from atpid_sim.maps.approaches import Approach
-from atpid_sim.maps.best import CLIMB, FLAT, HIGHEST, IRREGULAR, Mapper
+from atpid_sim.maps.best import BELOW_RESONANCE, CLIMB, FLAT, HIGHEST, IRREGULAR, Mapper
 from atpid_sim.maps.ratings import Ratings
 from atpid_sim.maps.response import DamperResponse, Ending, Timing
 
@@ -32,8 +32,8 @@ _NOTABLE = 4e-3
 #: Heights whose clearances differ by at most this share are near each other: what one of them has turned out to be, the
 #: other may be as well.
 _NEAR = 0.002
-#: Heights rated at most: where every one of many depends on the approach, the best of these is taken.
-_MOST_RATED = 10
+#: Heights rated at most, and below resonance: where every one of many depends on the approach, the best is taken.
+_MOST_RATED, _MOST_BELOW = 10, 20
 #: Share of a clearance below which a height that is as good belongs to a plateau.
 _PLATEAU = 0.97
 #: Below resonance the best height lies at a cliff's edge, where instabilities grow slowly: how many times as long as a
@@ -68,6 +68,9 @@ class QuickSearch:
         self._quick = self.ratings.quick
         self.diameter = damper.diameter
         self._limits = max(limits[0], damper.diameter), limits[1]
+        below = damper.frequency < BELOW_RESONANCE * damper.natural_frequency
+        # below resonance wells lie beyond long irregular transients
+        self._irregular, self._most = (1.0, _MOST_BELOW) if below else (IRREGULAR, _MOST_RATED)
         self._short = Timing(0.8 * damper.settling(), 6.0)
         self._looked: dict[float, tuple[float, State]] = {}  # height [m]: amplitude [m], last state
         self._looks = 0
@@ -207,7 +210,7 @@ class QuickSearch:
     def _seen(self, state: State, height: float, timing: Timing, ending: Ending) -> float:
         path = ((state.time, height),)
         response = self._quick.follow_on(self._amplitude, state, path, timing, ending)
-        return response.amplitude * (1.0 if response.regular else min(1.0 + response.variation, IRREGULAR))
+        return response.amplitude * (1.0 if response.regular else min(1.0 + response.variation, self._irregular))
 
     def _lowest(self, heights: Sequence[float]) -> float:
         """Return the lowest height [m] of those expected to be equally good as the best."""
@@ -218,7 +221,7 @@ class QuickSearch:
     def _next(self, heights: Sequence[float]) -> float:
         """Return the height [m] to be rated next, or one that is rated where no other is expected to be better."""
         rated = [height for height in heights if height in self.ratings.heights]
-        enough = len(rated) >= _MOST_RATED
+        enough = len(rated) >= self._most
         if rated and (enough or self._least(rated) <= (1.0 + _NOTABLE) * self._least(heights)):
             return self._lowest(rated)
         return self._lowest(heights)
@@ -243,7 +246,7 @@ class QuickSearch:
         """
         limit, clearance = self.expected(height), _PLATEAU * (height - self.diameter)
         lower = [h for h in heights if h - self.diameter < clearance and self.expected(h) <= (1.0 + _NOTABLE) * limit]
-        for candidate in lower[:_MOST_RATED]:
+        for candidate in lower[: self._most]:
             if not self.ratings.checked(candidate):
                 self.ratings.check(candidate)
             if self.expected(candidate) <= (1.0 + FLAT) * limit:

@@ -69,7 +69,8 @@ class Ratings:
         worst, others = self.worst(height), self._others.get(height, [])
         more = sum(max(one / worst - 1.0, 0.0) for one in others) / max(len(others), 1)
         slow = _SLOW * self._late.get(height, 0.0)
-        return worst * (1.0 + more + slow) * (1.0 if _gap(self._found(height)) <= REPRODUCIBLE else SURCHARGE)
+        gap = _gap(self._found(height))
+        return worst * (1.0 + more + slow) * (1.0 if gap <= REPRODUCIBLE else min(1.0 + gap, SURCHARGE))
 
     def worst(self, height: float) -> float:
         """Return the largest amplitude [m] over the paths to a rated height [m]."""
