@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A margin found by a deadline: its systems, what it guarantees, and the threads it is computed on."""
 
-import gc
 import math
 import threading
 import time
@@ -12,7 +11,7 @@ import pytest
 
 from atpid_control.loop.settings import selector_of
 from atpid_control.selection import SelectionError
-from atpid_control.selection.deadline import Deadline, OutOfTimeError, without_collection
+from atpid_control.selection.deadline import Deadline, OutOfTimeError
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import Excitation, Robust, robust_height
 from atpid_control.selection.uncertain import Uncertainty, points, systems_of, with_restitution
@@ -144,19 +143,6 @@ def test_a_deadline_in_lockstep_depends_on_no_clock(scene: Scene) -> None:
     assert "in 49 of 49 sampled systems" in selector.select(0.01, 2e-4, margin=3.0).note
     hurried = selector_of(values.__getitem__, "direct", scene, None, lockstep=False)
     assert "in 1 of 49 sampled systems" in hurried.select(0.01, 2e-4, margin=3.0).note
-
-
-def test_garbage_is_collected_again_after_a_selection(scene: Scene) -> None:
-    selector = DirectSelector(scene, deadline=1e-3)
-    assert gc.isenabled()
-    with without_collection():
-        assert not gc.isenabled()
-        selector.select(0.01, 2e-4, margin=3.0)
-        assert not gc.isenabled()
-    assert gc.isenabled()
-    with pytest.raises(SelectionError):
-        selector.select(3.0)  # presses the grain deeper into a wall than its radius
-    assert gc.isenabled()
 
 
 def test_runs_are_begun_while_time_is_left() -> None:
