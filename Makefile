@@ -74,6 +74,7 @@ figures: setup ## make every picture of README and docs again (a few minutes)
 	python -m atpid_sim.studies.figures.free_decay --out docs/figures; \
 	python -m atpid_sim.studies.figures.contact --out docs/figures; \
 	python -m atpid_sim.studies.figures.speed --out docs/figures; \
+	python tests/tutorial.py; \
 	python -m atpid_control figures identification --out docs/figures; \
 	python -m atpid_control figures selection --out docs/figures; \
 	python -m atpid_control figures frequency --out docs/figures; \

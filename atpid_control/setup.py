@@ -6,7 +6,15 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "atpid_control"
-NODES = ["identifier_node", "recorder_node", "replay_files", "replay_node", "selector_node", "supervisor_node"]
+NODES = [
+    "foxglove_node",
+    "identifier_node",
+    "recorder_node",
+    "replay_files",
+    "replay_node",
+    "selector_node",
+    "supervisor_node",
+]
 
 
 def shared_files(*folders: str) -> list[tuple[str, list[str]]]:

@@ -22,6 +22,15 @@ RUN = {
         r"make setup$": "test_a_second_run_does_nothing",
     },
     "tests/test_docs.py": {r"python -m atpid_control report ": "test_the_report_of_the_recorded_bag"},
+    "atpid_control/test/test_traces.py": {
+        r"python -m atpid_control traces ": "test_a_slower_rate_takes_every_nth_sample",
+        r"python -m atpid_control\.traces\.layout": "test_the_files_are_those_that_the_command_writes",
+    },
+    "tests/test_foxglove.py": {
+        r"python -m atpid_control\.nodes\.foxglove_node": "test_a_viewer_receives_messages_and_traces",
+        r"ros2 run atpid_control foxglove_node": "test_a_viewer_receives_messages_and_traces",
+    },
+    "tests/test_docs_tutorial.py": {r"python -m atpid_(sim|control) --help$": "test_each_command_does_its_step"},
     "tests/test_faults.py": {
         r"python -m atpid_control faults .*--sequences": "test_random_sequences_end_in_documented_states",
         r"python -m atpid_control faults ": "test_the_command_runs_a_part_of_the_matrix",
@@ -175,7 +184,7 @@ FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-inst
 MADE_OR_GIVEN = {
     "my_beam.yaml", "my_map.npz", "methods.json",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
-    "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
+    "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "atlas.npz", "atlas.csv", "atlas.json",

@@ -8,11 +8,16 @@ import sys
 from pathlib import Path
 
 import pytest
-from documented import ROOT, code
+from documented import ROOT
+from test_figures import differences
+from tutorial import PICTURES, blocks, type_all
 
-_PAGE = ROOT / "docs/tutorial.md"
+from atpid_sim.figure_numbers import numbers_in
+
 #: What each command has to print, so that a step that silently does nothing fails.
 _PRINTED = {
+    r"python -m atpid_sim --help": "simulate",
+    r"python -m atpid_control --help": "bench",
     r"python -m atpid_sim simulate scenes/standard\.yaml": "efficiency",
     r"python -m atpid_sim simulate my_beam\.yaml --height": "efficiency",
     r"python -m atpid_sim map ": "my_map.npz",
@@ -20,33 +25,16 @@ _PRINTED = {
     r"python -m atpid_control bench ": "lost scans: 0",
     r"python -m atpid_control\.recording verify ": "/ceiling/command",
     r"python -m atpid_control\.recording extract ": "scene.yaml",
+    r"python -m atpid_control traces ": "/traces/beam_displacement",
     r"python -m atpid_control replay ": "240 of 240 agree",
 }
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", _PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-
-
-def typed() -> list[str]:
-    """Return the commands of the page that stand on lines of their own, after set-up."""
-    return [line for line in code(_PAGE) if line.startswith("python -m ") and " " in line.removeprefix("python -m ")]
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as the clone's, in which the whole tutorial was typed; `printed.json` has what each command printed."""
     place = tmp_path_factory.mktemp("tutorial")
-    for name in ("scenes", "bags"):
-        (place / name).symlink_to(ROOT / name)
-    (scene,) = blocks("yaml")
-    (place / "my_beam.yaml").write_text(scene, encoding="utf-8")
-    printed = {}
-    for command in typed():
-        words = [sys.executable, *command.split()[1:]]
-        done = subprocess.run(words, cwd=place, capture_output=True, text=True, check=False, timeout=300.0)
-        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-        printed[command] = done.stdout + done.stderr
+    printed = type_all(place)
     (place / "printed.json").write_text(json.dumps(printed), encoding="utf-8")
     return place
 
@@ -82,3 +70,10 @@ def test_the_python_example_reads_the_own_bag(folder: Path) -> None:
     times, amplitudes = zip(*(map(float, line.split()) for line in done.stdout.splitlines()), strict=True)
     assert len(times) == 240
     assert amplitudes[-1] == pytest.approx(0.002, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("picture", PICTURES)
+def test_the_pictures_are_those_a_reader_gets(folder: Path, picture: str) -> None:
+    printed, now = numbers_in(ROOT / "docs/figures" / picture), numbers_in(folder / PICTURES[picture])
+    assert differences(printed, now) == [], f"{picture} is out of date: run `make figures`"

@@ -22,6 +22,7 @@ SCENE, MAP = ROOT / "scenes" / "stand_realtime.yaml", CONTROL / "maps" / "standa
 #: Arguments with which each node runs until it is stopped.
 NODES: dict[str, list[Path | str]] = {
     "atpid_sim/plant_node": [f"scene:={SCENE}"],
+    "atpid_control/foxglove_node": ["port:=0"],
     "atpid_control/identifier_node": [CONTROL / "identifier.yaml"],
     "atpid_control/selector_node": [CONTROL / "selector.yaml", f"scene:={SCENE}", f"map:={MAP}"],
     "atpid_control/supervisor_node": [CONTROL / "supervisor.yaml"],

@@ -5,6 +5,7 @@ from functools import partial
 
 from atpid_common.interrupt import run_executable
 
+foxglove_node = partial(run_executable, "atpid_control.nodes.foxglove_node")
 identifier_node = partial(run_executable, "atpid_control.nodes.identifier_node")
 recorder_node = partial(run_executable, "atpid_control.nodes.recorder_node")
 replay_files = partial(run_executable, "atpid_control.commands.replay")

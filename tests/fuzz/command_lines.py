@@ -25,7 +25,10 @@ from atpid_sim import cli as sim
 Main = Callable[[Sequence[str]], int]
 ROOT = Path(__file__).resolve().parent.parent.parent
 #: What a line may hold instead of a path: INPUTS are there, OUTPUTS are to be made.
-INPUTS, OUTPUTS = ("SCENE", "BAG", "CSV", "READINGS"), ("DIR", "MAP", "PNG", "SERIES", "HEADER", "PAGE", "YAML", "LINK")
+INPUTS, OUTPUTS = (
+    ("SCENE", "BAG", "CSV", "READINGS"),
+    ("DIR", "MAP", "PNG", "SERIES", "HEADER", "PAGE", "YAML", "LINK", "MCAP"),
+)
 
 #: A valid line of each command; what would start processes or need a device lacks nothing but its hostile place.
 LINES: dict[str, tuple[Main, str]] = {
@@ -45,6 +48,7 @@ LINES: dict[str, tuple[Main, str]] = {
     "faults": (control.main, "faults --out DIR --part clock --domain 7"),
     "replay": (control.main, "replay BAG --out DIR --rate 0 --domain 7"),
     "report": (control.main, "report BAG --out DIR"),
+    "traces": (control.main, "traces BAG --out MCAP --rate 200"),
     "select": (control.main, "select SCENE --method lookup --map MAP --amplitude-std 0.001 --margin 1"),
     "compare": (control.main, "compare SCENE --out DIR"),
     "off-resonance": (control.main, "off-resonance --systems 1 --seed 1"),
@@ -110,6 +114,7 @@ class Places:
             "CSV": self.user / "recording.csv", "READINGS": self.out / "readings.csv", "DIR": self.out / "new",
             "MAP": self.out / "map.npz", "PNG": self.out / "p.png", "SERIES": self.out / "s.csv",
             "HEADER": self.out / "t.h", "PAGE": self.out / "p.md", "YAML": self.out / "y.yaml", "LINK": self.out / "l",
+            "MCAP": self.out / "t.mcap",
         }  # fmt: skip
         return str(made.get(given, given))
 

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Serves a running graph to Foxglove and PlotJuggler: its messages as they are, and their traces."""
+
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mcap.records import Schema
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_common.message_checks import CHECKS, check_as
+from atpid_common.nodes.dropped import Dropped
+from atpid_common.nodes.node_main import run_node
+from atpid_common.nodes.parameters import Row, declare
+from atpid_control.bags.cdr import header
+from atpid_control.bags.decode import Decoder
+from atpid_control.bags.definitions import message_type, split_name
+from atpid_control.bags.errors import BagError
+from atpid_control.bags.topics import DEFAULT, Topic, parse
+from atpid_control.nodes.wire import class_of, subscription_qos
+from atpid_control.traces.records import Record
+from atpid_control.traces.server import HOST, Server
+from atpid_control.traces.tracer import Tracer
+from atpid_sim.scene import load_scene
+
+PARAMETERS = (
+    Row("port", 8765, f"port on {HOST}; 0: any free one, which is logged", "", 0, 65535),
+    Row("rate", 200.0, "samples of a channel a second, at most", "Hz", 0.1, 1e6),
+    Row("scene", "", "scene file: the efficiency needs it; empty: none"),
+)
+
+
+class FoxgloveNode(Node):
+    """Parameters, topics, and one call into the tracer for each message."""
+
+    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+        """Serve and subscribe. Raises ServerError, SceneError, ParameterError."""
+        super().__init__("foxglove_node", parameter_overrides=parameter_overrides, **node_options)
+        values = declare(self, PARAMETERS)
+        scene = load_scene(Path(values["scene"])) if values["scene"] else None
+        self._tracer = Tracer(scene, values["rate"])
+        self._decoder, self._ids = Decoder(), dict[str, int]()
+        self.server = Server(values["port"])
+        for topic in parse(DEFAULT, lockstep=False):
+            self._subscribe(replace(topic, name=self.resolve_topic_name(topic.name)))
+        self.get_logger().info(f"Foxglove: ws://{HOST}:{self.server.port}, layout docs/foxglove/atpid.json")
+
+    def _subscribe(self, topic: Topic) -> None:
+        self.server.offer(topic.name, topic.type)
+        if topic.type not in self._ids:
+            self._ids[topic.type] = len(self._ids)
+            text = message_type(topic.type).definition.encode()
+            self._decoder.add(Schema(id=self._ids[topic.type], name=topic.type, encoding="ros2msg", data=text))
+        # no publisher waits for a viewer: what it is too slow for is lost to it alone
+        asked = subscription_qos(replace(topic, best_effort=not topic.transient_local))
+        take = partial(self._on_message, topic)
+        self.create_subscription(class_of(topic.type), topic.name, take, asked, raw=True)
+
+    def _on_message(self, topic: Topic, data: bytes) -> None:
+        package, kind = split_name(topic.type)
+        try:
+            time_ns = header(data).stamp_ns if topic.has_header else int(self.get_clock().now().nanoseconds)
+            if package != "atpid_interfaces" or kind not in CHECKS:
+                self.server.send(Record(topic.name, topic.type, time_ns, data))
+                return
+            message = self._decoder.decode(self._ids[topic.type], data)
+        except BagError as error:
+            Dropped.of(self).add(topic.name, str(error))
+            return
+        reason = check_as(kind, message)
+        if reason:
+            Dropped.of(self).add(topic.name, reason)
+        elif not message.handshake:
+            self.server.send(Record(topic.name, topic.type, time_ns, data))
+            for record in self._tracer.push(kind, message):
+                self.server.send(record)
+
+    def close(self) -> None:
+        """Disconnect the viewers."""
+        self.server.close()
+
+
+#: Runs the server as a process of its own; returns the exit status.
+main = partial(run_node, FoxgloveNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

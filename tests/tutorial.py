@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tutorial, typed: `python tests/tutorial.py` makes its pictures again (`make figures`)."""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from documented import ROOT, code
+
+PAGE = ROOT / "docs/tutorial.md"
+#: The pictures of the page, and which file of the reader's each is.
+PICTURES = {"tutorial_run.png": "out/run.png", "tutorial_bench.png": "out/my_beam/overview.png"}
+
+
+def blocks(language: str) -> list[str]:
+    """Return what stands in the page's fences of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def typed() -> list[str]:
+    """Return the commands of the page that stand on lines of their own, after set-up."""
+    return [line for line in code(PAGE) if line.startswith("python -m ") and " " in line.removeprefix("python -m ")]
+
+
+def type_all(folder: Path) -> dict[str, str]:
+    """Type the whole tutorial in `folder`; return what each command printed. Raises AssertionError where one fails."""
+    for name in ("scenes", "bags"):
+        (folder / name).symlink_to(ROOT / name)
+    (scene,) = blocks("yaml")
+    (folder / "my_beam.yaml").write_text(scene, encoding="utf-8")
+    printed = {}
+    for command in typed():
+        words = [sys.executable, *command.split()[1:]]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False, timeout=300.0)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+        printed[command] = done.stdout + done.stderr
+    return printed
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory(prefix="atpid-tutorial-") as made:
+        type_all(Path(made))
+        for picture, file in PICTURES.items():
+            shutil.copy(Path(made) / file, ROOT / "docs/figures" / picture)
