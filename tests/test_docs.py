@@ -184,7 +184,8 @@ FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-inst
 MADE_OR_GIVEN = {
     "my_beam.yaml", "my_map.npz", "methods.json",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
-    "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml", "scenes/a.yaml",
+    "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml",
+    "scenes/a.yaml",
     "scenes/NAME.yaml", "laser_support_A17.yaml", "bag_0.mcap", "run_0.mcap", "metadata.yaml", "parameters.yaml",
     "summary.json", "replay.json", "NODE.yaml", "report.html", "overview.png", "grain.png", "tradeoff.json",
     "atlas.npz", "atlas.csv", "atlas.json",

@@ -15,10 +15,10 @@ from atpid_common.message_checks import CHECKS, check_as
 from atpid_common.nodes.dropped import Dropped
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_control.bags.cdr import header
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.definitions import message_type, split_name
 from atpid_control.bags.errors import BagError
+from atpid_control.bags.read import stamp_of
 from atpid_control.bags.topics import DEFAULT, Topic, parse
 from atpid_control.nodes.wire import class_of, subscription_qos
 from atpid_control.traces.records import Record
@@ -61,21 +61,19 @@ class FoxgloveNode(Node):
 
     def _on_message(self, topic: Topic, data: bytes) -> None:
         package, kind = split_name(topic.type)
+        own = package == "atpid_interfaces" and kind in CHECKS
         try:
-            time_ns = header(data).stamp_ns if topic.has_header else int(self.get_clock().now().nanoseconds)
-            if package != "atpid_interfaces" or kind not in CHECKS:
-                self.server.send(Record(topic.name, topic.type, time_ns, data))
-                return
             message = self._decoder.decode(self._ids[topic.type], data)
         except BagError as error:
             Dropped.of(self).add(topic.name, str(error))
             return
-        reason = check_as(kind, message)
-        if reason:
+        if own and (reason := check_as(kind, message)):
             Dropped.of(self).add(topic.name, reason)
-        elif not message.handshake:
+        elif not getattr(message, "handshake", False):
+            now_ns = int(self.get_clock().now().nanoseconds)
+            time_ns = stamp_of(message) if topic.has_header else now_ns
             self.server.send(Record(topic.name, topic.type, time_ns, data))
-            for record in self._tracer.push(kind, message):
+            for record in self._tracer.push(kind, message) if own else ():
                 self.server.send(record)
 
     def close(self) -> None:
