@@ -31,6 +31,7 @@ from rclpy.serialization import serialize_message
 
 from atpid_common.message_checks import CHECKS, check
 from atpid_common.nodes.dropped import Dropped
+from atpid_control.nodes.foxglove_node import FoxgloveNode
 from atpid_control.nodes.identifier_node import IdentifierNode
 from atpid_control.nodes.recorder_node import RecorderNode
 from atpid_control.nodes.selector_node import SelectorNode
@@ -39,7 +40,8 @@ from atpid_driver.nodes.motor_node import MotorNode
 from atpid_sim.nodes.plant_node import PlantNode
 
 NODES = {"identifier_node": IdentifierNode, "selector_node": SelectorNode, "recorder_node": RecorderNode,
-         "motor_node": MotorNode, "plant_node": PlantNode, "supervisor_node": SupervisorNode}  # fmt: skip
+         "motor_node": MotorNode, "plant_node": PlantNode, "supervisor_node": SupervisorNode,
+         "foxglove_node": FoxgloveNode}  # fmt: skip
 NUMBERS = [0.0, -1.0, 1.0, 0.3, 1e-300, 1e9, 1e308, -1e308, math.nan, math.inf, -math.inf, 5.49, 0.015, 1000.0]
 TEXTS = [
     "",
@@ -95,6 +97,7 @@ def node(request: pytest.FixtureRequest, scenes: Path, tmp_path: Path) -> Iterat
     context = rclpy.Context()
     context.init()
     _, given = parameters(scenes / "thesis_4_3.yaml", tmp_path, lockstep=False)
+    given["foxglove_node"] = {"port": 0, "scene": str(scenes / "thesis_4_3.yaml")}
     overrides = [Parameter(name, value=value) for name, value in given[request.param].items()]
     made: Any = NODES[request.param](parameter_overrides=overrides, context=context)
     yield made
@@ -119,7 +122,12 @@ def test_a_node_outlives_what_cannot_be(node: Node) -> None:
         chosen.callback(*given)
     assert node.context.ok()
     counted = Dropped.of(node).by_topic.total()
-    assert 0 < counted <= refused if node.get_name() == "recorder_node" else counted == refused
+    if node.get_name() == "recorder_node":
+        assert 0 < counted <= refused
+    elif node.get_name() == "foxglove_node":  # a delay without a place in time as well
+        assert counted >= refused
+    else:
+        assert counted == refused
 
 
 BLOCK = {"rate": 1000.0, "channels": ["a", "b"], "units": ["m", "m"], "skew": [0.0, 0.0]}

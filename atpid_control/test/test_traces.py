@@ -23,7 +23,7 @@ from atpid_control.bags.topics import BY_CLOCK, DEFAULT, parse
 from atpid_control.cli import main
 from atpid_control.traces.layout import FOXGLOVE, PLOTJUGGLER, foxglove_layout, plotjuggler_layout
 from atpid_control.traces.records import LOG, MARKERS, NUMBER, TEXT, number
-from atpid_control.traces.tracer import MODES, QUALITIES, STATES, Tracer, closed_gain
+from atpid_control.traces.tracer import MODES, QUALITIES, STATES, TraceError, Tracer, closed_gain
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.excitation import amplitude_at
 from atpid_sim.simulation.integration import undamped_amplitude
@@ -189,6 +189,9 @@ def test_without_the_plants_truth_the_damper_is_drawn_from_the_laser() -> None:
     assert [record.type for record in records] == [NUMBER, NUMBER, MARKERS]
     drawn: Any = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(records[-1].data, MARKERS)
     assert [marker.ns for marker in drawn.markers] == ["support", "floor", "ceiling"]
+    block.skew = np.array([0.0, 1e308])
+    with pytest.raises(TraceError, match=r"a channel.s delay is 1e\+308 s; allowed: 0 to 1 s"):
+        list(tracer.push("SampleBlock", block))
 
 
 # the layouts

@@ -23,7 +23,7 @@ from atpid_control.bags.topics import DEFAULT, Topic, parse
 from atpid_control.nodes.wire import class_of, subscription_qos
 from atpid_control.traces.records import Record
 from atpid_control.traces.server import HOST, Server
-from atpid_control.traces.tracer import Tracer
+from atpid_control.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import load_scene
 
 PARAMETERS = (
@@ -73,8 +73,15 @@ class FoxgloveNode(Node):
             now_ns = int(self.get_clock().now().nanoseconds)
             time_ns = stamp_of(message) if topic.has_header else now_ns
             self.server.send(Record(topic.name, topic.type, time_ns, data))
-            for record in self._tracer.push(kind, message) if own else ():
+            if own:
+                self._trace(topic, kind, message)
+
+    def _trace(self, topic: Topic, kind: str, message: Any) -> None:
+        try:
+            for record in self._tracer.push(kind, message):
                 self.server.send(record)
+        except TraceError as error:
+            Dropped.of(self).add(topic.name, str(error))
 
     def close(self) -> None:
         """Disconnect the viewers."""

@@ -14,7 +14,7 @@ from atpid_common.output import writing
 from atpid_control.bags.metadata import RUN
 from atpid_control.bags.read import Bag
 from atpid_control.traces.records import Record, definition
-from atpid_control.traces.tracer import Tracer
+from atpid_control.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 
@@ -64,8 +64,11 @@ def _records(bag: Bag, tracer: Tracer, written: Written) -> Iterator[Record]:
         message = bag.decode(raw)
         if check_as(name, message):
             written.left_out += 1
-        else:
+            continue
+        try:
             yield from tracer.push(name, message)
+        except TraceError:
+            written.left_out += 1
 
 
 class _Target:

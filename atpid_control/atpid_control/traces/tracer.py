@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.errors import InputError
 from atpid_control.bags.read import scans_of, stamp_of
 from atpid_control.traces.markers import Pose, damper
 from atpid_control.traces.records import LOG, TEXT, Record, class_of, message, number
@@ -19,6 +20,8 @@ PICTURES = 25.0
 _RADIUS = 0.01
 #: Standard deviations between the amplitude and its bounds.
 _BOUNDS = 2.0
+#: Delay of a channel's sample after its scan [s]: less than between two scans, at any rate that is used.
+_LONGEST_DELAY = 1.0
 #: Words for the numbers in CeilingState.mode, Excitation.quality and SupervisorState.state.
 MODES = ("unconfigured", "disarmed", "homing", "holding", "moving", "fault")
 QUALITIES = ("none", "steady", "transient", "poor")
@@ -28,6 +31,10 @@ _STEADY = 1
 _LEVELS = (20, 30, 40)
 
 Array = NDArray[np.float64]
+
+
+class TraceError(InputError):
+    """A message that has no place in time; one line."""
 
 
 class Tracer:
@@ -41,12 +48,18 @@ class Tracer:
         self._truth = False
 
     def push(self, kind: str, content: Any) -> Iterator[Record]:
-        """Yield the records of one message of type atpid_interfaces/msg/`kind`; of other types none."""
+        """Yield the records of one message of type atpid_interfaces/msg/`kind`; of other types none.
+
+        The message is one that `message_checks` lets pass. Raises TraceError before the first record.
+        """
         trace = getattr(self, f"_{kind}", None)
         if trace is not None and not getattr(content, "handshake", False):
             yield from trace(content)
 
     def _SampleBlock(self, block: Any) -> Iterator[Record]:  # noqa: N802 - named as the message
+        unlikely = [delay for delay in block.skew if not 0.0 <= delay <= _LONGEST_DELAY]
+        if unlikely:
+            raise TraceError(f"a channel's delay is {unlikely[0]} s; allowed: 0 to {_LONGEST_DELAY:g} s")
         data = np.asarray(block.data, dtype=float).reshape(-1, len(block.channels))
         columns = {name: data[:, place] for place, name in enumerate(block.channels)}
         yield from self._samples(block, columns, block.skew)
@@ -78,7 +91,8 @@ class Tracer:
         yield _text("excitation_quality", time_ns, QUALITIES[found.quality])
         if self._scene is not None and found.quality == _STEADY and math.isfinite(found.beam_amplitude):
             closed = found.amplitude * closed_gain(self._scene, found.frequency)
-            yield number("efficiency", time_ns, 1.0 - found.beam_amplitude / closed)
+            if closed > 0.0:
+                yield number("efficiency", time_ns, 1.0 - found.beam_amplitude / closed)
 
     def _CeilingState(self, state: Any) -> Iterator[Record]:  # noqa: N802
         self._height = state.height
