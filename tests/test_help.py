@@ -22,7 +22,7 @@ SINGLE = (
 QUICK = {
     ("atpid_sim", "simulate"): "efficiency",
     ("atpid_sim", "sweep"): "500",
-    ("atpid_control", "select"): "pca at 0.055 m",
+    ("atpid_control", "select"): "pca at 0.03 m",
     ("atpid_control", "study"): "free_decay",
     ("atpid_control", "report"): "report.html",
 }
