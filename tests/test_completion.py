@@ -28,7 +28,7 @@ class Terminal:
     def __init__(self, *command: str) -> None:
         self._own, other = pty.openpty()
         settings = {
-            "HOME": os.environ["HOME"], "PATH": os.defpath, "TERM": "dumb", "PS1": PROMPT.decode(), "LANG": "C.UTF-8",
+            "HOME": os.environ.get("HOME", "/tmp"), "PATH": os.defpath, "TERM": "dumb", "PS1": PROMPT.decode(), "LANG": "C.UTF-8",
             "COLUMNS": "400", "INPUTRC": "/dev/null",
         }  # fmt: skip
         self._shell = subprocess.Popen(
