@@ -120,6 +120,17 @@ RUN = {
         r"python -m atpid_control calibrate-beam .*--with-added": "test_two_recordings_through_the_command",
         r"python -m atpid_control calibrate-beam ": "test_the_command_writes_a_beam_block_a_scene_takes",
     },
+    "atpid_control/test/test_export.py": {
+        r"python -m atpid_control export .*csv": "test_csv_is_read_back_by_pandas_bit_by_bit",
+        r"python -m atpid_control export .*mat": "test_matlab_is_read_back_by_scipy_bit_by_bit",
+        r"python -m atpid_control export .*uff": "test_uff_58_is_read_back_by_pyuff_bit_by_bit",
+    },
+    "atpid_control/test/test_signal_analysis.py": {
+        r"python -m atpid_control analyse ": "test_the_command_writes_numbers_and_picture",
+    },
+    "atpid_control/test/test_bag_comparison.py": {
+        r"python -m atpid_control compare-bags ": "test_the_command_compares_stages_and_writes_numbers_and_picture",
+    },
     "atpid_control/test/test_recording.py": {
         r"python -m atpid_control\.recording verify": "test_verify_prints_what_it_read",
         r"python -m atpid_control\.recording repair": "test_what_is_no_bag_is_one_line",
@@ -193,6 +204,7 @@ MADE_OR_GIVEN = {
     "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
     "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
+    "run.csv", "run.mat", "run.uff", "run.TOPIC.csv", "analysis.png", "analysis.json",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"

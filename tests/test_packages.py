@@ -25,6 +25,7 @@ KEYS = {
     "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "pandas": "python3-pandas",
     "pydantic": "python3-pydantic",
     "pydantic_core": "python3-pydantic",
     "pytest": "python3-pytest",
@@ -32,6 +33,7 @@ KEYS = {
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
+    "xarray": "python3-xarray",
     "yaml": "python3-yaml",
 }
 #: Modules without such a key, by what pip calls them.
@@ -42,6 +44,8 @@ PIP_ONLY = {
     "mcap": "mcap",
     "nidaqmx": "nidaqmx",
     "plotly": "plotly",
+    "pyarrow": "pyarrow",
+    "pyuff": "pyuff",
     "shtab": "shtab",
     "zstandard": "zstandard",
 }

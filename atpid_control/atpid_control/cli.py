@@ -14,8 +14,11 @@ COMMANDS = {
     "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),
     "traces": ("atpid_control.commands.traces", "write a bag as Foxglove and PlotJuggler plot it"),
     "report": ("atpid_control.commands.report", "make the report of a bag: an HTML page and pictures"),
+    "export": ("atpid_control.commands.export", "write a bag as CSV, UFF 58, MATLAB or Parquet"),
+    "analyse": ("atpid_control.commands.analyse", "frequency response, spectra, decrement and orders of a bag"),
     "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
     "compare": ("atpid_control.commands.compare", "compare the methods with passive dampers on the same scenes"),
+    "compare-bags": ("atpid_control.commands.compare_bags", "two bags overlaid, their differences in a table"),
     "off-resonance": (
         "atpid_control.commands.off_resonance",
         "compare selection off resonance with brute force, in random systems",

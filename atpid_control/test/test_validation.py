@@ -84,6 +84,23 @@ def test_a_part_from_the_middle_of_a_free_decay(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out/agreement.json").read_text())["relative_rmse"] < 0.01
 
 
+def test_of_a_recording_with_gaps_the_longest_part_without_is_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = standard_bench(excitation={"free": {"deflection": 0.1}}, ceiling={"height": 0.017}, duration=6.0)
+    _, data = recorded(scene, noise=20e-6)
+    data[700:760, 2] = math.nan
+    data[5000, 1] = math.nan
+    recording, kept = table(tmp_path / "decay.csv", data), tmp_path / "scene.yaml"
+    kept.write_text(scene.to_yaml())
+    arguments = ["validate", str(recording), "--scene", str(kept), "--height", "0.017", "--out", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    assert "0.76 to 4.999 s, the longest without a gap" in capsys.readouterr().out
+    found = json.loads((tmp_path / "out/agreement.json").read_text())
+    assert found["relative_rmse"] < 0.01
+    assert (found["begin"], found["end"], found["without_gap"]) == (0.76, pytest.approx(4.999), True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -93,7 +110,10 @@ def test_a_part_from_the_middle_of_a_free_decay(tmp_path: Path) -> None:
         ([str(ROOT / "README.md")], "not a bag"),
         ([BAG, "--scene", str(ROOT / "README.md")], "README.md"),
         ([BAG, "--height", "0.01"], "ceiling.height: given 0.01"),
-        (["GAPS.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "beam_displacement is missing or invalid at 2 s"),
+        (
+            ["GAPS.csv", "--scene", str(ROOT / "scenes/standard.yaml"), "--from", "1"],
+            "beam_displacement is missing or invalid at 2 s",
+        ),
         (["HEIGHT.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "was not recorded; give --height"),
         (["HEIGHT.csv"], "no scene was recorded; give one with --scene"),
         (["SUPPORT.csv", "--scene", str(ROOT / "scenes/standard.yaml")], "support_displacement was not recorded"),

@@ -65,13 +65,16 @@ def run(args: argparse.Namespace) -> int:
     with working("simulating"):
         found = compare(driven, measured, args.fidelity)
     draw(found, args.out / PICTURE)
-    numbers = found.to_json()
+    numbers = {
+        **found.to_json(), "begin": measured.begin, "end": measured.begin + measured.duration,
+        "without_gap": measured.chosen,
+    }  # fmt: skip
     with output.writing(args.out):
         (args.out / NUMBERS).write_text(json.dumps(numbers, indent=1), encoding="utf-8")
     if args.json:
         print(json.dumps(numbers))
     else:
-        Console(width=110, highlight=False, markup=False).print(_table(found))
+        Console(width=110, highlight=False, markup=False).print(_table(found, measured))
         print(args.out / PICTURE)
     return 0
 
@@ -83,11 +86,13 @@ def _write_series(measured: Measured, path: Path) -> None:
                    header="time,support_displacement", comments="")  # fmt: skip
 
 
-def _table(found: Agreement) -> Table:
+def _table(found: Agreement, measured: Measured) -> Table:
     numbers = found.to_json()
     shown = Table(box=SIMPLE_HEAD, pad_edge=False, show_header=False)
     irregular = "" if found.reproducible else " (irregular: repeated simulations do not agree)"
+    span = f"{measured.begin:.4g} to {measured.begin + measured.duration:.4g} s"
     rows = [
+        ("part", f"{span}, the longest without a gap" if measured.chosen else span),
         ("relative RMSE of the amplitudes (Eq. 3.46)", f"{100.0 * found.rmse:.3g} %"),
         ("largest of a period", f"{100.0 * numbers['largest_error']:+.3g} % at {numbers['largest_error_at']:.3g} s"),
         ("difference of the displacements, root mean square", f"{100.0 * found.displacement_error:.3g} %"),

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from atpid_control.analysis.analyse import Analysis
 from atpid_control.report.picture import apart, beam_title, estimate_errors, grain_lines, moved, rounded_up
 from atpid_control.report.thinning import extremes
 from atpid_control.report.view import View
@@ -69,6 +70,29 @@ def grain(view: View) -> Figure | None:
         _line(figure, "y", time[inside], line, name, colour, width, "%{y:.4f} m")
         _label(figure, "y", end, name, colour)
     _title(figure, 1.0, "The grain between floor and ceiling", "m")
+    return figure
+
+
+def spectra(found: Analysis) -> Figure:
+    """Return the power spectral densities of support and beam, to eight times the frequency of half the power."""
+    figure: Figure = {"data": [], "layout": _layout(320)}
+    beam = found.spectra[1]
+    total = np.cumsum(beam.density[1:])
+    end = 8 * (int(np.searchsorted(total, 0.5 * total[-1])) + 1)
+    top = float(np.log10(max(float(one.density[1:].max()) for one in found.spectra)))
+    for one, name, colour in zip(found.spectra, ("support", "beam"), ("@given", "@own"), strict=True):
+        chosen = slice(1, end + 1)
+        density = np.where(one.density[chosen] > 0.0, one.density[chosen], np.nan)
+        x, y = [round(float(f), 4) for f in one.frequency[chosen]], [float(f"{v:.4g}") for v in density]
+        shown = [value if np.isfinite(value) else None for value in y]
+        line = {"color": colour, "width": 1.6}
+        figure["data"].append({"type": "scatter", "mode": "lines", "x": x, "y": shown, "name": name, "line": line,
+                               "hovertemplate": "%{y:.3g} m²/Hz"})  # fmt: skip
+    figure["layout"]["showlegend"] = True
+    figure["layout"]["legend"] = {"x": 1, "xanchor": "right", "y": 1}
+    figure["layout"]["xaxis"] = {**_axis(), "title": {"text": "frequency, Hz"}}
+    figure["layout"]["yaxis"] = {**_axis(), "type": "log", "range": [top - 10.0, top + 0.5], "exponentformat": "power"}
+    _title(figure, 1.0, "Power spectral density", "m²/Hz")
     return figure
 
 

@@ -11,6 +11,7 @@ from plotly.offline import get_plotlyjs
 
 from atpid_common.errors import InputError
 from atpid_control.report import charts, sections
+from atpid_control.report.analysis import analysis_of, section
 from atpid_control.report.comparison import Closed
 from atpid_control.report.picture import DARK, LIGHT, Palette, save_pictures
 from atpid_control.report.sections import table
@@ -21,7 +22,9 @@ from atpid_control.report.view import View, headline, view_of
 def page(view: View) -> str:
     """Return the whole page as HTML."""
     title = escape(headline(view))
+    found = analysis_of(view)
     figures = {"overview": charts.overview(view), "grain": charts.grain(view)}
+    figures["spectra"] = charts.spectra(found) if found is not None else None
     shown = {name: figure for name, figure in figures.items() if figure is not None}
     colours = f":root{{{_colours(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{_colours(DARK)}}}}}\n"
     # a closing tag inside the text would end the script element
@@ -35,7 +38,7 @@ def page(view: View) -> str:
         sections.energy,
         sections.latency,
     )
-    parts = [*(make(view) for make in first), sections.events(view.run.events), sections.facts(view)]
+    parts = [*(make(view) for make in first), section(found), sections.events(view.run.events), sections.facts(view)]
     return "\n".join(
         [
             "<!doctype html>",

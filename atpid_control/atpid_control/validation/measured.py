@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What was measured: support, beam and ceiling of a recording, and the scene that is kept in it."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from atpid_common.errors import InputError
+from atpid_control.analysis.signals import runs
 from atpid_control.bags.read import Bag, open_bag, stamp_of
-from atpid_control.beam_calibration.recording import TOPIC, read_recording, recording_in
+from atpid_control.beam_calibration.recording import TOPIC, Recording, read_recording, recording_in
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.system import Array
@@ -31,6 +33,8 @@ class Measured:
     support: Array
     beam: Array
     ceiling: Array | None
+    begin: float = 0.0  # of the part, in the recording [s]
+    chosen: bool = False  # as the longest part without a gap
 
     @property
     def duration(self) -> float:
@@ -44,8 +48,15 @@ def opened(path: Path) -> Bag | None:
 
 
 def read_measured(path: Path, bag: Bag | None, begin: float, end: float) -> Measured:
-    """Return the part from `begin` to `end` [s] of a bag or a table; raise ValidationError where it has gaps."""
+    """Return the part from `begin` to `end` [s] of a bag or a table; of a whole one with gaps the longest without.
+
+    Raises ValidationError where there is none, or where a part that was chosen has gaps.
+    """
     whole = read_recording(path, SUPPORT, BEAM) if bag is None else recording_in(bag, SUPPORT, BEAM)
+    chosen = begin == 0.0 and math.isinf(end) and whole.support is not None
+    if chosen:
+        begin, end = _without_gap(whole)
+        chosen = not (begin == 0.0 and math.isinf(end))
     part = whole.between(begin, end)
     if part.support is None:
         raise ValidationError(f"{path}: {SUPPORT} was not recorded, so nothing can drive the scene")
@@ -57,7 +68,18 @@ def read_measured(path: Path, bag: Bag | None, begin: float, end: float) -> Meas
             at = begin + gaps[0] / part.rate
             raise ValidationError(f"{path}: {name} is missing or invalid at {at:g} s; choose a part with --from, --to")
     first = np.ceil(begin * part.rate) / part.rate
-    return Measured(part.rate, part.support, part.beam, None if bag is None else _ceiling(bag, float(first)))
+    ceiling = None if bag is None else _ceiling(bag, float(first))
+    return Measured(part.rate, part.support, part.beam, ceiling, float(first), chosen)
+
+
+def _without_gap(whole: Recording) -> tuple[float, float]:
+    """Return begin and end [s] of the longest part in which support and beam are valid; all where nothing is."""
+    support = whole.beam if whole.support is None else whole.support
+    parts = runs(np.isfinite(support + whole.beam))
+    first, last = max(parts, key=lambda part: part[1] - part[0], default=(0, whole.beam.size))
+    if last - first == whole.beam.size:
+        return 0.0, math.inf
+    return max(0.0, first - 0.25) / whole.rate, (last + 0.25) / whole.rate  # between two samples
 
 
 def scene_of(path: Path, bag: Bag | None, given: Path | None) -> Scene:

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frequency response by the estimators H1 and H2, with coherence and error bars.
+
+H1 = G_xy / G_xx is unbiased under noise at the output, H2 = G_yy / G_yx under noise at the input; between them lies the
+truth where both have some (Bendat and Piersol, Random Data, 4th ed., section 6.1.4 and chapter 9).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.analysis.signals import AnalysisError, Signals
+from atpid_control.analysis.spectra import averaged
+from atpid_sim.system import Array
+
+#: A line counts as excited from this share of the strongest line's density on: 1 % of its amplitude.
+_EXCITED = 1e-4
+#: Coherence from which a line is trusted, and averages below which coherence means nothing.
+COHERENT, FEWEST_AVERAGES = 0.8, 3.0
+#: Lines within the half-power width that a peak needs not to be flattened.
+_LINES = 4
+#: Excited lines up to which the excitation is a tone: the main lobe of the window, twice.
+_TONE = 8
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Response over excitation at each line."""
+
+    frequency: Array  # (k,) [Hz]
+    h1: Array  # (k,) complex [response unit over excitation unit]
+    h2: Array  # (k,) complex
+    coherence: Array  # (k,) [-]
+    excited: NDArray[np.bool_]  # (k,) lines that the excitation reaches
+    averages: float  # independent ones
+    most_excited: int  # the line with the strongest excitation
+    doubts: tuple[str, ...]
+
+    @property
+    def tone(self) -> bool:
+        """Whether the excitation is a tone, so that the response is known there only."""
+        return bool(np.count_nonzero(self.excited) <= _TONE)
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Lines (k,) that are excited and coherent, of enough averages."""
+        return np.asarray(self.excited & (self.coherence >= COHERENT) & (self.averages >= FEWEST_AVERAGES))
+
+    @property
+    def relative_std(self) -> Array:
+        """Standard deviation of |H1| over |H1|, and of its phase [rad] (k,) (Bendat and Piersol, Eq. 9.90)."""
+        known = np.maximum(self.coherence, 1e-12)
+        return np.asarray(np.sqrt((1.0 - np.minimum(known, 1.0)) / (2.0 * known * self.averages)))
+
+    @property
+    def strongest(self) -> int:
+        """The line with the largest |H1| among those trusted, else among the excited ones; of a tone its own line."""
+        if self.tone:
+            return self.most_excited
+        among = self.trusted if self.trusted.any() else self.excited
+        return int(np.argmax(np.where(among, np.abs(self.h1), -1.0)))
+
+
+def frequency_response(signals: Signals, resolution: float | None = None, window: str = "hann") -> FrequencyResponse:
+    """Return the response of `signals`, lines `resolution` [Hz] apart. Raises AnalysisError: nothing excites.
+
+    `window`: boxcar, without overlap, for an excitation whose period is the segment; else hann.
+    """
+    found = averaged(signals.excitation, signals.response, signals.rate, resolution, window)
+    inside = found.frequency > 0.0
+    strongest = float(found.first[inside].max())
+    if strongest <= 0.0 or float(found.second[inside].max()) <= 0.0:
+        still = signals.names[0] if strongest <= 0.0 else signals.names[1]
+        raise AnalysisError(f"no excitation: {still} stands still; record a run with one, or choose another --input")
+    excited = np.asarray(inside & (found.first >= _EXCITED * strongest))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        h1, h2 = found.cross / found.first, found.second / np.conj(found.cross)
+        coherence = np.abs(found.cross) ** 2 / (found.first * found.second)
+    most = int(np.argmax(np.where(inside, found.first, -1.0)))
+    made = FrequencyResponse(found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, most, ())
+    return replace(made, doubts=tuple(_doubts(made)))
+
+
+def _doubts(found: FrequencyResponse) -> list[str]:
+    """Return why the response cannot be trusted, a line each."""
+    lines = []
+    if found.averages < FEWEST_AVERAGES:
+        lines.append(
+            f"{found.averages:.3g} averages: coherence and error bars mean nothing; needed: {FEWEST_AVERAGES:g}"
+        )
+    low = int(np.count_nonzero(found.excited & (found.coherence < COHERENT)))
+    if low:
+        lines.append(f"coherence below {COHERENT:g} at {low} of {np.count_nonzero(found.excited)} excited lines: "
+                     "noise, leakage or impacts; these lines are not trusted")  # fmt: skip
+    if found.tone:
+        lines.append(f"only {np.count_nonzero(found.excited)} lines are excited, a tone: the response holds there; a "
+                     "sweep or noise shows a resonance")  # fmt: skip
+        return lines
+    width = half_power_width(found)
+    if width is not None and width < _LINES:
+        lines.append(f"the peak is {width} lines wide: its height comes out too low; give a finer --resolution")
+    return lines
+
+
+def half_power_width(found: FrequencyResponse) -> int | None:
+    """Return the lines around the strongest at which |H1| is above 1/sqrt(2) of it; None where the edge is reached."""
+    size, place = np.where(found.excited, np.abs(found.h1), np.nan), found.strongest
+    below = np.flatnonzero(~(size > size[place] / np.sqrt(2.0)) & np.isfinite(size))
+    before, after = below[below < place], below[below > place]
+    return int(after[0] - before[-1] - 1) if len(before) and len(after) else None

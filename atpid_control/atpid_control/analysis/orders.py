@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Orders: amplitude and phase at multiples of the excitation's frequency, by least squares, and the distortion."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from atpid_control.analysis.signals import AnalysisError, Signals, runs
+from atpid_sim.system import Array
+
+#: Periods that the fit needs; change of amplitude within the part from which it is named [-].
+_FEWEST, _CHANGE = 5.0, 0.05
+#: Periods of a window in which the excitation's amplitude is followed, and by how much it may differ [-].
+_WINDOW, _SAME = 5.0, 0.02
+#: Share of the largest amplitude below which the excitation is off [-].
+_OFF = 0.05
+
+
+@dataclass(frozen=True)
+class Orders:
+    """The response at k times the excitation's frequency, k = 1, 2, ...: sum of amplitude sin(k omega t + phase)."""
+
+    begin: float  # of the part [s]
+    end: float  # [s]
+    frequency: float  # of the excitation [Hz]
+    excitation: float  # its amplitude
+    amplitude: Array  # (k,)
+    amplitude_std: float
+    phase: Array  # (k,) after k times the excitation's phase [rad], in (-pi, pi]
+    residual: float  # root mean square of what the orders leave
+    doubts: tuple[str, ...]
+
+    @property
+    def distortion(self) -> float:
+        """Total harmonic distortion: root of the power of orders 2, 3, ... over the first [-]."""
+        return float(np.sqrt(np.sum(self.amplitude[1:] ** 2)) / self.amplitude[0])
+
+    @property
+    def excitation_ratio(self) -> float:
+        """Amplitude of the first order over the excitation's [-]."""
+        return float(self.amplitude[0]) / self.excitation
+
+
+def orders(signals: Signals, count: int = 6) -> Orders:
+    """Return orders 1 to `count` of the response, and the excitation's tone. Raises AnalysisError."""
+    frequency = tone_of(signals.excitation, signals.rate)
+    count = min(count, int(0.45 * signals.rate / frequency))
+    if signals.duration * frequency < _FEWEST or count < 1:
+        raise AnalysisError(f"{signals.duration * frequency:.2g} periods of the excitation; needed: {_FEWEST:g}")
+    time = np.arange(len(signals.response)) / signals.rate
+    given, _, _ = _fit(time, signals.excitation, frequency, 1)
+    found, residual, used = _fit(time, signals.response, frequency, count)
+    if not abs(given[0]) > 0.0 or not abs(found[0]) > 0.0:
+        raise AnalysisError(
+            "no excitation: nothing moves at one frequency in this part; choose it with --from and --to"
+        )
+    turned = found * np.exp(-1j * np.angle(given[0]) * np.arange(1, count + 1))
+    halves = [_fit(time[part], signals.response[part], frequency, 1)[0][0] for part in _halves(len(time))]
+    change = abs(abs(halves[1]) / abs(halves[0]) - 1.0) if abs(halves[0]) > 0.0 else math.inf
+    return Orders(
+        signals.start, signals.start + float(time[-1]), frequency, abs(given[0]), np.abs(found),
+        residual * math.sqrt(2.0 / used), np.angle(turned), residual,
+        tuple(_doubts(change, residual, abs(found[0]))),
+    )  # fmt: skip
+
+
+def steady_part(signals: Signals) -> Signals:
+    """Return the second half of the last part in which the excitation's amplitude is constant. Raises AnalysisError."""
+    frequency = tone_of(signals.excitation, signals.rate)
+    size = math.ceil(_WINDOW * signals.rate / frequency)
+    time = np.arange(size) / signals.rate
+    count = len(signals.excitation) // size
+    found = np.full(count, np.nan)
+    for place in range(count):
+        part = signals.excitation[place * size : (place + 1) * size]
+        if np.isfinite(part).mean() > 0.5:
+            found[place] = abs(_fit(time, part, frequency, 1)[0][0])
+    on = np.flatnonzero(found > _OFF * np.nanmax(found)) if np.isfinite(found).any() else np.array([], dtype=int)
+    if not len(on):
+        return signals
+    last = int(on[-1])
+    # the last window may hold the end of the excitation
+    last -= int(last > on[0] and abs(found[last] / found[last - 1] - 1.0) > _SAME)
+    first = last
+    while first > 0 and abs(found[first - 1] / found[last] - 1.0) <= _SAME:
+        first -= 1
+    begin = first * size + ((last + 1 - first) * size) // 2 if last > first else first * size
+    return signals.between(signals.start + begin / signals.rate, signals.start + ((last + 1) * size - 1) / signals.rate)
+
+
+def tone_of(values: Array, rate: float) -> float:
+    """Return the frequency of the strongest tone of a signal (n,), by least squares [Hz]. Raises AnalysisError."""
+    begin, end = max(runs(np.isfinite(values)), key=lambda part: part[1] - part[0], default=(0, 0))
+    part = values[begin:end] - (values[begin:end].mean() if end > begin else 0.0)
+    if len(part) < 16 or not float(np.abs(part).max()) > 0.0:
+        raise AnalysisError("no excitation: the signal that should excite stands still; choose another with --input")
+    lines = np.abs(np.fft.rfft(part * np.hanning(len(part))))
+    place = int(np.argmax(lines[1:])) + 1
+    step, time = rate / len(part), np.arange(len(part)) / rate
+
+    def left(frequency: float) -> float:
+        return _fit(time, part, frequency, 1)[1]
+
+    low, high = max(0.25, place - 1.0) * step, (place + 1.0) * step
+    return float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-7 * high}).x)
+
+
+def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Array, float, int]:
+    """Return amplitude exp(i phase) of each order (count,), the residual's root mean square, and the samples used."""
+    valid = np.isfinite(values)
+    turns = 2.0 * math.pi * frequency * np.outer(time[valid], np.arange(1, count + 1))
+    columns = np.column_stack([np.ones(len(turns)), np.sin(turns), np.cos(turns)])
+    solved, *_ = np.linalg.lstsq(columns, values[valid], rcond=None)
+    rest = values[valid] - columns @ solved
+    used = max(1, len(rest) - columns.shape[1])
+    return solved[1 : 1 + count] + 1j * solved[1 + count :], float(np.sqrt(np.sum(rest**2) / used)), used
+
+
+def _halves(count: int) -> tuple[slice, slice]:
+    return slice(0, count // 2), slice(count // 2, count)
+
+
+def _doubts(change: float, residual: float, amplitude: float) -> list[str]:
+    lines = []
+    if change > _CHANGE:
+        lines.append(f"the amplitude changes by {100.0 * change:.2g} % within the part: orders are means over it; "
+                     "choose a steady part with --from and --to")  # fmt: skip
+    if residual > 0.1 * amplitude:
+        lines.append(f"{100.0 * residual / amplitude:.2g} % of the amplitude is at no multiple of the excitation: "
+                     "irregular or subharmonic motion, or noise")  # fmt: skip
+    return lines

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The picture of an analysis: traces, spectra, frequency response with coherence, orders, decay."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from atpid_control.analysis.analyse import Analysis
+from atpid_sim.figure_numbers import drawn, light_frames
+
+#: Points a trace is drawn with at most, and decades of a density shown below its largest.
+_POINTS, _DECADES = 20_000, 1e-10
+
+
+def draw(found: Analysis, path: Path) -> None:
+    """Draw the analysis as PNG. Raises OutputError."""
+    with drawn(path, "--out", dpi=110, nrows=3, ncols=2, figsize=(13.0, 11.0)) as (_, axes):
+        light_frames(axes.flat)
+        _traces(axes[0][0], found)
+        _densities(axes[0][1], found)
+        _sizes(axes[1][0], found)
+        _phases(axes[1][1], found)
+        _coherence(axes[2][0], found)
+        (_decay if found.orders is None else _orders)(axes[2][1], found)
+
+
+def _traces(ax: Any, found: Analysis) -> None:
+    signals = found.signals
+    step = max(1, len(signals.response) // _POINTS)
+    for values, name, colour in zip(
+        (signals.response, signals.excitation), reversed(signals.names), ("C0", "0.5"), strict=True
+    ):
+        ax.plot(signals.time[::step], values[::step], colour, linewidth=0.7, label=name)
+    ax.set(xlabel="time [s]", ylabel=signals.units[1], title="Traces")
+    ax.legend(fontsize=8, loc="upper right")
+
+
+def _densities(ax: Any, found: Analysis) -> None:
+    for one, name, colour in zip(reversed(found.spectra), reversed(found.signals.names), ("C0", "0.5"), strict=True):
+        ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name)
+    top = max(float(one.density[1:].max()) for one in found.spectra)
+    title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
+    ax.set(xlim=(0.0, _highest(found)), ylim=(_DECADES * top, 3.0 * top), title=title)
+    ax.set(xlabel="frequency [Hz]", ylabel=f"{found.signals.units[1]}$^2$/Hz")
+    ax.legend(fontsize=8, loc="upper right")
+
+
+def _highest(found: Analysis) -> float:
+    """Return up to which frequency the response has anything to show: eight times its median power [Hz]."""
+    total = np.cumsum(found.spectra[1].density[1:])
+    place = int(np.searchsorted(total, 0.5 * total[-1])) + 1
+    return float(min(found.spectra[1].frequency[-1], 8.0 * found.spectra[1].frequency[place]))
+
+
+def _absent(ax: Any, title: str, reason: str) -> None:
+    ax.set(title=title, xticks=[], yticks=[])
+    ax.text(0.5, 0.5, reason, ha="center", va="center", wrap=True, fontsize=9, transform=ax.transAxes)
+
+
+def _sizes(ax: Any, found: Analysis) -> None:
+    response, title = found.response, "Frequency response"
+    if response is None:
+        _absent(ax, title, found.skipped.get("frequency_response", ""))
+        return
+    shown, trusted = response.excited, response.trusted
+    ax.semilogy(response.frequency[shown], np.abs(response.h2[shown]), "C1.", markersize=5, label="H2, excited lines")
+    ax.semilogy(
+        response.frequency[shown], np.abs(response.h1[shown]), ".", color="0.6", markersize=4, label="H1, excited lines"
+    )
+    size = np.abs(response.h1[trusted])
+    ax.errorbar(response.frequency[trusted], size, 2.0 * size * response.relative_std[trusted], fmt="C0.", markersize=6,
+                linewidth=0.8, label="H1 trusted, ±2σ")  # fmt: skip
+    ax.set(xlim=(0.0, _highest(found)), xlabel="frequency [Hz]", ylabel="response / excitation", title=title)
+    ax.legend(fontsize=8)
+
+
+def _phases(ax: Any, found: Analysis) -> None:
+    response, title = found.response, "Phase of H1"
+    if response is None:
+        _absent(ax, title, found.skipped.get("frequency_response", ""))
+        return
+    shown, trusted = response.excited, response.trusted
+    for chosen, colour in ((shown, "0.6"), (trusted, "C0")):
+        ax.plot(response.frequency[chosen], np.degrees(np.angle(response.h1[chosen])), ".", color=colour)
+    ax.set(xlim=(0.0, _highest(found)), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
+
+
+def _coherence(ax: Any, found: Analysis) -> None:
+    response, title = found.response, "Coherence"
+    if response is None:
+        _absent(ax, title, found.skipped.get("frequency_response", ""))
+        return
+    shown = response.excited
+    ax.plot(response.frequency, response.coherence, "0.8", linewidth=0.8)
+    ax.plot(response.frequency[shown], response.coherence[shown], "C0.")
+    ax.set(xlim=(0.0, _highest(found)), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="-",
+           title=f"{title}; dots: excited lines; {response.averages:.3g} averages")  # fmt: skip
+
+
+def _orders(ax: Any, found: Analysis) -> None:
+    orders = found.orders
+    assert orders is not None
+    numbers = np.arange(1, len(orders.amplitude) + 1)
+    ax.bar(numbers, orders.amplitude, color="C0")
+    title = f"Orders, {orders.begin:.4g} to {orders.end:.4g} s; distortion {100.0 * orders.distortion:.2g} %"
+    ax.set(yscale="log", xlabel=f"order (1: {orders.frequency:.4g} Hz)", ylabel=found.signals.units[1], title=title)
+
+
+def _decay(ax: Any, found: Analysis) -> None:
+    decay, title = found.decay, "Free decay"
+    if decay is None:
+        _absent(ax, title, found.skipped.get("decrement", ""))
+        return
+    time = found.signals.time
+    inside = (time >= decay.begin) & (time <= decay.end)
+    fall = 2.0 * np.pi * decay.frequency * decay.damping_ratio / np.sqrt(1.0 - decay.damping_ratio**2)
+    envelope = decay.amplitude * np.exp(-fall * (time[inside] - decay.begin))
+    rest = float(np.nanmean(found.signals.response[inside][len(envelope) // 2 :]))
+    ax.plot(time[inside], found.signals.response[inside] - rest, "0.6", linewidth=0.8, label="from its mean")
+    ax.plot(time[inside], envelope, "C0", label=f"fit: {decay.frequency:.4g} Hz, ζ {100.0 * decay.damping_ratio:.3g} %")
+    ax.plot(time[inside], -envelope, "C0")
+    ax.set(xlabel="time [s]", ylabel=found.signals.units[1], title=title)
+    ax.legend(fontsize=8)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The results of an analysis in words: rows of a table, for terminal and report."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from atpid_control.analysis.analyse import Analysis
+
+
+def rows(found: Analysis) -> Iterator[tuple[str, str]]:
+    """Yield (what, its value with unit and error bar), or why it could not be computed."""
+    signals = found.signals
+    yield "part", f"{signals.start:.5g} to {signals.start + signals.duration:.5g} s, {signals.rate:.6g} Hz"
+    for name, unit, one in zip(signals.names, signals.units, found.spectra, strict=True):
+        place = int(np.argmax(one.density[1:])) + 1
+        yield f"{name}, root mean square", f"{one.rms:.4g} {unit}; strongest line {one.frequency[place]:.4g} Hz"
+    yield "spectra", f"lines {found.spectra[0].resolution:.3g} Hz apart, {found.spectra[0].averages:.3g} averages"
+    yield from _response_rows(found)
+    yield from _decay_rows(found)
+    yield from _order_rows(found)
+
+
+def _response_rows(found: Analysis) -> Iterator[tuple[str, str]]:
+    response = found.response
+    if response is None:
+        yield "frequency response", found.skipped["frequency_response"]
+        return
+    place = response.strongest
+    error = 100.0 * response.relative_std[place]
+    h1, h2 = abs(response.h1[place]), abs(response.h2[place])
+    what = ("response to the tone" if response.tone else "largest response") + (
+        "" if response.trusted[place] else " (not trusted)"
+    )
+    yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g} ± {error:.2g} %, H2 {h2:.4g}"
+    phase = math.degrees(np.angle(response.h1[place]))
+    yield "its phase, coherence", f"{phase:.4g} degrees, {response.coherence[place]:.4f}"
+    yield "lines trusted", f"{response.trusted.sum()} of {response.excited.sum()} that are excited"
+
+
+def _decay_rows(found: Analysis) -> Iterator[tuple[str, str]]:
+    decay = found.decay
+    if decay is None:
+        yield "decrement", found.skipped["decrement"]
+        return
+    yield "free decay", f"{decay.begin:.4g} to {decay.end:.4g} s"
+    yield "its frequency", f"{decay.frequency:.6g} ± {decay.frequency_std:.2g} Hz"
+    yield "its damping ratio", f"{decay.damping_ratio:.4g} ± {decay.damping_ratio_std:.2g}"
+    yield "logarithmic decrement", f"{decay.log_decrement:.4g} ± {decay.log_decrement_std:.2g}"
+    if len(decay.ratios):
+        yield "ratios of successive peaks", f"{decay.ratios.min():.4g} to {decay.ratios.max():.4g}"
+
+
+def _order_rows(found: Analysis) -> Iterator[tuple[str, str]]:
+    orders = found.orders
+    if orders is None:
+        yield "orders", found.skipped["orders"]
+        return
+    unit = found.signals.units[1]
+    tone = f"{orders.excitation:.4g} {found.signals.units[0]} at {orders.frequency:.6g} Hz"
+    yield "excitation", f"{tone}, {orders.begin:.4g} to {orders.end:.4g} s"
+    for number, (amplitude, phase) in enumerate(zip(orders.amplitude, orders.phase, strict=True), 1):
+        text = f"{amplitude:.4g} ± {orders.amplitude_std:.1g} {unit}, {math.degrees(phase):.4g} degrees"
+        yield f"order {number}", text
+    yield "distortion (THD)", f"{100.0 * orders.distortion:.3g} %"

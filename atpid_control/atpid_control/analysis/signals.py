@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two signals sampled together, NaN where a sample was lost, and their parts without a gap."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_common.errors import InputError
+from atpid_sim.system import Array
+
+
+class AnalysisError(InputError):
+    """Signals that cannot be analysed as asked: what was given, what is needed, what to do."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What excites and what answers (n,), NaN where a sample was lost or is invalid."""
+
+    rate: float  # [Hz]
+    excitation: Array  # (n,) the support's displacement, unless chosen otherwise
+    response: Array  # (n,) the beam's
+    units: tuple[str, str] = ("m", "m")
+    names: tuple[str, str] = ("support_displacement", "beam_displacement")
+    start: float = 0.0  # time of the first sample [s]
+
+    @property
+    def duration(self) -> float:
+        """Length, gaps included [s]."""
+        return len(self.response) / self.rate
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples (n,) [s]."""
+        return self.start + np.arange(len(self.response)) / self.rate
+
+    @property
+    def invalid(self) -> int:
+        """Samples of which one of the two is missing."""
+        return int(np.count_nonzero(~np.isfinite(self.excitation + self.response)))
+
+    def between(self, begin: float, end: float) -> Signals:
+        """Return the part from `begin` to `end` [s]. Raises AnalysisError: no such part."""
+        first = max(0, math.ceil((begin - self.start) * self.rate - 1e-6))
+        last = len(self.response) if math.isinf(end) else math.floor((end - self.start) * self.rate + 1e-6) + 1
+        if not first < min(last, len(self.response)):
+            until = self.start + self.duration
+            raise AnalysisError(
+                f"--from {begin:g} --to {end:g}: allowed: rising times from {self.start:g} to {until:g} s"
+            )
+        return Signals(self.rate, self.excitation[first:last], self.response[first:last], self.units, self.names,
+                       self.start + first / self.rate)  # fmt: skip
+
+
+def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Yield (begin, end) of the parts of booleans (n,) that are true."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], np.asarray(valid, dtype=np.int8), [0]))))
+    yield from ((int(begin), int(end)) for begin, end in edges.reshape(-1, 2))

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two bags beside each other: traces and spectra overlaid, differences in a table."""

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One pass over a bag, piece by piece: memory does not grow with its length, and a bag that breaks off gives what is
+there.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
+
+from atpid_common.errors import InputError
+from atpid_common.files import FileError, parse_yaml, read_text
+from atpid_common.message_checks import CHECKS, check_as
+from atpid_control.bags import metadata
+from atpid_control.bags.decode import Decoder
+from atpid_control.bags.metadata import RESULT, RUN
+from atpid_control.bags.read import scans_of, stamp_of
+from atpid_control.bags.verify import find_file, records
+from atpid_control.export.fields import Leaf, comments, has_header, leaves
+from atpid_control.export.samples import Samples
+from atpid_control.export.tables import RECEIVED, STAMP, TEXT, TIME, Column, Piece, Table, common
+
+_OURS = "atpid_interfaces/msg/"
+#: Messages with samples, and their fields that are series.
+_SAMPLED = {"SampleBlock": ("channels", "units", "skew", "data"), "PlantTruth": ("support", "beam", "grain", "ceiling")}
+#: Messages of one topic gathered to a piece.
+_ROWS = 1024
+#: Longest metadata.yaml [bytes].
+_MOST_METADATA = 200_000
+
+
+class ExportError(InputError):
+    """A bag that cannot be exported as asked: what was given, what is allowed, what to do."""
+
+
+@dataclass
+class _Topic:
+    """One topic while it is read: its messages as rows, and its samples where it has some."""
+
+    kind: str  # of atpid_interfaces; empty: of another package
+    schema: int
+    stamped: bool
+    leaves: list[Leaf]
+    table: Table
+    samples: Samples | None
+    waiting: list[tuple[Any, ...]]
+
+    def flush(self) -> Iterator[Piece]:
+        """Yield the rows that wait."""
+        if self.waiting:
+            columns = zip(*self.waiting, strict=True)
+            arrays = (_array(values, c.dtype) for values, c in zip(columns, self.table.columns, strict=True))
+            yield Piece(self.table, tuple(arrays))
+            self.waiting = []
+
+
+class Source:
+    """A bag to be read once; what it holds besides its tables is known when `pieces` has ended."""
+
+    def __init__(self, path: Path | str, topics: Sequence[str] = ()) -> None:
+        """Open the bag; `topics`: those wanted, all where none is named. Raises BagError, ExportError."""
+        self.path = Path(path)
+        self._file = find_file(self.path)
+        self._wanted = set(topics)
+        self.run: dict[str, str] = {}
+        self.result: dict[str, str] = {}
+        self.files: dict[str, bytes] = {}
+        self.messages: Counter[str] = Counter()
+        self._topics: dict[int, _Topic | None] = {}
+        self._whole = False
+        self.start_ns = self._first_sample()
+
+    @property
+    def size(self) -> int:
+        """Size of the bag's file [bytes]."""
+        return self._file.stat().st_size
+
+    @property
+    def tables(self) -> list[Table]:
+        """The tables that have been met."""
+        found = []
+        for topic in filter(None, self._topics.values()):
+            found += topic.samples.tables if topic.samples else []
+            found += [topic.table] if topic.table.rows else []
+        return found
+
+    @property
+    def missing(self) -> list[str]:
+        """What the bag does not have and should, a line each; known when `pieces` has ended."""
+        lines = []
+        if not self._whole:
+            lines.append(f"the file breaks off after {self.messages.total()} messages; what came later is not there")
+        elif not self.result:
+            lines.append("the recording was not closed: what was not written yet is not there")
+        for name, listed in counts_listed(self._file.parent).items():
+            read = self.messages[name]
+            if read < listed:
+                lines.append(f"{name}: {listed - read} of {listed} messages that metadata.yaml lists are missing")
+        for table in self.tables:
+            if table.lost:
+                lines.append(f"{table.name}: {table.lost} samples lost in {len(table.gaps)} gaps; their rows are NaN")
+            lines += [f"{table.name}: {count} messages left out: {why}" for why, count in table.left_out.items()]
+        return lines
+
+    def pieces(self) -> Iterator[Piece]:
+        """Yield the rows of all tables wanted, as they come. Raises BagError, ExportError: a topic it does not have."""
+        decoder, definitions, names = Decoder(), dict[int, str](), dict[int, str]()
+        for record in records(self._file, torn_ok=True):
+            if isinstance(record, Schema):
+                decoder.add(record)
+                definitions[record.id] = record.data.decode(errors="replace")
+            elif isinstance(record, Channel) and record.id not in names:
+                names[record.id] = record.topic
+                self._topics[record.id] = self._topic(record, decoder, definitions)
+            elif isinstance(record, Message) and record.channel_id in names:
+                self.messages[names[record.channel_id]] += 1
+                topic = self._topics[record.channel_id]
+                if topic is not None:
+                    yield from self._rows(topic, record, decoder)
+            else:
+                self._aside(record)
+        for topic in filter(None, self._topics.values()):
+            yield from topic.flush()
+        unknown = sorted(self._wanted - set(names.values()))
+        if unknown:
+            listed = ", ".join(sorted(names.values())) or "none"
+            raise ExportError(f"{self.path}: --topic: given {unknown[0]}; in the bag: {listed}")
+
+    def _aside(self, record: McapRecord) -> None:
+        if isinstance(record, Attachment):
+            self.files[record.name] = record.data
+        elif isinstance(record, Metadata):
+            {RUN: self.run, RESULT: self.result}.get(record.name, {}).update(record.metadata)
+        elif isinstance(record, Footer):
+            self._whole = True
+
+    def _first_sample(self) -> int:
+        """Return the stamp of the bag's first sample, else of its first message [ns]."""
+        decoder, channels = Decoder(), dict[int, int]()
+        first = None
+        for record in records(self._file, torn_ok=True):
+            if isinstance(record, Schema):
+                decoder.add(record)
+            elif isinstance(record, Channel):
+                channels[record.id] = record.schema_id
+            elif isinstance(record, Message) and record.channel_id in channels:
+                name = decoder.name(channels[record.channel_id])
+                message = decoder.decode(channels[record.channel_id], record.data)
+                stamp = stamp_of(message) if has_header(decoder, name) else record.log_time
+                if name.removeprefix(_OURS) in _SAMPLED and scans_of(message):
+                    return stamp
+                first = stamp if first is None else first
+        return first or 0
+
+    def _topic(self, channel: Channel, decoder: Decoder, definitions: dict[int, str]) -> _Topic | None:
+        if self._wanted and channel.topic not in self._wanted:
+            return None
+        name = decoder.name(channel.schema_id)
+        kind = name.removeprefix(_OURS) if name.startswith(_OURS) else ""
+        definition, stamped = definitions[channel.schema_id], has_header(decoder, name)
+        series = _SAMPLED.get(kind, ())
+        found = [leaf for leaf in leaves(decoder, name, definition) if leaf.path[0] not in series]
+        samples = Samples(channel.topic, name, comments(definition), self.start_ns) if series else None
+        scans = [Column("scans", "", "samples in the block", np.dtype(np.int64))] if series else []
+        columns = (*common(TIME, STAMP, RECEIVED), *scans, *(leaf.column for leaf in found))
+        own = channel.topic.strip("/") + ("_blocks" if series else "")
+        return _Topic(kind, channel.schema_id, stamped, found, Table(own, channel.topic, name, columns), samples, [])
+
+    def _rows(self, topic: _Topic, record: Message, decoder: Decoder) -> Iterator[Piece]:
+        message = decoder.decode(topic.schema, record.data)
+        reason = check_as(topic.kind, message) if topic.kind in CHECKS else ""
+        if reason:
+            topic.table.left_out[reason] = topic.table.left_out.get(reason, 0) + 1
+            return
+        stamp = stamp_of(message) if topic.stamped else record.log_time
+        times = ((stamp - self.start_ns) * 1e-9, stamp, (record.log_time - self.start_ns) * 1e-9)
+        scans = (scans_of(message),) if topic.samples else ()
+        topic.waiting.append((*times, *scans, *(leaf.value(message) for leaf in topic.leaves)))
+        topic.table.rows += 1
+        if topic.samples:
+            yield from topic.samples.rows(message)
+        if len(topic.waiting) == _ROWS:
+            yield from topic.flush()
+
+
+def counts_listed(folder: Path) -> dict[str, int]:
+    """Return the messages by topic that metadata.yaml lists; empty where there is none, or none that can be read."""
+    try:
+        document = parse_yaml(read_text(folder / metadata.FILE_NAME, _MOST_METADATA))
+        listed = document["rosbag2_bagfile_information"]["topics_with_message_count"]
+        return {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in listed}
+    except (FileError, LookupError, TypeError, ValueError, OverflowError):
+        return {}
+
+
+def _array(values: Any, dtype: np.dtype[Any]) -> Any:
+    array = np.empty(len(values), dtype)
+    array[:] = list(values) if dtype == TEXT else values
+    return array

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exports a bag to a file, or several beside it where a format holds one table a file."""
+
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from atpid_common import output
+from atpid_control.export import csv_file, mat_file, parquet_file, uff_file
+from atpid_control.export.source import ExportError, Source
+from atpid_control.export.tables import TIME, Piece, Table
+
+#: Format: its writer, the endings a file of it may have, and whether it holds one table only.
+FORMATS = {
+    "csv": (csv_file.write, (".csv",), True),
+    "uff": (uff_file.write, (".uff", ".unv"), False),
+    "mat": (mat_file.write, (".mat",), False),
+    "parquet": (parquet_file.write, (".parquet",), True),
+}
+#: The table that gets the name given: the measured displacements where they are there.
+_FIRST = "sensors/laser"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written, and what the bag does not have."""
+
+    files: list[tuple[Path, str]]  # each with what is in it
+    missing: list[str]
+    left_out: list[str]  # tables that the format cannot hold
+
+
+def export(
+    bag: Path, form: str, out: Path, topics: Sequence[str] = (), begin: float = -math.inf, end: float = math.inf,
+    *, replace: bool = False, progress: Callable[[int], None] = lambda _rows: None,
+) -> Exported:  # fmt: skip
+    """Write the tables of a bag, from `begin` to `end` [s], to `out`; one table a file: the others beside it.
+
+    `progress` gets the number of rows read. Nothing is written where the export fails.
+    Raises BagError, ExportError, OutputError.
+    """
+    writer, endings, single = FORMATS[form]
+    if out.suffix.lower() not in endings:
+        raise ExportError(f"--out: given {out}; allowed with --format {form}: a file that ends in {endings[0]}")
+    if form == "parquet":
+        parquet_file.library()
+    output.file(out, replace=replace)
+    beside = sorted(out.parent.glob(f"{out.stem}.*{out.suffix}")) if single else []
+    if beside and not replace:
+        raise ExportError(f"{beside[0]}: exists already; give another file to --out, or --force to replace it")
+    source = Source(bag, topics)
+    with output.writing(out), tempfile.TemporaryDirectory(prefix=".export-", dir=out.parent) as folder:
+        made = list(writer(source, _part(source, begin, end, progress), Path(folder)))
+        if not made:
+            raise ExportError(f"{bag}: no row from {begin:g} to {end:g} s; give a part in which something was recorded")
+        files = _placed(made, source, out)
+    held = [table.name for table in source.tables if table.rate is None] if form == "uff" else []
+    return Exported(files, source.missing, held)
+
+
+def _placed(made: list[tuple[Table | None, Path]], source: Source, out: Path) -> list[tuple[Path, str]]:
+    """Give the files made their names."""
+    tables = [table for table, _ in made if table is not None]
+    sampled = [table for table in tables if table.rate is not None] or tables
+    main = next((table for table in sampled if table.name == _FIRST), sampled[0] if sampled else None)
+    found = []
+    for table, path in made:
+        place = out
+        if table is not None and table is not main:
+            place = out.with_name(f"{out.stem}.{table.name.replace('/', '_')}{out.suffix}")
+        os.replace(path, place)
+        held = [one.name for one in source.tables if one.rate is not None or out.suffix.lower() == ".mat"]
+        rows = f"{table.name}, {table.rows} rows" if table else ", ".join(held)
+        found.append((place, rows))
+    return sorted(found, key=lambda one: one[0] != out)
+
+
+def _part(source: Source, begin: float, end: float, progress: Callable[[int], None]) -> Iterator[Piece]:
+    """Yield the rows with times from `begin` to `end` [s]."""
+    done = 0
+    for piece in source.pieces():
+        done += len(piece)
+        progress(done)
+        if begin == -math.inf and end == math.inf:
+            yield piece
+            continue
+        names = [column.name for column in piece.table.columns]
+        time = piece.arrays[names.index(TIME)]
+        inside = (time >= begin) & (time <= end)
+        if inside.any():
+            yield Piece(piece.table, tuple(array[inside] for array in piece.arrays))
