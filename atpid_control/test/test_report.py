@@ -264,11 +264,12 @@ def test_the_page_needs_nothing_else(adaptive: Path, tmp_path: Path) -> None:
     page = Page(text)
     assert page.open == []
     assert page.fetched == []
-    assert {"overview", "grain", "figures"} <= page.ids
+    assert {"overview", "grain", "spectra", "figures"} <= page.ids
     assert text.count("Plotly.react") == 1
     assert "prefers-color-scheme: dark" in text
     figures = json.loads(re.search(r'id="figures">(.*?)</script>', text, re.DOTALL)[1].replace("<\\/", "</"))  # type: ignore[index]
-    assert set(figures) == {"overview", "grain"}
+    assert set(figures) == {"overview", "grain", "spectra"}
+    assert [trace["name"] for trace in figures["spectra"]["data"]] == ["support", "beam"]
     assert {trace["name"] for trace in figures["overview"]["data"]} >= {
         "closed",
         "adaptive",
@@ -276,7 +277,14 @@ def test_the_page_needs_nothing_else(adaptive: Path, tmp_path: Path) -> None:
         "identified",
         "moved",
     }
-    for said in ("Stage by stage", "Where the energy went", "What happened when", "specimen", "0123456789ab"):
+    for said in (
+        "Stage by stage",
+        "Where the energy went",
+        "What happened when",
+        "distortion (THD)",
+        "specimen",
+        "0123456789ab",
+    ):
         assert said in text
     assert sorted(path.name for path in made.pictures) == [
         "grain-dark.png", "grain.png", "overview-dark.png", "overview.png",
@@ -297,7 +305,10 @@ def test_every_kind_of_scene_gets_a_report(free: Path, folder: Path, tmp_path: P
         made = report(bag, tmp_path / bag.name)
         assert said in made.headline
         assert made.stages == []
-        assert Page(made.page.read_text()).open == []
+        text = made.page.read_text()
+        assert Page(text).open == []
+        assert ("no excitation: the support stands still" in text) == (bag != swept)
+        assert "its damping ratio" in text or bag == swept
 
 
 def test_a_bag_of_the_stand_has_only_what_was_measured(tmp_path: Path) -> None:

@@ -62,6 +62,9 @@ LINES: dict[str, tuple[Main, str]] = {
         "calibrate-beam CSV --moving-mass 0.4 --moving-mass-std 0.1 --grain-mass 0.1 --from 0 --to 9 --out YAML",
     ),
     "validate": (control.main, "validate CSV --scene SCENE --height 0.1 --from 0 --to 9 --out DIR"),
+    "export": (control.main, "export BAG --format csv --out SERIES --topic /sensors/laser --from 0 --to 9"),
+    "analyse": (control.main, "analyse BAG --out DIR --from 0 --to 9 --resolution 1"),
+    "compare-bags": (control.main, "compare-bags BAG BAG --out DIR"),
     "study": (control.main, "study free_decay --out DIR --scenes DIR"),
     "figures": (control.main, "figures selection --out DIR --map MAP"),
     "calibrate": (

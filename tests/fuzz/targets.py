@@ -18,11 +18,14 @@ from hypothesis import strategies as st
 from mutations import as_yaml, changed_arrays, changed_bag, changed_bytes, changed_document, records_of
 
 from atpid_common.errors import AtpidError
+from atpid_control.analysis import analyse
 from atpid_control.bags.read import open_bag
 from atpid_control.bags.replay_files import write_replay_files
 from atpid_control.bags.support import support_series
 from atpid_control.bags.verify import repair, verify
 from atpid_control.beam_calibration.recording import read_recording
+from atpid_control.export import frames
+from atpid_control.export.motions import signals_in
 from atpid_control.launching.arguments import BENCH, REPLAY, STAND, check, check_names
 from atpid_control.report.view import view_of
 from atpid_control.selection.height_model import HeightModel
@@ -155,6 +158,14 @@ def _all_of(folder: Path) -> None:
     assert not kept, f"written outside the folder: {kept}"
 
 
+def _tables(path: Path) -> None:
+    folder = _in_folder(path)
+    for found in frames(folder).values():
+        assert list(found.columns)
+    signals, _ = signals_in(folder)
+    json.dumps(analyse(signals).to_json(), allow_nan=False)
+
+
 def _metadata(path: Path) -> None:
     (path.parent / "bag_0.mcap").write_bytes(_small_bag())
     for read in (verify, repair):
@@ -223,6 +234,7 @@ TARGETS = {
     "recording": Target("recording.csv", _recording, lambda: changed_bytes([_TABLE])),
     "bag_bytes": Target("bag/bag_0.mcap", _bag, lambda: changed_bytes([_small_bag()])),
     "bag_records": Target("bag/bag_0.mcap", _bag, lambda: changed_bag(_records())),
+    "bag_tables": Target("bag/bag_0.mcap", _tables, lambda: changed_bag(_records())),
     "metadata": Target("bag/metadata.yaml", _metadata, lambda: _yaml("bags/thesis_4_3_short/metadata.yaml")),
     "protocol": Target("serial", _protocol, _frames),
     "launch": Target("arguments.json", _launch, _launch_arguments),
