@@ -20,6 +20,7 @@ from scipy.io import loadmat
 
 from atpid_control.bags import BagWriter, new_run
 from atpid_control.bags import open_bag as messages_of
+from atpid_control.beam_calibration.recording import read_recording
 from atpid_control.cli import main
 from atpid_control.export import ExportError, Source, frames, open_bag
 from atpid_control.export.uff_file import runs
@@ -156,6 +157,14 @@ def test_csv_is_read_back_by_pandas_bit_by_bit(bag: Path, tmp_path: Path, capsys
         "run.csv", "run.events.csv", "run.excitation.csv", "run.sensors_force.csv", "run.sensors_force_blocks.csv",
         "run.sensors_laser_blocks.csv",
     }  # fmt: skip
+
+
+def test_a_table_is_taken_in_place_of_the_bag_by_the_commands_that_take_tables(tmp_path: Path) -> None:
+    path = Path(run(BAG, "csv", tmp_path / "run.csv", "--topic", "/sensors/laser"))
+    table, bag = (read_recording(source, "support_displacement", "beam_displacement") for source in (path, BAG))
+    assert table.rate == pytest.approx(bag.rate, rel=1e-12)
+    np.testing.assert_array_equal(table.beam, bag.beam)
+    np.testing.assert_array_equal(np.asarray(table.support), np.asarray(bag.support))
 
 
 def test_matlab_is_read_back_by_scipy_bit_by_bit(bag: Path, tmp_path: Path) -> None:

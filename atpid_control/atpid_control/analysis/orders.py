@@ -72,9 +72,10 @@ def steady_part(signals: Signals) -> Signals:
     size = math.ceil(_WINDOW * signals.rate / frequency)
     time = np.arange(size) / signals.rate
     count = len(signals.excitation) // size
+    before = len(signals.excitation) - count * size  # the last window ends with the record
     found = np.full(count, np.nan)
     for place in range(count):
-        part = signals.excitation[place * size : (place + 1) * size]
+        part = signals.excitation[before + place * size : before + (place + 1) * size]
         if np.isfinite(part).mean() > 0.5:
             found[place] = abs(_fit(time, part, frequency, 1)[0][0])
     on = np.flatnonzero(found > _OFF * np.nanmax(found)) if np.isfinite(found).any() else np.array([], dtype=int)
@@ -86,8 +87,9 @@ def steady_part(signals: Signals) -> Signals:
     first = last
     while first > 0 and abs(found[first - 1] / found[last] - 1.0) <= _SAME:
         first -= 1
-    begin = first * size + ((last + 1 - first) * size) // 2 if last > first else first * size
-    return signals.between(signals.start + begin / signals.rate, signals.start + ((last + 1) * size - 1) / signals.rate)
+    half = ((last + 1 - first) * size) // 2 if last > first else 0
+    ends = before + first * size + half, before + (last + 1) * size - 1
+    return signals.between(*(signals.start + end / signals.rate for end in ends))
 
 
 def tone_of(values: Array, rate: float) -> float:

@@ -9,6 +9,7 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -27,6 +28,8 @@ UNEVEN = 0.05
 #: Size of a table at most [bytes], and values of a recording, its gaps included: some 400 MB.
 _LARGEST, _MOST_VALUES = 100_000_000, 50_000_000
 TOPIC = "/sensors/laser"
+#: Longest comment of a table [characters].
+_LONGEST_LINE = 100_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,8 @@ def _from_table(path: Path, support_channel: str, beam_channel: str) -> Recordin
     try:
         check(path, _LARGEST)
         with path.open(newline="", encoding="utf-8-sig") as lines:
-            columns = _columns(path, csv.reader(lines), ("time", beam_channel), support_channel)
+            before = _skip_comments(lines)
+            columns = _columns(path, csv.reader(lines), ("time", beam_channel), support_channel, before)
     except FileError as error:
         raise CalibrationError(f"{error}; give a bag or a .csv table") from None
     except OSError as error:
@@ -74,16 +78,30 @@ def _from_table(path: Path, support_channel: str, beam_channel: str) -> Recordin
     return Recording(columns[beam_channel], columns.get(support_channel), rate)
 
 
-def _columns(path: Path, rows: Iterator[list[str]], needed: tuple[str, ...], wanted: str) -> dict[str, Array]:
-    """Return the columns `needed`, and the one `wanted` where there is one; an empty cell is NaN."""
-    header = [name.strip() for name in next(rows, [])]
+def _skip_comments(lines: TextIO) -> int:
+    """Pass over the lines at the begin that are comments (`#`), as `export` writes them; return how many."""
+    count, place = 0, lines.tell()
+    while lines.readline(_LONGEST_LINE).startswith("#"):
+        count, place = count + 1, lines.tell()
+    lines.seek(place)
+    return count
+
+
+def _columns(
+    path: Path, rows: Iterator[list[str]], needed: tuple[str, ...], wanted: str, before: int
+) -> dict[str, Array]:
+    """Return the columns `needed`, and the one `wanted` where there is one; an empty cell is NaN.
+
+    A name may have its unit behind it, `time [s]`; `before`: lines before the header.
+    """
+    header = [name.partition(" [")[0].strip() for name in next(rows, [])]
     for name in needed:
         if name not in header:
             listed = ", ".join(header)[:200] or "none"
             raise CalibrationError(f"{path}: columns {listed!r}; needed: {name}")
     columns = {name: array("d") for name in (*needed, wanted) if name in header}
     places = [(header.index(name), column) for name, column in columns.items()]
-    for number, row in enumerate(rows, 2):
+    for number, row in enumerate(rows, 2 + before):
         if row and len(row) != len(header):
             raise CalibrationError(f"{path}, row {number}: {len(row)} cells; allowed: {len(header)}, as the header has")
         try:
