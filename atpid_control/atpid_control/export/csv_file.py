@@ -13,9 +13,6 @@ from atpid_common.errors import one_line
 from atpid_control.export.source import Source
 from atpid_control.export.tables import Column, Piece, Table
 
-#: Rows written at once.
-_ROWS = 50_000
-
 
 def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tuple[Table, Path]]:
     """Write each table to a file in `folder`; yield what was made. Raises OSError, BagError.
@@ -32,7 +29,7 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
             names = [column.name for column in table.columns]
             frame = pd.DataFrame(dict(zip(names, map(_printable, piece.arrays), strict=True)))
             stream, quoted = streams[table.name][2], csv.QUOTE_NONNUMERIC  # a text may hold the sign of a comment
-            frame.to_csv(stream, header=False, index=False, chunksize=_ROWS, lineterminator="\n", quoting=quoted)
+            frame.to_csv(stream, header=False, index=False, lineterminator="\n", quoting=quoted)
     for number, (table, rows, _) in enumerate(streams.values()):
         path = folder / f"{number}.csv"
         # what was lost is known now only; the rows follow their description

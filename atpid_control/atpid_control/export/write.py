@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from atpid_common import output
 from atpid_control.export import csv_file, mat_file, parquet_file, uff_file
 from atpid_control.export.source import ExportError, Source
@@ -22,6 +24,8 @@ FORMATS = {
 }
 #: The table that gets the name given: the measured displacements where they are there.
 _FIRST = "sensors/laser"
+#: Rows written at once, at least.
+_ROWS = 16_384
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ def export(
         raise ExportError(f"{beside[0]}: exists already; give another file to --out, or --force to replace it")
     source = Source(bag, topics)
     with output.writing(out), tempfile.TemporaryDirectory(prefix=".export-", dir=out.parent) as folder:
-        made = list(writer(source, _part(source, begin, end, progress), Path(folder)))
+        made = list(writer(source, _gathered(_part(source, begin, end, progress)), Path(folder)))
         if not made:
             raise ExportError(f"{bag}: no row from {begin:g} to {end:g} s; give a part in which something was recorded")
         files = _placed(made, source, out)
@@ -76,6 +80,25 @@ def _placed(made: list[tuple[Table | None, Path]], source: Source, out: Path) ->
         rows = f"{table.name}, {table.rows} rows" if table else ", ".join(held)
         found.append((place, rows))
     return sorted(found, key=lambda one: one[0] != out)
+
+
+def _gathered(pieces: Iterator[Piece]) -> Iterator[Piece]:
+    """Yield the same rows in larger pieces: writing has a cost a piece, and a block has few rows."""
+    waiting: dict[str, list[Piece]] = {}
+    rows: dict[str, int] = {}
+    for piece in pieces:
+        name = piece.table.name
+        waiting.setdefault(name, []).append(piece)
+        rows[name] = rows.get(name, 0) + len(piece)
+        if rows[name] >= _ROWS:
+            yield _joined(waiting.pop(name))
+            rows[name] = 0
+    yield from map(_joined, waiting.values())
+
+
+def _joined(pieces: list[Piece]) -> Piece:
+    columns = zip(*(piece.arrays for piece in pieces), strict=True)
+    return Piece(pieces[0].table, tuple(np.concatenate(arrays) for arrays in columns))
 
 
 def _part(source: Source, begin: float, end: float, progress: Callable[[int], None]) -> Iterator[Piece]:
