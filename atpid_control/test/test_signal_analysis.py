@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from recorded import block
+from scipy.signal import lfilter
 
 from atpid_control.analysis import AnalysisError, Signals, analyse, free_decay, frequency_response, orders, spectrum
 from atpid_control.analysis.decrement import find_decay
@@ -136,6 +137,18 @@ def test_low_coherence_and_few_averages_are_named() -> None:
     assert one.averages == 1.0
     assert any("coherence and error bars mean nothing" in line for line in one.doubts)
     assert not one.trusted.any()
+    assert np.isnan(one.relative_std).all()
+
+
+def test_lines_too_far_apart_for_a_peak_are_named() -> None:
+    """A resonance of 0.25 Hz width at lines 1 Hz apart: too low by half, and the two estimators differ."""
+    pole = np.exp((-0.8 + 2j * math.pi * 5.5) / RATE)
+    given = noise(400_000, 8)
+    answer = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], given)
+    coarse, fine = (frequency_response(Signals(RATE, given, answer), step) for step in (1.0, 0.05))
+    assert any("H1 and H2 differ by" in line for line in coarse.doubts)
+    assert not any("H1 and H2 differ by" in line for line in fine.doubts)
+    assert abs(coarse.h1[coarse.strongest]) < 0.8 * abs(fine.h1[fine.strongest])
 
 
 def test_no_excitation() -> None:

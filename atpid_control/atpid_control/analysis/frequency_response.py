@@ -20,6 +20,8 @@ _EXCITED = 1e-4
 COHERENT, FEWEST_AVERAGES = 0.8, 3.0
 #: Lines within the half-power width that a peak needs not to be flattened.
 _LINES = 4
+#: Difference of H2 and H1 at the largest response from which it is named [-].
+_APART = 0.05
 #: Excited lines up to which the excitation is a tone: the main lobe of the window, twice.
 _TONE = 8
 
@@ -49,7 +51,12 @@ class FrequencyResponse:
 
     @property
     def relative_std(self) -> Array:
-        """Standard deviation of |H1| over |H1|, and of its phase [rad] (k,) (Bendat and Piersol, Eq. 9.90)."""
+        """Standard deviation of |H1| over |H1|, and of its phase [rad] (k,) (Bendat and Piersol, Eq. 9.90).
+
+        NaN of too few averages.
+        """
+        if self.averages < FEWEST_AVERAGES:
+            return np.full(len(self.frequency), np.nan)
         known = np.maximum(self.coherence, 1e-12)
         return np.asarray(np.sqrt((1.0 - np.minimum(known, 1.0)) / (2.0 * known * self.averages)))
 
@@ -93,6 +100,11 @@ def _doubts(found: FrequencyResponse) -> list[str]:
     if low:
         lines.append(f"coherence below {COHERENT:g} at {low} of {np.count_nonzero(found.excited)} excited lines: "
                      "noise, leakage or impacts; these lines are not trusted")  # fmt: skip
+    place = found.strongest
+    apart = float(abs(found.h2[place]) / abs(found.h1[place])) - 1.0
+    if apart > _APART:
+        lines.append(f"H1 and H2 differ by {100.0 * apart:.2g} % at {found.frequency[place]:.4g} Hz: noise, or lines "
+                     "too far apart; then the error bar is too small")  # fmt: skip
     if found.tone:
         lines.append(f"only {np.count_nonzero(found.excited)} lines are excited, a tone: the response holds there; a "
                      "sweep or noise shows a resonance")  # fmt: skip

@@ -29,11 +29,12 @@ def _response_rows(found: Analysis) -> Iterator[tuple[str, str]]:
         return
     place = response.strongest
     error = 100.0 * response.relative_std[place]
+    bar = f" ± {error:.2g} %" if math.isfinite(error) else ""
     h1, h2 = abs(response.h1[place]), abs(response.h2[place])
     what = ("response to the tone" if response.tone else "largest response") + (
         "" if response.trusted[place] else " (not trusted)"
     )
-    yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g} ± {error:.2g} %, H2 {h2:.4g}"
+    yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g}{bar}, H2 {h2:.4g}"
     phase = math.degrees(np.angle(response.h1[place]))
     yield "its phase, coherence", f"{phase:.4g} degrees, {response.coherence[place]:.4f}"
     yield "lines trusted", f"{response.trusted.sum()} of {response.excited.sum()} that are excited"
