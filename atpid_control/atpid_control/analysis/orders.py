@@ -13,7 +13,7 @@ from atpid_sim.system import Array
 #: Periods that the fit needs; change of amplitude within the part from which it is named [-].
 _FEWEST, _CHANGE = 5.0, 0.05
 #: Periods of a window in which the excitation's amplitude is followed, and by how much it may differ [-].
-_WINDOW, _SAME = 5.0, 0.02
+_WINDOW, _SAME = 6.0, 0.02
 #: Share of the largest amplitude below which the excitation is off [-].
 _OFF = 0.05
 

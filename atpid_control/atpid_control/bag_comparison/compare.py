@@ -14,7 +14,7 @@ import numpy as np
 
 from atpid_common.errors import InputError
 from atpid_control.analysis.orders import Orders, orders, steady_part
-from atpid_control.analysis.signals import AnalysisError
+from atpid_control.analysis.signals import AnalysisError, Signals
 from atpid_control.analysis.spectra import Spectrum, spectrum
 from atpid_control.bags.read import Bag, stamp_of
 from atpid_control.report.analysis import signals_of
@@ -59,14 +59,15 @@ class Side:
 
     name: str
     view: View
+    signals: Signals  # support and beam, NaN where a sample was lost
     shift: float  # to be added to its times [s]
     spectrum: Spectrum | None
     orders: Orders | None
 
     @property
     def time(self) -> Array:
-        """Times of its motion on the common axis (n,) [s]."""
-        return np.asarray(self.view.run.motion.time + self.shift)
+        """Times of its signals on the common axis (n,) [s]."""
+        return np.asarray(self.signals.time + self.shift)
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def _side(path: Path, view: View, shift: float) -> Side:
     with suppress(AnalysisError):  # a run too short, or without excitation: its rows are missing in the table
         density = spectrum(signals.response, signals.rate)
         found = orders(steady_part(signals))
-    return Side(str(path), view, shift, density, found)
+    return Side(str(path), view, signals, shift, density, found)
 
 
 def _shifts(views: list[View], paths: tuple[Path, Path], align: str) -> list[float]:
@@ -145,18 +146,9 @@ def _difference(sides: list[Side], align: str) -> tuple[Array, Array]:
         spans = "; ".join(f"{time[0]:.6g} to {time[-1]:.6g} s" for time in times)
         raise BagComparisonError(f"--align: given {align}; the two runs have no common time ({spans}); give {START}")
     common = times[0][(times[0] >= begin) & (times[0] <= end)]
-    beams = [_at(common, time, side.view.run.motion.beam) for time, side in zip(times, sides, strict=True)]
-    return common, beams[1] - beams[0]
-
-
-def _at(common: Array, time: Array, values: Array) -> Array:
-    """Return a series at the common times, NaN where the samples around are farther apart than two steps."""
-    found = np.interp(common, time, values)
-    steps = np.diff(time)
-    after = np.clip(np.searchsorted(time, common), 1, len(time) - 1)
-    wide = steps[after - 1] > 2.0 * np.median(steps)
-    inside = (common > time[after - 1]) & (common < time[after])
-    return np.asarray(np.where(wide & inside, np.nan, found))
+    # between two samples of which one is lost the result is NaN too
+    beams = [np.interp(common, time, side.signals.response) for time, side in zip(times, sides, strict=True)]
+    return common, np.asarray(beams[1] - beams[0])
 
 
 def _rows(sides: list[Side]) -> Iterator[Row]:

@@ -36,7 +36,7 @@ def draw(found: Compared, path: Path) -> None:
 def _beams(ax: Any, found: Compared, begin: float, end: float, title: str) -> None:
     for side, colour, width, place in zip(found.sides, _COLOURS, (1.6, 0.8), ("first", "second"), strict=True):
         inside = (side.time >= begin) & (side.time <= end)
-        time, beam = side.time[inside], side.view.run.motion.beam[inside]
+        time, beam = side.time[inside], side.signals.response[inside]
         shown = extremes(beam, _POINTS)
         ax.plot(time[shown], beam[shown], colour, linewidth=width, label=f"{place}: {Path(side.name).name}")
     ax.set(xlabel="time [s]", ylabel="m", title=title)

@@ -53,7 +53,8 @@ def _description(source: Source, table: Table) -> Iterator[str]:
         yield from (f"lost: {count} samples from index {first} on" for first, count in table.gaps)
     for column in table.columns:
         text = f"{column.name}: {column.description}" + (f"; sampled {column.skew!r} s later" if column.skew else "")
-        yield one_line(text)
+        if column.description or column.skew:
+            yield one_line(text)
     yield from (one_line(f"missing: {line}") for line in source.missing)
 
 
