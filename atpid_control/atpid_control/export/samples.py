@@ -21,9 +21,9 @@ _SERIES = ("support", "beam", "grain", "ceiling")
 class Samples:
     """The rows of one topic of SampleBlock or PlantTruth; a stream that starts anew makes a table of its own."""
 
-    def __init__(self, topic: str, type_name: str, known: dict[str, tuple[str, str]], start_ns: int) -> None:
+    def __init__(self, name: str, topic: str, type_name: str, known: dict[str, tuple[str, str]], start_ns: int) -> None:
         self.tables: list[Table] = []
-        self._topic, self._type, self._known, self._start = topic, type_name, known, start_ns
+        self._name, self._topic, self._type, self._known, self._start = name, topic, type_name, known, start_ns
         self._following = 0  # index the next block should have
         self._end_ns = 0  # instant of that index by the block before
 
@@ -38,7 +38,7 @@ class Samples:
             if len(self.tables) == _MOST_PARTS:
                 self._leave_out(f"the stream starts anew for the {_MOST_PARTS}th time")
                 return
-            name = self._topic.strip("/") + (f"_{len(self.tables) + 1}" if self.tables else "")
+            name = self._name + (f"_{len(self.tables) + 1}" if self.tables else "")
             table = Table(name, self._topic, self._type, columns, rate)
             self.tables.append(table)
         elif first < self._following:

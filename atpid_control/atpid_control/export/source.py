@@ -4,7 +4,7 @@ there.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,7 @@ class _Topic:
     """One topic while it is read: its messages as rows, and its samples where it has some."""
 
     kind: str  # of atpid_interfaces; empty: of another package
-    schema: int
+    definition: str
     stamped: bool
     leaves: list[Leaf]
     table: Table
@@ -64,26 +64,21 @@ class Source:
     def __init__(self, path: Path | str, topics: Sequence[str] = ()) -> None:
         """Open the bag; `topics`: those wanted, all where none is named. Raises BagError, ExportError."""
         self.path = Path(path)
-        self._file = find_file(self.path)
+        self._files = [find_file(self.path)]
         self._wanted = set(topics)
         self.run: dict[str, str] = {}
         self.result: dict[str, str] = {}
         self.files: dict[str, bytes] = {}
         self.messages: Counter[str] = Counter()
-        self._topics: dict[int, _Topic | None] = {}
-        self._whole = False
+        self._topics: list[_Topic] = []
+        self._broken: dict[str, int] = {}  # files that break off: after how many messages
         self.start_ns = self._first_sample()
-
-    @property
-    def size(self) -> int:
-        """Size of the bag's file [bytes]."""
-        return self._file.stat().st_size
 
     @property
     def tables(self) -> list[Table]:
         """The tables that have been met."""
         found = []
-        for topic in filter(None, self._topics.values()):
+        for topic in self._topics:
             found += topic.samples.tables if topic.samples else []
             found += [topic.table] if topic.table.rows else []
         return found
@@ -92,11 +87,11 @@ class Source:
     def missing(self) -> list[str]:
         """What the bag does not have and should, a line each; known when `pieces` has ended."""
         lines = []
-        if not self._whole:
-            lines.append(f"the file breaks off after {self.messages.total()} messages; what came later is not there")
-        elif not self.result:
+        for name, messages in self._broken.items():
+            lines.append(f"{name} breaks off after {messages} messages; what came later is not there")
+        if not self._broken and not self.result:
             lines.append("the recording was not closed: what was not written yet is not there")
-        for name, listed in counts_listed(self._file.parent).items():
+        for name, listed in counts_listed(self._files[0].parent).items():
             read = self.messages[name]
             if read < listed:
                 lines.append(f"{name}: {listed - read} of {listed} messages that metadata.yaml lists are missing")
@@ -108,41 +103,50 @@ class Source:
 
     def pieces(self) -> Iterator[Piece]:
         """Yield the rows of all tables wanted, as they come. Raises BagError, ExportError: a topic it does not have."""
-        decoder, definitions, names = Decoder(), dict[int, str](), dict[int, str]()
-        for record in records(self._file, torn_ok=True):
+        for file in self._files:
+            before = self.messages.total()
+            whole = yield from self._file(file)
+            if not whole:
+                self._broken[file.name] = self.messages.total() - before
+        for topic in self._topics:
+            yield from topic.flush()
+        unknown = sorted(self._wanted - set(self.messages))
+        if unknown:
+            listed = ", ".join(sorted(self.messages)) or "none"
+            raise ExportError(f"{self.path}: --topic: given {unknown[0]}; in the bag: {listed}")
+
+    def _file(self, file: Path) -> Generator[Piece, None, bool]:
+        """Yield the rows of one file, with ids of its own; return whether it has its end."""
+        decoder, definitions, channels = Decoder(), dict[int, str](), dict[int, tuple[Channel, _Topic | None]]()
+        for record in records(file, torn_ok=True):
             if isinstance(record, Schema):
                 decoder.add(record)
                 definitions[record.id] = record.data.decode(errors="replace")
-            elif isinstance(record, Channel) and record.id not in names:
-                names[record.id] = record.topic
-                self._topics[record.id] = self._topic(record, decoder, definitions)
-            elif isinstance(record, Message) and record.channel_id in names:
-                self.messages[names[record.channel_id]] += 1
-                topic = self._topics[record.channel_id]
+            elif isinstance(record, Channel) and record.id not in channels:
+                channels[record.id] = record, self._topic(record, decoder, definitions)
+            elif isinstance(record, Message) and record.channel_id in channels:
+                channel, topic = channels[record.channel_id]
+                self.messages[channel.topic] += 1
                 if topic is not None:
-                    yield from self._rows(topic, record, decoder)
+                    message = decoder.decode(channel.schema_id, record.data)
+                    yield from self._rows(topic, message, record.log_time)
+            elif isinstance(record, Footer):
+                return True
             else:
                 self._aside(record)
-        for topic in filter(None, self._topics.values()):
-            yield from topic.flush()
-        unknown = sorted(self._wanted - set(names.values()))
-        if unknown:
-            listed = ", ".join(sorted(names.values())) or "none"
-            raise ExportError(f"{self.path}: --topic: given {unknown[0]}; in the bag: {listed}")
+        return False
 
     def _aside(self, record: McapRecord) -> None:
         if isinstance(record, Attachment):
             self.files[record.name] = record.data
         elif isinstance(record, Metadata):
             {RUN: self.run, RESULT: self.result}.get(record.name, {}).update(record.metadata)
-        elif isinstance(record, Footer):
-            self._whole = True
 
     def _first_sample(self) -> int:
         """Return the stamp of the bag's first sample, else of its first message [ns]."""
         decoder, channels = Decoder(), dict[int, int]()
         first = None
-        for record in records(self._file, torn_ok=True):
+        for record in records(self._files[0], torn_ok=True):
             if isinstance(record, Schema):
                 decoder.add(record)
             elif isinstance(record, Channel):
@@ -159,25 +163,30 @@ class Source:
     def _topic(self, channel: Channel, decoder: Decoder, definitions: dict[int, str]) -> _Topic | None:
         if self._wanted and channel.topic not in self._wanted:
             return None
-        name = decoder.name(channel.schema_id)
+        name, definition = decoder.name(channel.schema_id), definitions[channel.schema_id]
+        same = [topic for topic in self._topics if topic.table.topic == channel.topic]
+        for topic in same:
+            if (topic.table.type, topic.definition) == (name, definition):
+                return topic
         kind = name.removeprefix(_OURS) if name.startswith(_OURS) else ""
-        definition, stamped = definitions[channel.schema_id], has_header(decoder, name)
         series = _SAMPLED.get(kind, ())
         found = [leaf for leaf in leaves(decoder, name, definition) if leaf.path[0] not in series]
-        samples = Samples(channel.topic, name, comments(definition), self.start_ns) if series else None
+        own = channel.topic.strip("/") + (f"_definition_{len(same) + 1}" if same else "")
+        samples = Samples(own, channel.topic, name, comments(definition), self.start_ns) if series else None
         scans = [Column("scans", "", "samples in the block", np.dtype(np.int64))] if series else []
         columns = (*common(TIME, STAMP, RECEIVED), *scans, *(leaf.column for leaf in found))
-        own = channel.topic.strip("/") + ("_blocks" if series else "")
-        return _Topic(kind, channel.schema_id, stamped, found, Table(own, channel.topic, name, columns), samples, [])
+        table = Table(own + ("_blocks" if series else ""), channel.topic, name, columns)
+        made = _Topic(kind, definition, has_header(decoder, name), found, table, samples, [])
+        self._topics.append(made)
+        return made
 
-    def _rows(self, topic: _Topic, record: Message, decoder: Decoder) -> Iterator[Piece]:
-        message = decoder.decode(topic.schema, record.data)
+    def _rows(self, topic: _Topic, message: Any, log_ns: int) -> Iterator[Piece]:
         reason = check_as(topic.kind, message) if topic.kind in CHECKS else ""
         if reason:
             topic.table.left_out[reason] = topic.table.left_out.get(reason, 0) + 1
             return
-        stamp = stamp_of(message) if topic.stamped else record.log_time
-        times = ((stamp - self.start_ns) * 1e-9, stamp, (record.log_time - self.start_ns) * 1e-9)
+        stamp = stamp_of(message) if topic.stamped else log_ns
+        times = ((stamp - self.start_ns) * 1e-9, stamp, (log_ns - self.start_ns) * 1e-9)
         scans = (scans_of(message),) if topic.samples else ()
         topic.waiting.append((*times, *scans, *(leaf.value(message) for leaf in topic.leaves)))
         topic.table.rows += 1
