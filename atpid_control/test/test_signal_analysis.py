@@ -318,6 +318,7 @@ def test_bad_input_is_one_line(
     assert (len(printed.err.splitlines()), printed.out) == (1, "")
 
 
+@pytest.mark.slow
 def test_an_earlier_analysis_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = written(tmp_path / "bag", tone(5.0, 0.01, 4.0), tone(5.0, 0.03, 4.0, 1.0))
     assert main(["analyse", str(bag), "--out", str(tmp_path / "out")]) == 0
