@@ -136,6 +136,12 @@ RUN = {
         r"python -m atpid_control\.recording repair": "test_what_is_no_bag_is_one_line",
         r"python -m atpid_control\.recording extract": "test_what_a_bag_keeps_can_be_taken_out",
     },
+    "atpid_control/test/test_recording_recover.py": {
+        r"python -m atpid_control\.recording recover": "test_nothing_is_written_over",
+    },
+    "atpid_control/test/test_recording_node.py": {
+        r"ros2 run atpid_control recorder_node": "test_a_trigger_among_real_publishers",
+    },
     "atpid_control/test/test_recording_check.py": {
         r"python -m atpid_control\.recording check": "test_a_sound_run_is_one_line_and_status_0"
     },

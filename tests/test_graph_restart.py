@@ -16,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
-from atpid_control.bags.verify import repair
+from atpid_control.bags.recover import repair
 from atpid_control.bench.running import commands_of
 from atpid_control.graph.domain import own_domain
 from atpid_control.graph.parts import write_parameters
@@ -129,4 +129,4 @@ def test_a_recorder_that_is_killed_is_reported_and_the_plant_ends(graph: Start, 
     running.until(lambda: running.nodes["plant_node"].status is not None)
     assert running.nodes["plant_node"].status == 0
     running.until(lambda: Event.FINISHED in {event.kind for event in watch.events})
-    assert repair(tmp_path / "bag").by_topic["/sensors/laser"] > 20
+    assert repair(tmp_path / "bag").verified.by_topic["/sensors/laser"] > 20

@@ -9,6 +9,7 @@ import yaml
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row
+from atpid_control.nodes import recorder_parameters
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import motor_interface
@@ -26,6 +27,8 @@ CONFIGURED = {
 TABLES = {
     **{node: table for node, (table, _) in CONFIGURED.items()},
     "motor_node": motor_interface.TABLE,
+    # its lists of topics and nodes are on docs/recording.md
+    "recorder_node": tuple(row for row in recorder_parameters.PARAMETERS if not isinstance(row.default, list)),
     "acquisition_node": (*own_rows(None, "sensors/acquisition", False, 0.0), *COMMON, *THRESHOLDS),
     **{f"Backend {name}": rows_of(backend(name).settings) for name in BUILT_IN},
 }

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control.recording verify|check|repair|extract BAG`.
+"""`python -m atpid_control.recording verify|check|recover|repair|extract BAG`.
 
-Is the file whole; did the run in it keep its rules; make the file whole; what was it made with.
+Is the file whole; did the run in it keep its rules; make a whole bag of a damaged one, or make it whole in its place;
+what was it made with.
 """
 
 import argparse
@@ -17,8 +18,9 @@ from atpid_common.errors import DONE
 from atpid_control.bags.check import check
 from atpid_control.bags.errors import BagError, in_words
 from atpid_control.bags.read import open_bag
+from atpid_control.bags.recover import Recovered, recover, repair
 from atpid_control.bags.support import write_support
-from atpid_control.bags.verify import repair, verify
+from atpid_control.bags.verify import Verified, survey, verify
 
 FOUND = 1
 #: Arguments of the example in the help.
@@ -26,7 +28,7 @@ EXAMPLE = "verify bags/thesis_4_3_short"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Verify, check or repair a bag, or write the files kept in it or its support's motion; return the exit status."""
+    """Verify, check, recover or repair a bag, or write what is kept in it; return the exit status."""
     return run_parsed(parser, arguments)
 
 
@@ -34,9 +36,10 @@ def parser() -> Parser:
     """Return the parser of the command line."""
     parser = Parser(prog="python -m atpid_control.recording", description=__doc__, example=EXAMPLE)
     add = parser.add_argument
-    add("action", choices=("verify", "check", "repair", "extract"))
+    add("action", choices=("verify", "check", "recover", "repair", "extract"))
     add("bag", type=file_path, help="folder of the bag")
-    add("--out", type=file_path, default=Path(), help="extract: folder for scene, parameters, map (default: here)")
+    out = "extract: folder for scene, parameters, map (default: here); recover: the new bag (default: BAG-recovered)"
+    add("--out", type=file_path, help=out)
     support = "extract: instead of those, the support's motion as support.csv for a scene; a part of it, in s"
     interval = rising(0.0, math.inf, "FROM:TO, two rising times from 0 on in s")
     add("--support", type=interval, nargs="?", const=(0.0, math.inf), metavar="FROM:TO", help=support)
@@ -47,20 +50,47 @@ def parser() -> Parser:
 def _run(given: argparse.Namespace) -> int:
     if given.support and given.action != "extract":
         raise BagError(f"--support: given with {given.action}; allowed: with extract")
+    if given.out and given.action not in ("extract", "recover"):
+        raise BagError(f"--out: given with {given.action}; allowed: with extract and recover")
     if given.support:
-        print(write_support(open_bag(given.bag), given.out, *given.support))
+        print(write_support(open_bag(given.bag), given.out or Path(), *given.support))
     elif given.action == "extract":
-        _extract(given.bag, given.out)
+        _extract(given.bag, given.out or Path())
     elif given.action == "check":
         return _check(given.bag)
+    elif given.action == "verify":
+        _verify(given.bag)
     else:
-        found = repair(given.bag) if given.action == "repair" else verify(given.bag)
-        for topic, count in sorted(found.by_topic.items()):
-            print(f"{count:8d}  {topic}")
-        seconds, size = (found.end_ns - found.start_ns) * 1e-9, found.size / 1e6
-        read = f"{found.messages} messages over {seconds:.3f} s, {size:.2f} MB, every one read and decoded"
-        print(f"{found.folder}: {read}")
+        _print_recovered(given.bag, repair(given.bag) if given.action == "repair" else recover(given.bag, given.out))
     return DONE
+
+
+def _verify(bag: Path) -> None:
+    """Print what is in a whole bag; of another, what is lost, before the error."""
+    try:
+        _print_verified(verify(bag))
+    except BagError:
+        for line in survey(bag):
+            print(f"lost: {line}")
+        raise
+
+
+def _print_verified(found: Verified) -> None:
+    for topic, count in sorted(found.by_topic.items()):
+        print(f"{count:8d}  {topic}")
+    for line in found.lost:
+        print(f"missing: {line}")
+    seconds, size = (found.end_ns - found.start_ns) * 1e-9, found.size / 1e6
+    read = f"{found.messages} messages over {seconds:.3f} s, {size:.2f} MB, every one read and decoded"
+    print(f"{found.folder}: {read}")
+
+
+def _print_recovered(bag: Path, found: Recovered) -> None:
+    for line in found.lost:
+        print(f"lost: {line}")
+    _print_verified(found.verified)
+    if not found.made:
+        print(f"{bag}: is whole, nothing was written")
 
 
 def _check(bag: Path) -> int:

@@ -22,7 +22,8 @@ from atpid_control import recording as command
 from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
 from atpid_control.bags.cdr import block_shape, event_kind, header, is_handshake, truth_shape
 from atpid_control.bags.definitions import message_type
-from atpid_control.bags.session import Continuity, StampOrder
+from atpid_control.bags.order import StampOrder
+from atpid_control.bags.session import Continuity
 from atpid_control.bags.topics import DEFAULT, parse
 from atpid_control.bags.writer import Sink
 
@@ -235,7 +236,7 @@ def test_a_full_disk_is_one_line_and_the_rest_can_be_saved(tmp_path: Path, monke
     writer.close()
     with pytest.raises(BagError, match="breaks off"):
         verify(tmp_path / "run")
-    assert repair(tmp_path / "run").messages >= 30
+    assert repair(tmp_path / "run").verified.messages >= 30
 
 
 _KILLED = """
@@ -256,10 +257,10 @@ def test_a_kill_loses_at_most_one_chunk(tmp_path: Path) -> None:
     assert not (folder / "metadata.yaml").exists()
     with pytest.raises(BagError, match="breaks off"):
         verify(folder)
-    found = repair(folder)
+    found = repair(folder).verified
     # a block of 50 x 2 doubles is about 1 kB, so that a chunk of 16 KiB holds 17 of them
     assert 400 - 17 <= found.messages <= 400
-    assert repair(folder) == found
+    assert repair(folder).verified == found
     assert (folder / "run_0.mcap.damaged").is_file()
 
 
@@ -269,14 +270,14 @@ def test_what_came_before_an_ended_chunk_survives_a_crash(tmp_path: Path) -> Non
     size = writer.size
     writer.end_chunk()  # without messages
     assert writer.size == size
-    assert repair(tmp_path / "run").messages == 40
+    assert repair(tmp_path / "run").verified.messages == 40
     writer.close()
 
 
 def test_a_repaired_bag_keeps_description_and_channels(tmp_path: Path) -> None:
     writer = small_bag(tmp_path / "run")
     writer.sync()
-    assert repair(tmp_path / "run").messages == 40
+    assert repair(tmp_path / "run").verified.messages == 40
     information = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert information["custom_data"]["run_id"] == "small"
     assert "repaired" in information["custom_data"]
@@ -344,7 +345,7 @@ def test_a_length_beyond_all_bounds_is_one_line(field: int, tmp_path: Path) -> N
         file.write_bytes(data)
         with pytest.raises(BagError, match="breaks off or is damaged"):
             verify(tmp_path / "run")
-        assert repair(tmp_path / "run").messages == 0
+        assert repair(tmp_path / "run").verified.messages == 26  # all but those of the chunk
         file.write_bytes(data)
 
 
@@ -357,9 +358,9 @@ def test_metadata_that_contradicts_the_file_is_detected_and_repaired(tmp_path: P
     small_bag(tmp_path / "run").close()
     path = tmp_path / "run" / "metadata.yaml"
     path.write_text(path.read_text().replace("message_count: 40", "message_count: 39"))
-    with pytest.raises(BagError, match="lists 39 messages on /sensors/laser, the file holds 40"):
+    with pytest.raises(BagError, match="lists 39 messages on /sensors/laser, the files hold 40"):
         verify(tmp_path / "run")
-    assert repair(tmp_path / "run").messages == 40
+    assert repair(tmp_path / "run").verified.messages == 40
 
 
 @pytest.mark.parametrize("action", ["verify", "repair"])

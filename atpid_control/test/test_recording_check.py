@@ -260,7 +260,7 @@ def test_findings_are_status_1_with_each_rule_by_name(
 
 
 def test_a_recording_that_was_not_closed_is_refused(checked: Callable[..., Checked], sound: Messages) -> None:
-    with pytest.raises(BagError, match="repair"):
+    with pytest.raises(BagError, match="recover"):
         checked(sound, close=False)
 
 

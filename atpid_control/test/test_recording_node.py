@@ -214,7 +214,7 @@ def test_a_full_disk_ends_the_recording_with_one_line(
     spin_until(ros, lambda: "fault" in source.kinds)
     assert recorder.done.result() == 2
     assert "the disk is full" in recorder.error
-    assert "repair" in recorder.error
+    assert "recover" in recorder.error
     spin_until(ros, lambda: source.status is not None and not source.status.recording)
     assert source.kinds.count("fault") == 1
 
@@ -261,7 +261,7 @@ def test_every_end_leaves_a_bag(ros: SingleThreadedExecutor, tmp_path: Path, num
         recorder.process.wait()
     if number == signal.SIGKILL:
         assert status == -signal.SIGKILL
-        assert repair(tmp_path / "run").messages > 0
+        assert repair(tmp_path / "run").verified.messages > 0
     else:
         assert status == 0, said
         assert verify(tmp_path / "run").by_topic["/sensors/laser"] == 20
@@ -371,3 +371,50 @@ def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(
 def kept_files(folder: Path) -> list[str]:
     """Names of the files kept in a bag that is still being written."""
     return [record.name for record in records(find_file(folder), torn_ok=True) if isinstance(record, Attachment)]
+
+
+def test_a_trigger_among_real_publishers(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    overrides = {"trigger": "sensors/laser a", "trigger_level": 19.5, "trigger_pre": 0.1, "trigger_post": 0.2}
+    recorder, source = make(ros, tmp_path / "run", lockstep=True, **overrides)
+    spin_until(ros, source.ready)
+    for number in range(40):
+        source.block(number)
+        ros.spin_once(timeout_sec=0.0)
+    spin_until(ros, source.closed)  # by itself, the run goes on
+    bag = open_bag(tmp_path / "run")
+    # block 20 is the first above the level: two blocks before it end in the pre-trigger time
+    assert [block.first_index // SCANS for block in bag.stream("/sensors/laser")] == [18, 19, 20, 21, 22, 23, 24]
+    assert bag.result["trigger"].startswith("/sensors/laser a rising through 19.5: at scan 1000,")
+    assert not recorder.error
+    verify(tmp_path / "run")
+
+
+def test_a_trigger_in_real_time_is_an_event_and_a_wrong_channel_too(
+    ros: SingleThreadedExecutor, tmp_path: Path
+) -> None:
+    _, source = make(ros, tmp_path / "run", trigger="sensors/laser b")
+    spin_until(ros, source.ready)
+    source.block(0)
+    spin_until(ros, lambda: "trigger" in source.kinds)
+    source.finish(1)
+    spin_until(ros, lambda: source.status is not None and not source.status.recording)
+    assert open_bag(tmp_path / "run").result["trigger"].endswith("never")
+    with pytest.raises(BagError, match="allowed: 'TOPIC SIGNAL'"):
+        RecorderNode(parameter_overrides=[Parameter("bag", value=str(tmp_path / "x")), Parameter("trigger", value="x")])
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_bag_is_split_while_it_is_recorded(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
+    _, source = make(ros, tmp_path / "run", lockstep=True, max_bag_duration=0.5)
+    spin_until(ros, source.ready)
+    for number in range(30):
+        source.block(number)
+        ros.spin_once(timeout_sec=0.0)
+    source.finish(30)
+    spin_until(ros, source.closed)
+    assert sorted(path.name for path in (tmp_path / "run").glob("*.mcap")) == ["run_0.mcap", "run_1.mcap", "run_2.mcap"]
+    found = verify(tmp_path / "run")
+    assert found.by_topic["/sensors/laser"] == 30
+    assert not found.lost
+    with AnyReader([tmp_path / "run"], default_typestore=get_typestore(Stores.EMPTY)) as reader:
+        assert sum(1 for _ in reader.messages()) == found.messages

@@ -20,9 +20,10 @@ from mutations import as_yaml, changed_arrays, changed_bag, changed_bytes, chang
 from atpid_common.errors import AtpidError
 from atpid_control.analysis import analyse
 from atpid_control.bags.read import open_bag
+from atpid_control.bags.recover import recover, repair
 from atpid_control.bags.replay_files import write_replay_files
 from atpid_control.bags.support import support_series
-from atpid_control.bags.verify import repair, verify
+from atpid_control.bags.verify import survey, verify
 from atpid_control.beam_calibration.recording import read_recording
 from atpid_control.export import frames
 from atpid_control.export.motions import signals_in
@@ -138,9 +139,21 @@ def _in_folder(path: Path) -> Path:
 
 def _bag(path: Path) -> None:
     folder = _in_folder(path)
-    for read in (verify, _all_of, lambda bag: support_series(open_bag(bag)), repair, verify):
+    before = path.read_bytes()
+    for read in (verify, survey, _all_of, lambda bag: support_series(open_bag(bag)), _recover, repair, verify):
         with suppress(AtpidError):
             read(folder)
+    kept = [file.read_bytes() for file in folder.iterdir() if file.name.startswith(path.name)]
+    assert before in kept, "the original was changed"
+
+
+def _recover(folder: Path) -> None:
+    """Recover a bag: another one that is whole, and nothing else; the damaged one as it was."""
+    before = {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}
+    made = recover(folder, folder / "again")
+    assert {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
+    assert not made.made or verify(folder / "again").messages == made.verified.messages
+    shutil.rmtree(folder / "again", ignore_errors=True)
 
 
 def _all_of(folder: Path) -> None:

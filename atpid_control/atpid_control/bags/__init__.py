@@ -4,10 +4,11 @@
 from atpid_control.bags.errors import BagError, TypeUnknownError
 from atpid_control.bags.metadata import Qos, RunInfo, new_run
 from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bags.verify import Verified, repair, verify
-from atpid_control.bags.writer import BagWriter, check_new
+from atpid_control.bags.recover import Recovered, recover, repair
+from atpid_control.bags.verify import Verified, verify
+from atpid_control.bags.writer import BagWriter, Split, check_new
 
 __all__ = [
-    "Bag", "BagError", "BagWriter", "Qos", "RunInfo", "TypeUnknownError", "Verified", "check_new", "new_run",
-    "open_bag", "repair", "verify",
+    "Bag", "BagError", "BagWriter", "Qos", "Recovered", "RunInfo", "Split", "TypeUnknownError", "Verified", "check_new",
+    "new_run", "open_bag", "recover", "repair", "verify",
 ]  # fmt: skip

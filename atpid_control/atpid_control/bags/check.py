@@ -22,9 +22,10 @@ from atpid_control.bags import check_rules as rules
 from atpid_control.bags.check_rules import Findings
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError
+from atpid_control.bags.losses import scans_of
 from atpid_control.bags.metadata import RESULT, RUN, SCENE
-from atpid_control.bags.read import scans_of, stamp_of
-from atpid_control.bags.verify import find_file, records
+from atpid_control.bags.read import stamp_of
+from atpid_control.bags.records import bag_records
 from atpid_control.identification.identifier import last_stamp_ns
 from atpid_sim.scene import ControlledCeiling, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
@@ -149,7 +150,7 @@ class _Check:
             self._block(topic, kind, stamp, block)
         self.answers.end(self.findings, self.finished_ns)
         if not self.result:
-            self.findings.add("end", "the recording was not closed; `recording repair` makes the file whole")
+            self.findings.add("end", "the recording was not closed; `recording recover` makes a whole bag of it")
         elif not self.ended:
             self.ended = "stopped before a source had finished"
         for name, stream in self.scans.items():
@@ -189,7 +190,7 @@ def check(path: Path) -> Checked:
     """Check the run in a bag. Raises BagError where the file cannot be read to its end."""
     state = _Check(path)
     decoder, channels, names = Decoder(), dict[int, Channel](), dict[int, str]()
-    for record in records(find_file(path)):
+    for record in bag_records(path):
         if isinstance(record, Message):
             channel = channels[record.channel_id]
             kind = names.get(channel.schema_id, "").removeprefix(_OURS)

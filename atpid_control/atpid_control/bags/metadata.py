@@ -142,30 +142,57 @@ class TopicSummary:
 
 
 @dataclass
-class BagSummary:
-    """The contents of a bag's metadata.yaml."""
+class FileSummary:
+    """One file of a bag."""
 
-    file_name: str
-    topics: dict[str, TopicSummary] = field(default_factory=dict)
+    name: str
+    count: int = 0  # messages
     start_ns: int | None = None  # earliest log time [ns]
     end_ns: int = 0  # latest log time [ns]
+
+    def add(self, log_ns: int) -> None:
+        """Count one message."""
+        self.count += 1
+        self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
+        self.end_ns = max(self.end_ns, log_ns)
+
+    def times(self) -> dict[str, Any]:
+        """Return begin and duration as rosbag2 writes them."""
+        start = self.start_ns or 0
+        return {
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": max(0, self.end_ns - start)},
+        }
+
+
+class BagSummary:
+    """The contents of a bag's metadata.yaml: its topics, its files, and all of it together."""
+
+    def __init__(self, file_name: str) -> None:
+        """Begin with the first file."""
+        self.topics: dict[str, TopicSummary] = {}
+        self.files = [FileSummary(file_name)]
+        self.whole = FileSummary("")
 
     @property
     def count(self) -> int:
         """Number of messages."""
-        return sum(topic.count for topic in self.topics.values())
+        return self.whole.count
+
+    def begin_file(self, name: str) -> None:
+        """Count what follows as contents of another file."""
+        self.files.append(FileSummary(name))
 
     def add(self, topic: str, log_ns: int) -> None:
         """Count one message."""
         self.topics[topic].count += 1
-        self.start_ns = log_ns if self.start_ns is None else min(self.start_ns, log_ns)
-        self.end_ns = max(self.end_ns, log_ns)
+        self.whole.add(log_ns)
+        self.files[-1].add(log_ns)
 
 
 def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]:
     """Return the required mapping, in its order; `custom` is the run's id, commit and the like."""
-    start = summary.start_ns or 0
-    starting, duration = {"nanoseconds_since_epoch": start}, {"nanoseconds": max(0, summary.end_ns - start)}
+    whole = summary.whole.times()
     topics = [
         {
             "topic_metadata": {
@@ -182,21 +209,14 @@ def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]
     information = {
         "version": 9,
         "storage_identifier": "mcap",
-        "duration": duration,
-        "starting_time": starting,
+        "duration": whole["duration"],
+        "starting_time": whole["starting_time"],
         "message_count": summary.count,
         "topics_with_message_count": topics,
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [summary.file_name],
-        "files": [
-            {
-                "path": summary.file_name,
-                "starting_time": dict(starting),
-                "duration": dict(duration),
-                "message_count": summary.count,
-            }
-        ],
+        "relative_file_paths": [file.name for file in summary.files],
+        "files": [{"path": file.name, **file.times(), "message_count": file.count} for file in summary.files],
         "custom_data": dict(custom),
         "ros_distro": "jazzy",
     }
@@ -206,9 +226,12 @@ def mapping_of(summary: BagSummary, custom: Mapping[str, str]) -> dict[str, Any]
 def write(folder: Path, summary: BagSummary, custom: Mapping[str, str]) -> Path:
     """Write metadata.yaml whole or not at all; return its path. Raises OSError."""
     path, partial = folder / FILE_NAME, folder / f".{FILE_NAME}.partial"
-    with partial.open("w", encoding="utf-8") as stream:
-        yaml.safe_dump(mapping_of(summary, custom), stream, sort_keys=False, allow_unicode=True)
-        stream.flush()
-        os.fsync(stream.fileno())
-    partial.replace(path)
+    try:
+        with partial.open("w", encoding="utf-8") as stream:
+            yaml.safe_dump(mapping_of(summary, custom), stream, sort_keys=False, allow_unicode=True)
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
     return path

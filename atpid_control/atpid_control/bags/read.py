@@ -1,23 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads bags: messages decoded with the schemas inside them, so that neither ROS nor the workspace is needed."""
 
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from atpid_common.message_checks import CHECKS, check_as
-from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError
+from atpid_control.bags.losses import scans_of
 from atpid_control.bags.metadata import RESULT, RUN, SCENE
-from atpid_control.bags.verify import channel_of, find_file, records
+from atpid_control.bags.parts import check_listed, find_parts, read_metadata
+from atpid_control.bags.records import records, renumbered
+from atpid_control.bags.verify import channel_of
+
+__all__ = ["MOST_HELD", "Bag", "Raw", "open_bag", "scans_of", "stamp_of"]
 
 #: Longest gap between two blocks of one stream [s]: an index farther ahead is none.
 _LONGEST_GAP = 3600.0
+#: Memory of one message besides its bytes, and what all of them may take [bytes].
+_RAW = 250
+MOST_HELD = int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,38 +113,50 @@ def stamp_of(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def scans_of(block: Any) -> int:
-    """Return how many scans a SampleBlock or PlantTruth has."""
-    return len(block.beam) if hasattr(block, "beam") else len(block.data) // len(block.channels)
-
-
 def open_bag(path: Path | str, *, messages: bool = True) -> Bag:
     """Read a bag, given as its folder or its .mcap file; without its `messages` in bounded memory.
 
     Raises BagError: no bag, not closed, or damaged.
     """
     path = Path(path)
-    file = find_file(path)
-    if path.is_dir() and not (path / metadata.FILE_NAME).is_file():
-        repair = f"`python -m atpid_control.recording repair {path}` makes it whole"
-        raise BagError(f"{path}: {metadata.FILE_NAME} is missing, so the recording was not closed; {repair}")
-    bag, channels = Bag(path), dict[int, Channel]()
-    for record in records(file):
-        if isinstance(record, Message):
-            topic = channel_of(record, channels).topic
-            if messages:
-                bag.raw.append(Raw(topic, record.log_time, record.publish_time, record.data))
-        elif isinstance(record, Schema):
-            bag.decoder.add(record)
-        elif isinstance(record, Channel) and record.id not in channels:
-            channels[record.id] = record
-        elif isinstance(record, Attachment):
-            bag.files[record.name] = record.data
-        elif isinstance(record, Metadata):
-            {RUN: bag.run, RESULT: bag.result}.get(record.name, {}).update(record.metadata)
+    files = find_parts(path)
+    if path.is_dir():
+        check_listed(path, files, read_metadata(path))
+    bag, channels, held = Bag(path), dict[int, Channel](), 0
+    for place, file in enumerate(files):
+        for record in map(renumbered, records(file), repeat(place)):
+            if isinstance(record, Message):
+                topic = channel_of(record, channels).topic
+                if messages:
+                    bag.raw.append(Raw(topic, record.log_time, record.publish_time, record.data))
+                    held = _within_memory(path, held + len(record.data) + _RAW)
+            else:
+                _describe(bag, record, channels)
     bag.raw.sort(key=lambda raw: raw.log_ns)
-    _add_topics(bag, channels.values(), file)
+    _add_topics(bag, channels.values(), files[0])
     return bag
+
+
+def _within_memory(path: Path, held: int) -> int:
+    """Return `held` [bytes]; raise BagError where this machine does not have as much."""
+    if held > MOST_HELD:
+        raise BagError(
+            f"{path}: its messages take more than {MOST_HELD / 1e9:.1f} GB of memory, most of what this machine has; "
+            "`check` and `extract` read it with little"
+        )
+    return held
+
+
+def _describe(bag: Bag, record: McapRecord, channels: dict[int, Channel]) -> None:
+    """Take a record that is no message."""
+    if isinstance(record, Schema):
+        bag.decoder.add(record)
+    elif isinstance(record, Channel) and record.id not in channels:
+        channels[record.id] = record
+    elif isinstance(record, Attachment):
+        bag.files[record.name] = record.data
+    elif isinstance(record, Metadata):
+        {RUN: bag.run, RESULT: bag.result}.get(record.name, {}).update(record.metadata)
 
 
 def _add_topics(bag: Bag, channels: Iterable[Channel], file: Path) -> None:

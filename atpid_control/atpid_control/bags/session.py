@@ -1,74 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """One recording from its first message to its last: what is counted, what is written and when it is complete."""
 
-import heapq
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
-from typing import NamedTuple
 
 from atpid_common.scans import misplaced
 from atpid_control.bags import cdr
 from atpid_control.bags.errors import BagError, MessageError
 from atpid_control.bags.metadata import Qos, RunInfo
+from atpid_control.bags.order import StampOrder
 from atpid_control.bags.topics import BLOCK, EVENT, TRUTH, Topic
-from atpid_control.bags.writer import CHUNK, BagWriter, Sink
-
-#: How far behind the slowest topic of the loop messages are written [ns]: ten blocks, for events that come late.
-HOLD_BACK_NS = 500_000_000
-
-
-class Held(NamedTuple):
-    """A message that waits for its place; compares by stamp, topic, sender and arrival."""
-
-    stamp_ns: int
-    rank: int  # of the topic in the recorder's list
-    frame_id: str
-    arrival: int
-    topic: str
-    data: bytes
-
-
-class StampOrder:
-    """Sorts messages by (stamp, order of topics, sender, arrival), whatever order they arrived in.
-
-    Two runs in lockstep with one seed then give the same sequence, although DDS delivers topics side by side. A message
-    is ready when every topic of the loop has passed its stamp by the hold-back.
-    """
-
-    def __init__(self, topics: list[str], loop: set[str], hold_back_ns: int = HOLD_BACK_NS) -> None:
-        """Sort messages of `topics`; those in `loop` carry every stamp of the run and so show its progress."""
-        self._ranks = {topic: rank for rank, topic in enumerate(topics)}
-        self._loop, self._hold_back = loop, hold_back_ns
-        self._newest: dict[str, int] = {}
-        self._held: list[Held] = []
-        self._arrivals = count()
-
-    def __len__(self) -> int:
-        return len(self._held)
-
-    def add(self, topic: str, stamp_ns: int, frame_id: str, data: bytes) -> None:
-        """Take one message."""
-        heapq.heappush(self._held, Held(stamp_ns, self._ranks[topic], frame_id, next(self._arrivals), topic, data))
-        if topic in self._loop:
-            self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
-
-    def ready(self) -> Iterator[Held]:
-        """Yield, in order, the messages that no later one can precede."""
-        if not self._newest:
-            return
-        limit = min(self._newest.values()) - self._hold_back
-        while self._held and self._held[0].stamp_ns < limit:
-            yield heapq.heappop(self._held)
-
-    def rest(self) -> Iterator[Held]:
-        """Yield all that is left, in order: the run is over."""
-        while self._held:
-            yield heapq.heappop(self._held)
-
+from atpid_control.bags.trigger import PreTrigger, Trigger
+from atpid_control.bags.writer import CHUNK, BagWriter, Sink, Split
 
 Offered = Callable[[str], tuple[Qos, ...]]
 
@@ -101,14 +47,25 @@ class Continuity:
         return missing
 
 
+@dataclass(frozen=True)
+class Writing:
+    """How the file is written: its chunks, when another file begins, and what has to happen first."""
+
+    chunk: int = CHUNK  # [bytes]
+    compression: str = "zstd"
+    split: Split | None = None  # None: one file
+    trigger: Trigger | None = None  # None: record at once
+
+
 class Session:
     """Takes serialised messages as they arrive and keeps the bag; pure, so that it can be tested without ROS."""
 
     def __init__(
         self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: Offered,
-        chunk: int = CHUNK, compression: str = "zstd", sink: Callable[[Path], Sink] = Sink,
+        writing: Writing | None = None, sink: Callable[[Path], Sink] = Sink,
     ) -> None:  # fmt: skip
         """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
+        writing = writing or Writing()
         self.topics = {topic.name: topic for topic in topics}
         self.received = dict.fromkeys(self.topics, 0)
         self.written = dict.fromkeys(self.topics, 0)
@@ -118,9 +75,13 @@ class Session:
         self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
         self._sources: set[str] = set()  # nodes that have published the event `started`
         self._first_ns = 0
-        self._finished_ns: int | None = None
+        self._finished = False
+        self._end_ns: int | None = None  # of the run, or of what a trigger records
+        self.waiting = PreTrigger(writing.trigger, topics) if writing.trigger else None
+        self._recorded = {name: Continuity() for name in self.continuity}  # scans written, after a trigger
         self._began = self._sampled = self._ended = self._progress = 0.0  # monotonic [s]
-        self.writer = BagWriter(folder, run, chunk=chunk, compression=compression, sink=sink)
+        self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=writing.compression, sink=sink,
+                                split=writing.split)  # fmt: skip
         self.recording = True
 
     @property
@@ -177,7 +138,8 @@ class Session:
             if kind == _STARTED:
                 self._sources.add(head.frame_id)
             elif kind == _FINISHED and (not self._sources or head.frame_id in self._sources):
-                self._finished_ns, self._ended, self._progress = head.stamp_ns, now, now
+                self._finished = True
+                self._end_at(head.stamp_ns)
         if topic.in_loop:
             if not self._began:
                 self._began, self._first_ns = now, head.stamp_ns
@@ -185,16 +147,21 @@ class Session:
             self._reached[topic.name] = max(reached, self._reached.get(topic.name, reached))
         return missing
 
+    def _end_at(self, stamp_ns: int) -> None:
+        """Take the instant at which the recording ends; the earliest counts."""
+        self._end_ns = stamp_ns if self._end_ns is None else min(stamp_ns, self._end_ns)
+        self._ended = self._progress = time.monotonic()
+
     def missing_topics(self) -> list[str]:
         """Return the topics that have not reached the end of a finished run; none before."""
-        if self._finished_ns is None:
+        if self._end_ns is None:
             return []
-        return [name for name, reached in self._reached.items() if reached < self._finished_ns - _SAME_INSTANT]
+        return [name for name, reached in self._reached.items() if reached < self._end_ns - _SAME_INSTANT]
 
     @property
     def complete(self) -> bool:
         """Whether the run has finished and every topic that took part has reached its end, or is silent."""
-        if self._finished_ns is None or not self.recording:
+        if self._end_ns is None or not self.recording:
             return False
         return not self.missing_topics() or time.monotonic() - self._progress > TIMEOUT
 
@@ -203,16 +170,31 @@ class Session:
         if not self._began:
             return {"finished": "no"}
         ended = self._ended or time.monotonic()
-        last = max((*self._reached.values(), self._finished_ns or self._first_ns))
+        last = max((*self._reached.values(), self._end_ns or self._first_ns))
         wall, seconds = max(ended - self._began, 1e-9), (last - self._first_ns) * 1e-9
-        lost = {f"lost_scans {name}": str(flow.lost) for name, flow in self.continuity.items() if flow.scans}
+        flows = self._recorded if self.waiting else self.continuity
+        lost = {f"lost_scans {name}": str(flow.lost) for name, flow in flows.items() if flow.scans}
         return {
-            "finished": "no" if self._finished_ns is None else "yes",
+            "finished": "yes" if self._finished else "no",
             "wall_s": f"{wall:.3f}",
             "data_s": f"{seconds:.3f}",
             "real_time_factor": f"{seconds / wall:.3f}",
             **lost,
+            **({"trigger": self.trigger_line} if self.waiting else {}),
         }
+
+    @property
+    def trigger_line(self) -> str:
+        """What the recording waits for, or with which sample it began, in words; empty: it waits for nothing."""
+        if self.waiting is None:
+            return ""
+        trigger, fired = self.waiting.trigger, self.waiting.fired
+        at = f"{trigger.topic} {trigger.signal} {trigger.edge} through {trigger.level:g}"
+        if fired is None:
+            return f"{at}: never"
+        scan = "" if fired.scan is None else f" at scan {fired.scan},"
+        short = "; less than trigger_pre before it: trigger_memory was full" if self.waiting.shortened else ""
+        return f"{at}:{scan} {fired.time_ns * 1e-9:.6f} s, {fired.value:g}{short}"
 
     def end_chunk(self) -> None:
         """Make sure that a crash from now on loses only what comes later. Raises BagError."""
@@ -239,6 +221,17 @@ class Session:
         self.writer.close(self.result())
 
     def _write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
+        if self.waiting is None:
+            self._put(topic, data, log_ns, publish_ns)
+            return
+        for held in self.waiting.push(topic, data, log_ns, publish_ns):
+            if held.topic in self._recorded:
+                self._recorded[held.topic].add(cdr.block_shape(held.data))
+            self._put(held.topic, held.data, held.log_ns, held.publish_ns)
+        if self.waiting.stop_ns is not None and self._end_ns is None:
+            self._end_at(self.waiting.stop_ns)
+
+    def _put(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         if topic not in self.writer.channels:
             self._guarded(lambda: self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic)))
         self._guarded(lambda: self.writer.write(topic, data, log_ns, publish_ns))

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a bag that `ros2 bag` reads: one MCAP file and metadata.yaml (docs/recording.md)."""
+"""Writes a bag that `ros2 bag` reads: MCAP files and metadata.yaml (docs/recording.md)."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkstemp
 from typing import IO, Any, cast
@@ -111,40 +112,81 @@ class SpooledIndex:
             os.close(self._file)
 
 
+@dataclass(frozen=True)
+class Split:
+    """When a bag goes on in another file; 0: never."""
+
+    size: int = 0  # of a file [bytes]
+    seconds: float = 0.0  # between the log times of its first message and the next
+
+    def due(self, size: int, begin_ns: int | None, log_ns: int) -> bool:
+        """Whether a file of `size` bytes, whose first message is of `begin_ns`, is full before one of `log_ns`."""
+        if begin_ns is None:
+            return False
+        return bool(0 < self.size <= size or 0.0 < self.seconds * 1e9 <= log_ns - begin_ns)
+
+
 class BagWriter:
     """One bag, open for writing until `close`."""
 
     def __init__(
         self, folder: Path, run: RunInfo, *, chunk: int = CHUNK, compression: str = "zstd",
-        sink: Callable[[Path], Sink] = Sink,
+        sink: Callable[[Path], Sink] = Sink, split: Split | None = None,
     ) -> None:  # fmt: skip
         """Create `folder` with the file in it, opened by `sink`, and write the run's description. Raises BagError."""
         check_new(folder)
         self.folder, self._run = folder, run
+        self._chunk, self._compression, self._open_sink = chunk, COMPRESSIONS[compression], sink
+        self._split = split or Split()
         self._closed = False
+        self._files = dict(run.files)  # kept in every file of the bag, each of which can be read alone
         self._types: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
+        self._channels: dict[str, tuple[int, str, dict[str, str]]] = {}  # id, message type and metadata
         self._sequences: dict[str, int] = {}
-        file_name = f"{folder.name}_0.mcap"
-        self.summary = BagSummary(file_name)
+        self.summary = BagSummary(self._file_name(0))
         try:
             folder.mkdir(parents=True)
-            self._sink = sink(folder / file_name)
-            self._writer = Writer(
-                cast(IO[Any], self._sink),
-                chunk_size=chunk,
-                compression=COMPRESSIONS[compression],
-                enable_crcs=True,
-                enable_data_crcs=True,
-            )
-            # the library has no place for it; a test measures that it is used
-            self._writer._Writer__chunk_indices = SpooledIndex(folder)  # type: ignore[attr-defined]
-            self._writer.start(profile="ros2", library=LIBRARY)
-            self._writer.add_metadata(RUN, run.record())
-            for name, data in run.files.items():
-                self._attach(name, data)
+            self._begin_file()
         except OSError as error:
             raise BagError(f"{folder}: cannot make the bag: {in_words(error)}") from None
+
+    def _file_name(self, number: int) -> str:
+        return f"{self.folder.name}_{number}.mcap"
+
+    def _begin_file(self) -> None:
+        """Open the file that comes last in the summary and write what it needs to be read alone. Raises OSError."""
+        self._sink = self._open_sink(self.folder / self.summary.files[-1].name)
+        self._writer = Writer(
+            cast(IO[Any], self._sink),
+            chunk_size=self._chunk,
+            compression=self._compression,
+            enable_crcs=True,
+            enable_data_crcs=True,
+        )
+        # the library has no place for it; a test measures that it is used
+        self._writer._Writer__chunk_indices = SpooledIndex(self.folder)  # type: ignore[attr-defined]
+        self._writer.start(profile="ros2", library=LIBRARY)
+        self._writer.add_metadata(RUN, self._run.record())
+        for name, data in self._files.items():
+            self._attach(name, data)
+        self._types.clear()
+        for topic, (_, type_name, own) in self._channels.items():
+            self._channels[topic] = self._register(topic, type_name, own), type_name, own
+
+    def _next_file(self) -> None:
+        """End the file and go on in another one. Raises OSError."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._sink.sync()
+        self._sink.close()
+        self.summary.begin_file(self._file_name(len(self.summary.files)))
+        self._begin_file()
+
+    def _register(self, topic: str, type_name: str, own: dict[str, str]) -> int:
+        if type_name not in self._types:
+            definition = message_type(type_name).definition.encode()
+            self._types[type_name] = self._writer.register_schema(type_name, "ros2msg", definition)
+        return int(self._writer.register_channel(topic, "cdr", self._types[type_name], own))
 
     def _attach(self, name: str, data: bytes) -> None:
         created = int(self._run.created.timestamp() * 1e9)
@@ -153,12 +195,13 @@ class BagWriter:
 
     def attach(self, name: str, data: bytes) -> None:
         """Keep a file in the bag. Raises BagError where it cannot be written."""
+        self._files[name] = data
         with self._writing():
             self._attach(name, data)
 
     @property
     def size(self) -> int:
-        """Bytes in the file so far."""
+        """Bytes in the present file so far."""
         return self._sink.size
 
     @property
@@ -172,17 +215,16 @@ class BagWriter:
         profiles = [profile.mapping() for profile in qos]
         own = {"offered_qos_profiles": yaml.safe_dump(profiles, sort_keys=False), "topic_type_hash": described.hash}
         with self._writing():  # a chunk that is full is written now
-            if type_name not in self._types:
-                schema = self._writer.register_schema(type_name, "ros2msg", described.definition.encode())
-                self._types[type_name] = schema
-            self._channels[name] = self._writer.register_channel(name, "cdr", self._types[type_name], own)
+            self._channels[name] = self._register(name, type_name, own), type_name, own
         self._sequences[name] = 0
         self.summary.topics[name] = TopicSummary(name, type_name, described.hash, profiles)
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         """Append one serialised message of a topic added before. Raises BagError where it cannot be written."""
         with self._writing():
-            self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, self._sequences[topic])
+            if self._split.due(self._sink.size, self.summary.files[-1].start_ns, log_ns):
+                self._next_file()
+            self._writer.add_message(self._channels[topic][0], log_ns, data, publish_ns, self._sequences[topic])
         self._sequences[topic] += 1
         self.summary.add(topic, log_ns)
 
@@ -224,5 +266,5 @@ class BagWriter:
             self._sink.close()
             raise BagError(
                 f"{self.folder}: recording stopped after {self.summary.count} messages, {in_words(error)}; "
-                f"then `python -m atpid_control.recording repair {self.folder}` makes the bag whole"
+                f"then `python -m atpid_control.recording recover {self.folder}` makes a whole bag of it"
             ) from None

@@ -17,7 +17,7 @@ from atpid_interfaces.msg import Event
 from atpid_common.injected_faults import LINK, Injected
 from atpid_control.bags import BagError, open_bag, verify
 from atpid_control.bags.check import check
-from atpid_control.bags.verify import repair
+from atpid_control.bags.recover import repair
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
 from atpid_control.bench.running import commands_of, run_realtime
 from atpid_control.fault_matrix.run import DETECTING, SAME_HEIGHT, SCENE, Seen, scene_with

@@ -28,48 +28,22 @@ from atpid_common.nodes.dropped import Dropped
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import STATUS, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
 from atpid_control.bags import BagError, Qos, check_new, new_run
 from atpid_control.bags.errors import MessageError
 from atpid_control.bags.faulty_sink import DiskWatch, FaultySink
 from atpid_control.bags.session import Session
-from atpid_control.bags.topics import DEFAULT, parse
-from atpid_control.bags.writer import CHUNK, COMPRESSIONS, Sink
+from atpid_control.bags.topics import parse
+from atpid_control.bags.trigger import PreTrigger
+from atpid_control.bags.writer import Sink
+from atpid_control.nodes.recorder_parameters import PARAMETERS, writing_of
 from atpid_control.nodes.wire import DEPTH, ParameterReader, class_of, qos_of, subscription_qos
-from atpid_sim.scene import load_scene
 
 TURN = 0.05  # between two checks whether the run has ended [s]
 STATUS_PERIOD = 1.0  # [s]
 #: Writing that takes longer is reported, and that for so long none did [s].
 SLOW_WRITE, DISK_WELL = 0.4, 2.0
-NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node"]
-PARAMETERS = (
-    Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
-    Row("scene", "", "scene file, kept in the bag verbatim; empty: none"),
-    Row("files", [""], "further configuration files to keep in the bag verbatim"),
-    Row("run_id", "", "name of the run; empty: date, time and a random part"),
-    Row("commit", "", "version of the code; empty: that of git"),
-    Row("lockstep", False, "true: log times are the messages' stamps and the order is theirs; false: as received"),
-    Row("topics", list(DEFAULT), "what to record: 'name pkg/msg/Type', then best_effort or transient_local"),
-    Row("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
-    Row("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
-    Row("chunk", 0, "largest size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
-    Row(
-        "chunk_period",
-        0.08,
-        "after which a chunk ends that is not full: what a crash can lose; 0: never; not used in lockstep",
-        "s",
-        0.0,
-        3600.0,
-    ),
-    Row(
-        "faults",
-        [""],
-        "faults to act in real time: 'recorder KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
-    ),
-    Row("sync_period", 1.0, "between two flushes to the disk: what a power cut can lose; 0: never", "s", 0.0, 3600.0),
-)
 
 
 class RecorderNode(Node):
@@ -80,6 +54,7 @@ class RecorderNode(Node):
         super().__init__("recorder_node", parameter_overrides=parameter_overrides, **node_options)
         self._values = declare(self, PARAMETERS)
         self._lockstep = bool(self._values["lockstep"])
+        self._chunk_period = 0.0 if self._lockstep else float(self._values["chunk_period"])
         chosen = parse(self._values["topics"], self._lockstep)
         self.topics = [replace(topic, name=self.resolve_topic_name(topic.name)) for topic in chosen]
         files = [Path(name) for name in self._values["files"] if name]
@@ -89,14 +64,16 @@ class RecorderNode(Node):
             raise FaultError("faults: given to a recorder in lockstep, which is no process; allowed: in real time")
         self._disk = DiskWatch(SLOW_WRITE, DISK_WELL)
         clock = "lockstep" if self._lockstep else "real time"
-        self.run = new_run(scene, files, self._values["run_id"], self._values["commit"], clock=clock)
-        self._chunk = self._values["chunk"] or (load_scene(scene).recording.chunk if scene else CHUNK)
+        facts = {"clock": clock} if self._lockstep else {"clock": clock, "chunk_period": f"{self._chunk_period:g}"}
+        self.run = new_run(scene, files, self._values["run_id"], self._values["commit"], **facts)
+        self._writing = writing_of(self._values, self.topics, scene)
         self.bag = Path(self._values["bag"] or f"run-{self.run.id}").absolute()
         check_new(self.bag)
         self.session: Session | None = None
         self.done: Future = Future()
         self.error = ""
         self._received = time.monotonic()  # the last message [s]
+        self._triggered = self._complained = False
         self._make_topics()
 
     def _make_topics(self) -> None:
@@ -113,8 +90,7 @@ class RecorderNode(Node):
             self.create_timer(TURN, partial(self._guarded, self._turn), clock=steady),
             self.create_timer(STATUS_PERIOD, self._each_second, clock=steady),
         ]
-        chunk_period = 0.0 if self._lockstep else self._values["chunk_period"]
-        for period, act in ((self._values["sync_period"], self._sync), (chunk_period, self._end_chunk)):
+        for period, act in ((self._values["sync_period"], self._sync), (self._chunk_period, self._end_chunk)):
             if period > 0.0:
                 self._own_timers.append(self.create_timer(period, partial(self._guarded, act), clock=steady))
 
@@ -125,9 +101,10 @@ class RecorderNode(Node):
         if self.session is None:
             self.session = Session(
                 self.bag, self.run, self.topics, lockstep=self._lockstep, offered=self._offered,
-                chunk=self._chunk, compression=self._values["compression"], sink=self._sink,
+                writing=self._writing, sink=self._sink,
             )  # fmt: skip
-            self.get_logger().info(f"recording {len(self.topics)} topics to {self.bag}")
+            waits = f" from the trigger on ({self._values['trigger']})" if self.session.waiting else ""
+            self.get_logger().info(f"recording {len(self.topics)} topics to {self.bag}{waits}")
             self._publish_status()
         return self.session
 
@@ -156,9 +133,25 @@ class RecorderNode(Node):
             return
         if session.received[topic] == 1:
             self._publish_status()
+        if session.waiting is not None and not self._triggered:
+            self._follow_trigger(session.waiting)
         if missing:
             text = f"{missing} scans missing on {topic}: lost before the recorder"
             self._publish_event(Event.WARNING, Event.DROPPED, text, float(missing))
+
+    def _follow_trigger(self, waiting: PreTrigger) -> None:
+        """Report the trigger, or why there can be none; in lockstep, where events are part of the run, in the log."""
+        if waiting.complaint and not self._complained:
+            self._complained = True
+            self._publish_event(Event.WARNING, Event.TRIGGER, waiting.complaint)
+        if waiting.fired is None or self.session is None:
+            return
+        self._triggered = True
+        if self._lockstep:
+            self.get_logger().info(self.session.trigger_line)
+        else:
+            severity = Event.WARNING if waiting.shortened else Event.INFO
+            self._publish_event(severity, Event.TRIGGER, self.session.trigger_line, waiting.fired.value)
 
     def _guarded(self, act: Callable[[], None]) -> None:
         """Call `act` unless the recording has failed; an error of the bag ends it."""
@@ -194,6 +187,8 @@ class RecorderNode(Node):
         self.session.close()
         count = sum(self.session.written.values())
         self.get_logger().info(f"closed {self.bag}: {count} messages")
+        if self.session.waiting is not None and self.session.waiting.fired is None:
+            self.get_logger().warning(f"the trigger has not come, nothing was recorded: {self.session.trigger_line}")
         if late:
             self.get_logger().warning(f"the run has finished but {', '.join(late)} did not reach its end")
         self._publish_status()

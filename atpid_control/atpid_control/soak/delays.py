@@ -9,7 +9,7 @@ from mcap.records import Channel, Message, Schema
 
 from atpid_common.latency import percentile
 from atpid_control.bags.cdr import header
-from atpid_control.bags.verify import find_file, records
+from atpid_control.bags.records import bag_records
 
 _COMMAND = "atpid_interfaces/msg/CeilingCommand"
 _MINUTE = 60_000_000_000  # [ns]
@@ -29,7 +29,7 @@ def delays(bag: Path) -> Iterator[Delay]:
     commands: set[int] = set()
     schemas: set[int] = set()
     first, minute, values = 0, 0, list[float]()
-    for record in records(find_file(bag)):
+    for record in bag_records(bag):
         if isinstance(record, Schema) and record.name == _COMMAND:
             schemas.add(record.id)
         elif isinstance(record, Channel) and record.schema_id in schemas:

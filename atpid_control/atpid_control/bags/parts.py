@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a bag: one, or several where the recorder has split it, as rosbag2 numbers them."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from atpid_common.files import FileError, parse_yaml, read_text
+from atpid_control.bags import metadata
+from atpid_control.bags.errors import BagError
+
+MAGIC = b"\x89MCAP0\r\n"
+#: Longest metadata.yaml [bytes]; one of 30 topics has 10 kB, each file of a split bag adds 0.2 kB.
+MOST_METADATA = 2_000_000
+_NUMBER = re.compile(r"_(\d{1,9})\.mcap$")
+
+
+def find_parts(path: Path) -> list[Path]:
+    """Return the MCAP files of the bag `path` (its folder, or one file) in their order; raise BagError: no bag."""
+    try:
+        found = path.exists()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BagError(f"{path}: cannot be opened ({reason}); give a bag's folder") from None
+    if not found:
+        raise BagError(f"{path}: no such bag; give the folder that `ros2 bag` or recorder_node made")
+    files = [path] if path.is_file() else sorted(path.glob("*.mcap"), key=_place)
+    if not files:
+        raise BagError(
+            f"{path}: not a bag, there is no .mcap file in this folder; give the folder that recorder_node made"
+        )
+    for file in files:
+        _check_magic(file)
+    return files
+
+
+def find_file(path: Path) -> Path:
+    """Return the MCAP file of a bag that has one; raise BagError where it has none or several."""
+    files = find_parts(path)
+    if len(files) > 1:
+        raise BagError(f"{path}: {len(files)} .mcap files in this folder; give one of them, such as {files[0].name}")
+    return files[0]
+
+
+def _place(file: Path) -> tuple[int, str]:
+    number = _NUMBER.search(file.name)
+    return int(number[1]) if number else -1, file.name
+
+
+def _check_magic(file: Path) -> None:
+    try:
+        with file.open("rb") as stream:
+            magic = stream.read(len(MAGIC))
+    except OSError as error:
+        raise BagError(f"{file}: cannot be read ({error.strerror}); give a bag that can") from None
+    if magic != MAGIC:
+        raise BagError(
+            f"{file}: not a bag (it does not begin as an MCAP file does); give the folder that recorder_node made"
+        )
+
+
+def read_metadata(folder: Path) -> Any:
+    """Return the information in metadata.yaml; raise BagError where it is missing or not what rosbag2 writes."""
+    path = folder / metadata.FILE_NAME
+    recover = f"`python -m atpid_control.recording recover {folder}` writes it anew"
+    if not path.is_file():
+        raise BagError(f"{folder}: {metadata.FILE_NAME} is missing, so the recording was not closed; {recover}")
+    try:
+        return parse_yaml(read_text(path, MOST_METADATA))["rosbag2_bagfile_information"]
+    except (FileError, LookupError, TypeError):
+        raise BagError(f"{path}: not what rosbag2 writes; {recover}") from None
+
+
+def counts_in(information: Any) -> dict[str, int]:
+    """Return the number of messages by topic in the information of metadata.yaml; raise BagError: it has none."""
+    try:
+        listed = information["topics_with_message_count"]
+        return {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in listed}
+    except (LookupError, TypeError, ValueError, OverflowError):
+        raise BagError(f"{metadata.FILE_NAME}: not what rosbag2 writes; `recover` writes it anew") from None
+
+
+def check_listed(folder: Path, files: Iterable[Path], information: Any) -> None:
+    """Raise BagError unless metadata.yaml lists the files that are there: none missing, none of another recording."""
+    try:
+        listed = {Path(str(name)).name for name in information["relative_file_paths"]}
+    except (LookupError, TypeError):
+        raise BagError(f"{folder / metadata.FILE_NAME}: not what rosbag2 writes; `recover` writes it anew") from None
+    there = {file.name for file in files}
+    if missing := sorted(listed - there):
+        raise BagError(f"{folder}: {missing[0]}, which metadata.yaml lists, is missing; put it back, or `recover`")
+    if others := sorted(there - listed):
+        raise BagError(f"{folder}: {others[0]} is not listed in metadata.yaml; take it out, or `recover`")

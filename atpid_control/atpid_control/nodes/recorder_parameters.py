@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of recorder_node, and what they mean for the session."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from atpid_common.nodes.parameters import Row
+from atpid_control.bags.session import Writing
+from atpid_control.bags.topics import DEFAULT, Topic
+from atpid_control.bags.trigger import EDGES, trigger_of
+from atpid_control.bags.writer import CHUNK, COMPRESSIONS, Split
+from atpid_sim.scene import load_scene
+
+NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node"]
+PARAMETERS = (
+    Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
+    Row("scene", "", "scene file, kept in the bag verbatim; empty: none"),
+    Row("files", [""], "further configuration files to keep in the bag verbatim"),
+    Row("run_id", "", "name of the run; empty: date, time and a random part"),
+    Row("commit", "", "version of the code; empty: that of git"),
+    Row("lockstep", False, "true: log times are the messages' stamps and the order is theirs; false: as received"),
+    Row("topics", list(DEFAULT), "what to record: 'name pkg/msg/Type', then best_effort or transient_local"),
+    Row("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
+    Row("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
+    Row("max_bag_size", 0, "size of a file from which the bag goes on in another one; 0: never", "bytes", 0, 2**40),
+    Row("max_bag_duration", 0.0, "time from which the bag goes on in another file; 0: never", "s", 0.0, 1e6),
+    Row("trigger", "", "begin to record when a signal passes trigger_level: 'TOPIC SIGNAL'; empty: at once"),
+    Row("trigger_level", 0.0, "level of the trigger, in the unit of the signal"),
+    Row("trigger_edge", "rising", "how the signal passes it", choices=EDGES),
+    Row("trigger_pre", 1.0, "recorded before the sample that passes the level", "s", 0.0, 600.0),
+    Row("trigger_post", 0.0, "recorded after it; 0: until the run ends", "s", 0.0, 1e6),
+    Row("trigger_memory", 2**26, "what may be held before the trigger", "bytes", 2**16, 2**33),
+    Row("chunk", 0, "largest size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
+    Row(
+        "chunk_period",
+        0.02,
+        "after which a chunk ends that is not full: what a crash can lose; 0: never; not used in lockstep",
+        "s",
+        0.0,
+        3600.0,
+    ),
+    Row(
+        "faults",
+        [""],
+        "faults to act in real time: 'recorder KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
+    ),
+    Row("sync_period", 1.0, "between two flushes to the disk: what a power cut can lose; 0: never", "s", 0.0, 3600.0),
+)
+
+
+def writing_of(values: Mapping[str, Any], topics: list[Topic], scene: Path | None) -> Writing:
+    """Return how the file is written; the scene states the size of a chunk. Raises BagError, SceneError."""
+    settings = {name: values[f"trigger_{name}"] for name in ("level", "edge", "pre", "post", "memory")}
+    return Writing(
+        chunk=values["chunk"] or (load_scene(scene).recording.chunk if scene else CHUNK),
+        compression=values["compression"],
+        split=Split(values["max_bag_size"], values["max_bag_duration"]),
+        trigger=trigger_of(values["trigger"], topics, **settings),
+    )

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording that begins when a signal passes its level: which sample, how much before, how much after."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from recorded import SHORT, bench, block, make
+
+from atpid_control.bags import BagError, Qos, new_run, open_bag, verify
+from atpid_control.bags.check import check
+from atpid_control.bags.session import Session, Writing
+from atpid_control.bags.topics import DEFAULT, Topic, parse
+from atpid_control.bags.trigger import STATES, PreTrigger, Trigger, trigger_of
+from atpid_sim.scene import load_scene
+
+LASER, EVENTS, SUPPORT = "/sensors/laser", "/events", "support_displacement"
+BLOCK, EVENT = "atpid_interfaces/msg/SampleBlock", "atpid_interfaces/msg/Event"
+TOPICS = [Topic(LASER, BLOCK), Topic(EVENTS, EVENT)]
+SCANS, RATE = 50, 1000.0
+MS = 1_000_000
+
+
+def push(waiting: PreTrigger, number: int, values: Any) -> list[int]:
+    """Give a block of the support's displacements; return the first indices of the blocks to be recorded."""
+    data = np.stack([values, np.zeros(len(values))], axis=1)
+    stamp = SCANS * number * MS
+    held = waiting.push(LASER, block(SCANS * number, data, RATE), stamp + 50 * MS, stamp)
+    return [one.publish_ns // MS for one in held if one.topic == LASER]
+
+
+def waiting(**settings: Any) -> PreTrigger:
+    return PreTrigger(Trigger(LASER, SUPPORT, **{"level": 0.5, "pre": 0.1, **settings}), TOPICS)
+
+
+def sine(number: int, amplitude: float) -> Any:
+    """A tone of 10 Hz, which passes 0.5 of its amplitude upwards after a twelfth of each period."""
+    return amplitude * np.sin(2 * np.pi * 10.0 * (SCANS * number + np.arange(SCANS)) / RATE)
+
+
+def test_the_first_sample_at_the_level_is_the_trigger() -> None:
+    one = waiting()
+    assert [push(one, number, sine(number, 0.4)) for number in range(6)] == [[]] * 6
+    # a period of 100 samples begins at 300; asin(0.5) is a twelfth of it: 8.33, so the 9th sample
+    assert push(one, 6, sine(6, 1.0)) == [200, 250, 300]
+    assert one.fired is not None
+    assert (one.fired.scan, one.fired.time_ns) == (309, 309 * MS)
+    assert one.fired.value == pytest.approx(np.sin(2 * np.pi * 0.09))
+    assert push(one, 7, sine(7, 1.0)) == [350]
+
+
+@pytest.mark.parametrize(("edge", "index"), [("rising", 120), ("falling", 110), ("either", 110)])
+def test_the_edge_decides(edge: str, index: int) -> None:
+    one = waiting(edge=edge)
+    ones, step = np.ones(SCANS), np.ones(SCANS)
+    step[10:20] = 0.0
+    push(one, 0, ones)
+    push(one, 1, ones)
+    assert one.fired is None  # above the level from the begin is no passing
+    push(one, 2, step)
+    assert one.fired is not None
+    assert one.fired.scan == index
+
+
+def test_an_invalid_reading_is_no_passing() -> None:
+    one = waiting()
+    values = np.zeros(SCANS)
+    values[5], values[6] = np.nan, np.inf
+    push(one, 0, values)
+    assert one.fired is None
+    values[7] = 1.0
+    push(one, 1, values)
+    assert one.fired is not None
+    assert one.fired.scan == 57
+
+
+@given(pre=st.floats(0.0, 0.6), at=st.integers(0, 999))
+def test_every_sample_of_the_pre_trigger_time_is_there_and_little_more(pre: float, at: int) -> None:
+    values = np.zeros(1000)
+    values[at] = 1.0
+    one = waiting(pre=pre)
+    kept: list[int] = []
+    for number in range(20):
+        kept = push(one, number, values[SCANS * number : SCANS * (number + 1)])
+        if one.fired:
+            break
+    if at == 0:
+        return  # nothing came before, so nothing was passed
+    assert one.fired is not None
+    assert one.fired.scan == at
+    first = at - round(pre * RATE)
+    assert kept[0] <= max(0, first)
+    assert kept[0] + SCANS > first  # at most the block in which the time begins
+
+
+def test_memory_is_bounded_and_the_want_of_it_stated() -> None:
+    one = waiting(pre=600.0, memory=20_000)
+    for number in range(1000):
+        push(one, number, np.zeros(SCANS))
+        assert one.held_bytes <= 20_000
+    kept = push(one, 1000, np.ones(SCANS))
+    assert one.shortened
+    assert len(kept) > 10
+    other = waiting(pre=0.1, memory=20_000)
+    for number in range(1000):
+        push(other, number, np.zeros(SCANS))
+    assert push(other, 1000, np.ones(SCANS)) == [49_900, 49_950, 50_000]
+    assert not other.shortened
+
+
+def test_events_from_before_are_kept() -> None:
+    one = waiting()
+    for number in range(2 * STATES):
+        one.push(EVENTS, make("Event", number * MS, kind="moved"), number * MS, number * MS)
+    for number in range(5, 30):
+        push(one, number, np.zeros(SCANS))
+    held = one.push(LASER, block(1500, np.ones((SCANS, 2)), RATE), 1500 * MS, 1500 * MS)
+    assert [item.topic for item in held].count(EVENTS) == STATES
+    assert held[-1].topic == LASER
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "short.yaml"
+    path.write_text(SHORT.replace("duration:   8.0", "duration:   3.0").replace("[7.0, 8.0]", "[1.0, 2.0]"))
+    return path
+
+
+def recorded(folder: Path, scene: Path, lockstep: bool, **settings: Any) -> Session:
+    topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
+    trigger = trigger_of(settings.pop("trigger", f"sensors/laser {SUPPORT}"), topics, **{"level": 0.008, **settings})
+    run = new_run(scene, run_id="specimen", commit="none", clock="lockstep" if lockstep else "real time")
+    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda _: (Qos(),),
+                      writing=Writing(trigger=trigger))  # fmt: skip
+    for number, (topic, message) in enumerate(bench(load_scene(scene), [(0.8, 0.2, 0.01)])):
+        session.receive(topic, message, 1_000_000_000 + number * 1_000)
+        if session.complete:
+            break
+    session.close()
+    return session
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_a_triggered_run_is_a_bag_that_keeps_the_rules(tmp_path: Path, scene: Path, lockstep: bool) -> None:
+    session = recorded(tmp_path / "bag", scene, lockstep, pre=0.2, post=1.0)
+    bag = open_bag(tmp_path / "bag")
+    assert session.waiting is not None
+    assert session.waiting.fired is not None
+    index = session.waiting.fired.scan
+    assert index is not None
+    blocks = list(bag.stream(LASER))
+    values = np.concatenate([np.asarray(one.data).reshape(-1, 2)[:, 0] for one in blocks])
+    first = int(blocks[0].first_index)
+    assert first <= index - 200 < first + SCANS
+    assert values[index - first - 1] < 0.008 <= values[index - first]
+    last = blocks[-1].first_index + SCANS
+    assert index + 1000 < last <= index + 1000 + SCANS
+    assert not verify(tmp_path / "bag").lost
+    assert f"at scan {index}," in bag.result["trigger"]
+    assert bag.result[f"lost_scans {LASER}"] == "0"
+    assert check(tmp_path / "bag").findings == []
+
+
+def test_a_level_that_is_never_reached_leaves_a_bag_that_states_it(tmp_path: Path, scene: Path) -> None:
+    recorded(tmp_path / "bag", scene, True, level=1.0)
+    bag = open_bag(tmp_path / "bag")
+    assert not bag.raw
+    assert bag.result["trigger"].endswith("rising through 1: never")
+
+
+def test_any_number_of_a_message_can_be_the_signal(tmp_path: Path, scene: Path) -> None:
+    session = recorded(tmp_path / "bag", scene, True, trigger="excitation amplitude", level=0.005, pre=0.0)
+    assert session.waiting is not None
+    assert session.waiting.fired is not None
+    assert session.waiting.fired.value >= 0.005
+    assert session.waiting.fired.scan is None
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("sensors/laser", "'TOPIC SIGNAL'"),
+        ("sensors/nothing x", "'TOPIC SIGNAL'"),
+        ("sensors/laser a b", "'TOPIC SIGNAL'"),
+        ("excitation nothing", "amplitude"),
+        ("events text", "value"),
+    ],
+)
+def test_a_trigger_that_cannot_be_is_refused(text: str, allowed: str) -> None:
+    with pytest.raises(BagError, match=allowed):
+        trigger_of(text, parse(DEFAULT, lockstep=False), level=1.0)
+
+
+def test_a_level_that_is_no_number_is_refused() -> None:
+    with pytest.raises(BagError, match="trigger_level: given nan"):
+        trigger_of(f"sensors/laser {SUPPORT}", TOPICS[:1], level=float("nan"))
+
+
+def test_a_channel_that_no_block_has_is_named() -> None:
+    one = PreTrigger(Trigger(LASER, "nothing", 0.0), TOPICS)
+    push(one, 0, np.zeros(SCANS))
+    assert one.complaint == (
+        f"{LASER} has no channel 'nothing' to trigger on; it has support_displacement, beam_displacement"
+    )

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A small bag cut off anywhere, or with changed bits: a clear result, the whole chunks, and the bag as it was.
+
+Some places here; every byte and a thousand copies with `make fuzz`.
+"""
+
+import random
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
+from mutations import bag_of, records_of
+from targets import BAG
+
+from atpid_control.bags import BagError, recover, verify
+from atpid_control.bags.verify import survey
+
+LONG = settings.get_current_profile_name() == "long"
+#: Bytes between two cuts, changed copies, and the longest that one may take [s].
+STEP, COPIES, LONGEST = (1, 1000, 5.0) if LONG else (151, 20, 5.0)
+TOPICS = ("/sensors/laser", "/ceiling/command")
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Return a bag of two topics with four messages each, in as many chunks."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    found = records_of((BAG / "bag_0.mcap").read_bytes(), 4)
+    channels = {one.id: one.schema_id for one in found if isinstance(one, Channel) and one.topic in TOPICS}
+    kept: list[Any] = [one for one in found if isinstance(one, Schema) and one.id in channels.values()]
+    kept += [one for one in found if isinstance(one, Channel) and one.id in channels]
+    kept += [one for one in found if isinstance(one, Message) and one.channel_id in channels]
+    (folder / "run_0.mcap").write_bytes(bag_of(kept, 300))
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def outcome(folder: Path, number: int) -> int:
+    """Verify, survey and recover a bag; return the messages recovered. Whatever is wrong is one line."""
+    before, begin = contents(folder), time.process_time()
+    lines: list[str] = []
+    with suppress(BagError):
+        lines = survey(folder)
+    refusals = []
+    for read in (verify, lambda bag: recover(bag, folder.parent / f"again_{number}")):
+        try:
+            read(folder)
+        except BagError as error:
+            refusals.append(str(error))
+    assert contents(folder) == before
+    assert time.process_time() - begin < LONGEST
+    assert not [line for line in (*lines, *refusals) if "\n" in line or len(line) > 1000]
+    if len(refusals) == 2:
+        assert "not a bag" in refusals[1]  # its first bytes
+        return 0
+    return verify(folder.parent / f"again_{number}" if refusals else folder).messages
+
+
+@pytest.mark.slow
+def test_cut_off_anywhere_every_chunk_before_is_there(bag: Path) -> None:
+    file = bag / "run_0.mcap"
+    data = file.read_bytes()
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert summary is not None
+        ends = sorted(one.chunk_start_offset + one.chunk_length for one in summary.chunk_indexes)
+        chunks = [sum(1 for _ in reader.iter_messages(log_time_order=False))]
+    assert len(ends) == 5
+    found = []
+    for size in range(0, len(data), STEP):
+        file.write_bytes(data[:size])
+        found.append(outcome(bag, size))
+        whole = sum(end <= size for end in ends)
+        assert (found[-1] > 0) == (whole > 0), size
+        assert found[-1] < chunks[0] or whole == len(ends), size
+    assert found == sorted(found)
+
+
+@pytest.mark.slow
+def test_changed_bits_cost_what_they_are_in(bag: Path) -> None:
+    file = bag / "run_0.mcap"
+    data = file.read_bytes()
+    chooser = random.Random(14)
+    for number in range(COPIES):
+        changed = bytearray(data)
+        for _ in range(chooser.choice([1, 1, 1, 4, 30])):
+            changed[chooser.randrange(len(data))] ^= 1 << chooser.randrange(8)
+        file.write_bytes(changed)
+        assert outcome(bag, number) >= 0
