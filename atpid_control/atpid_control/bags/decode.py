@@ -23,19 +23,22 @@ _MOST_BYTES = 100_000
 
 
 @lru_cache(maxsize=256)
-def _types_of(name: str, definition: bytes) -> Any:
-    """Return the types of a definition: a bag has the same ones in each file, and reading them takes milliseconds."""
+def _store_of(name: str, definition: bytes) -> Any:
+    """Return the types of a definition: bags have the same ones, and to read and compile them takes milliseconds."""
     if len(definition) > _MOST_BYTES:
         raise BagError(f"{len(definition)} bytes; allowed: {_MOST_BYTES}")
-    return get_types_from_msg(definition.decode(), name)
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition.decode(), name))
+    return store
 
 
 class Decoder:
     """Message types by schema id."""
 
     def __init__(self) -> None:
-        self._store = get_typestore(Stores.EMPTY)
+        self._stores: dict[int, Any] = {}
         self._names: dict[int, str] = {}
+        self._fields: dict[str, Any] = {}  # of each type, the first definition of it
 
     def add(self, schema: Schema) -> None:
         """Register the types of one schema; raise BagError where it is not a ROS 2 message definition."""
@@ -46,12 +49,12 @@ class Decoder:
                 f"schema {schema.name}: encoding {schema.encoding!r}; allowed: ros2msg, as recorder_node writes it"
             )
         try:
-            types = _types_of(schema.name, schema.data)
-            self._store.register({name: found for name, found in types.items() if name not in self._store.fielddefs})
+            store = _store_of(schema.name, schema.data)
+            self._fields = {**store.fielddefs, **self._fields}
         except Exception as error:  # the library raises many types of errors for what is no definition
             reason = " ".join(str(error).split())[:80] or type(error).__name__
             raise BagError(f"the definition of {schema.name[:80]!r} cannot be read ({reason})") from None
-        self._names[schema.id] = schema.name
+        self._names[schema.id], self._stores[schema.id] = schema.name, store
 
     def name(self, schema_id: int) -> str:
         """Return the message type of a schema; raise BagError where the bag does not have it."""
@@ -63,7 +66,7 @@ class Decoder:
         """Return the message: fields by name, number sequences as arrays; raise BagError where the bytes do not fit."""
         name = self.name(schema_id)
         try:
-            return self._deserialised(data, name)
+            return _deserialised(data, name, self._stores[schema_id])
         except Exception as error:  # the generated code raises many types of errors for damaged bytes
             raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
 
@@ -73,18 +76,19 @@ class Decoder:
 
     def fields(self, name: str) -> dict[str, Any]:
         """Return the fields of a message type, as rosbags describes them, by their names in the message's order."""
-        return dict(self._store.fielddefs[name][1])
+        return dict(self._fields[name][1])
 
-    def _deserialised(self, data: bytes, name: str) -> Any:
-        encapsulation = bytes(data[:2])
-        if len(data) < 4 or encapsulation not in _CDR:
-            raise ValueError("it is not plain CDR")
-        definition = self._store.get_msgdef(name)
-        read = definition.deserialize_cdr_le if encapsulation[1] else definition.deserialize_cdr_be
-        message, end = read(data[4:], 0, definition.cls, self._store)
-        if len(data) - 4 - end > _PADDING:
-            raise ValueError("it is longer than its definition")
-        return message
+
+def _deserialised(data: bytes, name: str, store: Any) -> Any:
+    encapsulation = bytes(data[:2])
+    if len(data) < 4 or encapsulation not in _CDR:
+        raise ValueError("it is not plain CDR")
+    definition = store.get_msgdef(name)
+    read = definition.deserialize_cdr_le if encapsulation[1] else definition.deserialize_cdr_be
+    message, end = read(data[4:], 0, definition.cls, store)
+    if len(data) - 4 - end > _PADDING:
+        raise ValueError("it is longer than its definition")
+    return message
 
 
 class Converter:
