@@ -72,13 +72,14 @@ def event_kind(data: bytes) -> str:
 
 def _decoded(kind: str, data: bytes) -> Any:
     try:
-        return _decoder(kind).decode(0, data)
+        return decoder_of(kind).decode(0, data)
     except BagError:
         raise MessageError("its bytes do not fit its type") from None
 
 
 @cache
-def _decoder(kind: str) -> Decoder:
+def decoder_of(kind: str) -> Decoder:
+    """Return what decodes messages of the installed type `kind`, as schema 0; raise TypeUnknownError."""
     decoder = Decoder()
     decoder.add(Schema(id=0, name=kind, encoding="ros2msg", data=message_type(kind).definition.encode()))
     return decoder

@@ -4,16 +4,12 @@
 import math
 from collections import deque
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from mcap.records import Schema
 from numpy.typing import NDArray
 
 from atpid_control.bags import cdr
-from atpid_control.bags.decode import Decoder
-from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError
 from atpid_control.bags.topics import BLOCK, EVENT, TRANSITION, TRUTH, Topic
 
@@ -68,7 +64,9 @@ def trigger_of(text: str, topics: list[Topic], **settings: Any) -> Trigger | Non
     if not math.isfinite(found.level):
         raise BagError(f"parameter trigger_level: given {found.level}; allowed: a number, in the unit of the signal")
     if topic.type != BLOCK:
-        numbers = [name for name, described in _decoder(topic.type).fields(topic.type).items() if _is_number(described)]
+        numbers = [
+            name for name, described in cdr.decoder_of(topic.type).fields(topic.type).items() if _is_number(described)
+        ]
         if found.signal not in numbers:
             allowed = ", ".join(numbers) or "none of its fields is a number"
             raise BagError(f"parameter trigger: {topic.name} has no number {found.signal!r}; allowed: {allowed}")
@@ -150,7 +148,10 @@ class PreTrigger:
 
     def _look(self, one: Held, shape: cdr.BlockShape | None) -> Fired | None:
         """Return the first sample of a message that passes the level; None: none does."""
-        message = _decoder(self._types[one.topic]).decode(0, one.data)
+        try:
+            message = cdr.decoder_of(self._types[one.topic]).decode(0, one.data)
+        except BagError:  # recorded as it is, like any other message
+            return None
         try:
             values = self._values(message)
         except (AttributeError, ValueError):
@@ -189,13 +190,6 @@ def _shape(kind: str, data: bytes) -> cdr.BlockShape | None:
     if kind == BLOCK:
         return cdr.block_shape(data)
     return cdr.truth_shape(data) if kind == TRUTH else None
-
-
-@cache
-def _decoder(kind: str) -> Decoder:
-    decoder = Decoder()
-    decoder.add(Schema(id=0, name=kind, encoding="ros2msg", data=message_type(kind).definition.encode()))
-    return decoder
 
 
 def _is_number(described: Any) -> bool:
