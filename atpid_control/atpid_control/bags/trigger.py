@@ -86,6 +86,7 @@ class PreTrigger:
         self._held: deque[Held] = deque()
         self._states: deque[Held] = deque(maxlen=STATES)
         self._bytes = 0
+        self._last_ns = 0  # of the last block of the signal that is recorded after the trigger
         self._previous = math.nan  # value of the signal
         self._limit_ns: int | None = None  # what ended before it is not needed
 
@@ -112,8 +113,7 @@ class PreTrigger:
         last = publish_ns if shape is None else publish_ns + round(max(0, shape.scans - 1) / shape.rate * 1e9)
         one = Held(topic, data, log_ns, publish_ns, last)
         if self.fired is not None:
-            stop = self.stop_ns
-            return [one] if stop is None or publish_ns <= stop else []
+            return [one] if self._within(one) else []
         self._hold(one)
         if topic == self.trigger.topic:
             self.fired = self._look(one, shape)
@@ -127,6 +127,15 @@ class PreTrigger:
         self._held.clear()
         self._bytes = 0
         return kept
+
+    def _within(self, one: Held) -> bool:
+        """Whether a message is recorded after the trigger: the last block is whole, and what answers it is with it."""
+        stop = self.stop_ns
+        if stop is not None and one.publish_ns > stop:
+            return one.publish_ns <= self._last_ns
+        if one.topic == self.trigger.topic:
+            self._last_ns = one.last_ns
+        return True
 
     def _hold(self, one: Held) -> None:
         self._held.append(one)
