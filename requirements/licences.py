@@ -22,6 +22,7 @@ NAMES = (
 )
 #: Those whose metadata do not say it, or say it in several ways; from the text of the licence that comes with each.
 STATED = {
+    "axe-playwright-python": "MIT",  # with axe-core inside, MPL-2.0
     "apsw": "any OSI-approved",
     "cycler": "BSD",
     "docutils": "public domain, BSD; GPL for one Emacs file",
