@@ -119,6 +119,12 @@ avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root
 parquet: setup ## install what `export --format parquet` needs, 170 MB (docs/reading.md)
 	@.venv/bin/python -m pip install -q --require-hashes -r requirements/parquet.txt
 
+.PHONY: browser
+browser: setup ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)
+	apt-get update -q
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium
+	.venv/bin/python -m pip install -q --require-hashes -r requirements/browser.txt
+
 .PHONY: clean
 clean: ## remove all that set-up and runs made
 	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log ros2_ws/setup.log ros2_ws/.setup.lock out

@@ -9,6 +9,7 @@ NAME = "atpid_control"
 NODES = [
     "foxglove_node",
     "identifier_node",
+    "live_node",
     "recorder_node",
     "replay_files",
     "replay_node",

@@ -65,6 +65,10 @@ RUN = {
     "tests/test_howto_contact_law.py": {
         r"python -m pytest -q atpid_sim/test/test_contact\.py": "test_the_law_passes_the_general_tests"
     },
+    "tests/test_live_page.py": {
+        r"python -m atpid_control bench .*--live": "test_the_page_shows_the_run",
+        r"python -m atpid_control\.nodes\.live_node": "test_a_page_alone_shows_that_there_is_no_graph",
+    },
     # left out, and the tests say so, where there is no ros2 launch
     "tests/test_launch.py": {
         r"ros2 launch atpid_control bench\.launch\.py --show-args": "test_the_arguments_are_shown",
@@ -183,6 +187,7 @@ NOT_RUN = {
     r"ros2 (security|daemon)": "the wheels have no ros2, and no security in their middleware",
     r"make parquet$": "installs a package; .ci/run does it",
     r"sudo make avr-tools$": "installs packages as root; .ci/run does it",
+    r"sudo make browser$": "installs packages as root; .ci/run does it",
     r"make -C atpid_driver/firmware flash": "needs a board",
     r"python -m serial\.tools\.miniterm": "needs a board",
     r"python -m nidaqmx installdriver$": "installs NI's driver",

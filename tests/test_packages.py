@@ -33,6 +33,7 @@ KEYS = {
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
+    "tornado": "python3-tornado",
     "xarray": "python3-xarray",
     "yaml": "python3-yaml",
 }

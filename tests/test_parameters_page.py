@@ -10,6 +10,7 @@ from rclpy.parameter import Parameter
 
 from atpid_common.nodes.parameters import Row
 from atpid_control.nodes import recorder_parameters
+from atpid_control.nodes.live_node import PARAMETERS as LIVE
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
 from atpid_driver.nodes import motor_interface
@@ -20,6 +21,7 @@ CONFIGURED = {
     "identifier_node": (IDENTIFIER, "atpid_control/config/identifier.yaml"),
     "selector_node": (SELECTOR, "atpid_control/config/selector.yaml"),
     "supervisor_node": (SUPERVISOR, "atpid_control/config/supervisor.yaml"),
+    "live_node": (LIVE, "atpid_control/config/live.yaml"),
 }
 
 

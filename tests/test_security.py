@@ -96,8 +96,10 @@ def test_only_the_selector_commands_and_an_operator_or_the_supervisor_for_him_ar
         assert who(rights, "publish", topic) == {node}
     for service in ("rearm", "change_state"):  # by the supervisor where an operator has asked it to
         assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR, "supervisor_node"}
-    for service in ("set_parameters", "set_parameters_atomically", "stop"):
+    for service in ("set_parameters", "set_parameters_atomically"):
         assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR}
+    for service in ("/motor_node/stop", "/supervisor_node/stop", "/supervisor_node/rearm"):
+        assert who(rights, "request", service) == {OPERATOR, "live_node"}  # whose page an operator uses
     assert rights[OPERATOR].publish == {"/rosout", "/parameter_events"}
     assert {name.rpartition("/")[2] for name in rights["recorder_node"].request} == {
         "list_parameters", "get_parameters",

@@ -40,15 +40,16 @@ def domain() -> Iterator[int]:
 class Running:
     """A command that runs; what it prints on standard output and error is collected."""
 
-    def __init__(self, *words: object) -> None:
+    def __init__(self, *words: object, name: str = "reader", environment: dict[str, str] | None = None) -> None:
         self.lines: list[str] = []
         self.errors: list[str] = []
+        given = {**(environment or os.environ), "PYTHONUNBUFFERED": "1"}
         self.process = subprocess.Popen(
             [sys.executable, "-m", *map(str, words)],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=given,
         )  # fmt: skip
         pipes = ((self.process.stdout, self.lines), (self.process.stderr, self.errors))
-        self._readers = [threading.Thread(target=self._read, args=pipe, name="reader") for pipe in pipes]
+        self._readers = [threading.Thread(target=self._read, args=pipe, name=name) for pipe in pipes]
         for reader in self._readers:
             reader.start()
 

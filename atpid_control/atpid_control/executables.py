@@ -7,6 +7,7 @@ from atpid_common.interrupt import run_executable
 
 foxglove_node = partial(run_executable, "atpid_control.nodes.foxglove_node")
 identifier_node = partial(run_executable, "atpid_control.nodes.identifier_node")
+live_node = partial(run_executable, "atpid_control.nodes.live_node")
 recorder_node = partial(run_executable, "atpid_control.nodes.recorder_node")
 replay_files = partial(run_executable, "atpid_control.commands.replay")
 replay_node = partial(run_executable, "atpid_control.nodes.replay_node")

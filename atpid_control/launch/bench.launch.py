@@ -8,7 +8,7 @@ from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
 
 from atpid_control.launching.arguments import BENCH
-from atpid_control.launching.description import GraphNode, config, describe, text, texts
+from atpid_control.launching.description import GraphNode, config, describe, live_page, text, texts
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -28,4 +28,5 @@ def generate_launch_description() -> LaunchDescription:
         GraphNode(
             "atpid_sim", "plant_node", config("atpid_sim", "plant.yaml"), {"scene": text("scene")}, ends_run=True
         ),
+        live_page(),
     )

@@ -9,7 +9,7 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
 from atpid_control.launching.arguments import STAND
-from atpid_control.launching.description import GraphNode, config, describe, text, texts
+from atpid_control.launching.description import GraphNode, config, describe, live_page, text, texts
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -30,4 +30,5 @@ def generate_launch_description() -> LaunchDescription:
         ),
         GraphNode("atpid_driver", "labjack_node", LaunchConfiguration("labjack_config")),
         GraphNode("atpid_driver", "ni_node", LaunchConfiguration("ni_config"), condition=with_ni),
+        live_page(),
     )

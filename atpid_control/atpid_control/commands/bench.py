@@ -16,7 +16,7 @@ from rich.console import Console
 from atpid_common.arguments import file_path, positive, whole
 from atpid_common.output import writing
 from atpid_common.waiting import COMPILING, announced
-from atpid_control.bench import outdir
+from atpid_control.bench import live_page, outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
 from atpid_control.bench.running import commands_of, run_lockstep, run_realtime, shown
 from atpid_control.graph import BenchError
@@ -55,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "before the run: move the ceiling by METRES and back; direction, distance or speed that is wrong ends the run"
     )
     add("--move", type=positive("m"), default=0.0, metavar="METRES", help=move)
+    live_page.add_arguments(parser)
     domain = "ROS domain to use; default: in real time ROS_DOMAIN_ID where it is set, else a free one"
     add("--domain", type=whole(0, MOST), help=domain)
 
@@ -65,6 +66,8 @@ def run(args: argparse.Namespace) -> int:
         raise BenchError(f"--priority: given {args.priority}; allowed: 1 to 99, with --real-time or --emulated-stand")
     if args.move and not (args.real_time or args.emulated_stand):
         raise BenchError(f"--move: given {args.move:g}; allowed: with --real-time or --emulated-stand")
+    live_page.check(args)
+    args.real_time |= args.live and not args.emulated_stand  # a page of a run 20 times as fast shows nothing
     scene = load_scene(args.scene)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
@@ -107,6 +110,8 @@ def _run_nodes(
     if args.priority:
         for values in parameters.values():
             values |= {"real_time_priority": args.priority, "lock_memory": True}
+    if live_page.announced(args):
+        parameters["live_node"] = live_page.parameters(args)
     with writing(parameter_file):
         write_parameters(parameters, parameter_file)
     _rehearse(scene, parameters["identifier_node"])
@@ -117,7 +122,8 @@ def _run_nodes(
         try:
             if paced:
                 print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
-                run_realtime(commands(parameter_file), out / "log", progress, restarts=args.restarts)
+                page = [live_page.command(parameter_file)] if "live_node" in parameters else []
+                run_realtime([*commands(parameter_file), *page], out / "log", progress, restarts=args.restarts)
             else:
                 run_lockstep(parameters, progress)
         except KeyboardInterrupt:

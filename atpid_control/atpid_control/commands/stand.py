@@ -13,8 +13,9 @@ from atpid_common import files
 from atpid_common.arguments import file_path, positive, whole
 from atpid_common.errors import DONE
 from atpid_control.bags import check_new
+from atpid_control.bench import live_page
 from atpid_control.bench.running import keep_running
-from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, Part
+from atpid_control.graph.parts import LABJACK, LIVE, NODES, SERIAL_MOTOR, SUPERVISOR, Part
 from atpid_control.graph.processes import Processes, stoppable
 from atpid_control.security import enclave_arguments
 from atpid_sim.scene import load_scene
@@ -38,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "before the run: move the ceiling by METRES and back; direction, distance or speed that is wrong ends the run"
     )
     parser.add_argument("--move", type=positive("m"), default=0.0, metavar="METRES", help=move)
+    live_page.add_arguments(parser)
     for name, file in (("labjack", LABJACK), ("ni", _NI), ("motor", SERIAL_MOTOR)):
         text = f"parameter file of {file.name}; not given: {file.config} of the package"
         parser.add_argument(f"--{name}-config", type=file_path, metavar="FILE", help=text)
@@ -48,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises NodeDiedError, SceneError and BagError.
     """
+    live_page.check(args)
     load_scene(args.scene).refuse_faults("the stand")
     for file in filter(None, (args.map, args.labjack_config, args.ni_config, args.motor_config)):
         files.check(file, _LARGEST)  # before a node is started
@@ -76,6 +79,8 @@ def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[
         (NODES["selector_node"], None, scene | {"map": str(args.map.absolute()) if args.map else ""}),
         (NODES["recorder_node"], None, scene | {"bag": str(args.bag.absolute()) if args.bag else ""}),
     ]
+    if live_page.announced(args):
+        nodes.append((LIVE, None, live_page.parameters(args)))
     return [(part.name, _command(part, file, own, folder)) for part, file, own in nodes]
 
 

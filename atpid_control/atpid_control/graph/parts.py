@@ -63,6 +63,8 @@ NODES = {part.name: part for part in PARTS}
 #: What supervises them in real time; in lockstep nothing depends on a clock, and nothing is supervised.
 SUPERVISOR = Part("atpid_control", "supervisor_node", "supervisor.yaml")
 REAL_TIME_PARTS = (NODES["motor_node"], SUPERVISOR, *(part for part in PARTS if part.name != "motor_node"))
+#: What shows them to the operator: no other node needs it, and the run goes on without it.
+LIVE = Part("atpid_control", "live_node", "live.yaml")
 #: Those of the stand.
 LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
 SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")

@@ -21,6 +21,8 @@ _LAST_LINES = 3
 _ERROR = "error: "  # begins the line with which a node refuses its input
 #: Nodes that may be started again in mid-run: they hold nothing that the run depends on, and move nothing.
 RESTARTABLE = ("identifier_node", "selector_node")
+#: Nodes that a run does not need: where one ends, the run goes on.
+OPTIONAL = ("live_node",)
 #: What starts a process: it is sent SIGTERM if the bench is killed, so that no node keeps running.
 _START = ("setpriv", "--pdeathsig", "TERM")
 #: And a node: these signals are blocked until it handles them, so that none is lost or a traceback while Python starts.
@@ -105,15 +107,19 @@ class Processes:
                 node.stop()
 
     def check(self, except_for: str) -> list[str]:
-        """Look whether all nodes but `except_for` run; return a line for each that was started again.
+        """Look whether all nodes but `except_for` run; return a line for each started again, or not needed.
 
-        Raises NodeDiedError, with its name and the reason, for one that has ended and is not.
+        Raises NodeDiedError, with its name and the reason, for one that has ended and is neither.
         """
         restarted = []
-        for place, node in enumerate(self.nodes):
+        for place, node in reversed(list(enumerate(self.nodes))):
             if node.status is None or node.name == except_for:
                 continue
             ended = f"{node.name} ended with status {node.status}"
+            if node.name in OPTIONAL:
+                del self.nodes[place]
+                restarted.append(f"{ended}: {node.reason()}; the run goes on without it")
+                continue
             # one that ended by itself refused its input, and would again
             if node.status >= 0 or node.name not in RESTARTABLE or not self._left:
                 where = f" (whole log: {node.log})" if node.log else ""

@@ -164,11 +164,27 @@ def _parameters(name: str, description: str, file: str) -> Argument:
     return Argument(name, f"parameter file: {description}", existing_file, "", file=file)
 
 
+def port(text: str) -> str:
+    """Check that `text` is a TCP port to listen on, or 0 for a free one."""
+    if not text.isdecimal() or int(text) > 65535:
+        raise LaunchArgumentError(f"given {text!r}; allowed: 1 to 65535, or 0 for a free one")
+    return str(int(text))
+
+
+#: Of the live page (docs/live.md).
+LIVE = (
+    choice("live", "whether to serve the live page", "false", "true"),
+    Argument("live_host", "address of the live page; another than the loopback needs the token it prints", str,
+             "127.0.0.1"),
+    Argument("live_port", "TCP port of the live page", port, "8420"),
+)  # fmt: skip
+
 BENCH = (
     Argument("scene", "scene file (docs/scenes.md)", existing_file),
     _MAP,
     _BAG,
     _parameters("motor_config", "limits and speed of the ceiling; those of the scene must agree", "motor.yaml"),
+    *LIVE,
 )
 
 STAND = (
@@ -179,6 +195,7 @@ STAND = (
     _parameters("labjack_config", "channels and calibrations of the LabJack T7", "labjack.yaml"),
     _parameters("ni_config", "channels and calibrations of the NI-9230", "ni.yaml"),
     _parameters("motor_config", "serial port, limits and speed of the ceiling's motor", "motor_serial.yaml"),
+    *LIVE,
 )
 
 REPLAY = (

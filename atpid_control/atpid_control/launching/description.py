@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription, Substitution
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler, Shutdown
+from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction, RegisterEventHandler, Shutdown
+from launch.conditions import IfCondition
 from launch.event import Event
 from launch.event_handler import EventHandler
 from launch.events import matches_action
@@ -50,6 +51,23 @@ def text(argument: str) -> ParameterValue:
 def texts(*arguments: str) -> ParameterValue:
     """Return launch arguments as a parameter that is a list of texts."""
     return ParameterValue([[LaunchConfiguration(argument)] for argument in arguments], value_type=list[str])
+
+
+def live_page() -> "GraphNode":
+    """Return the node of the live page, where `live:=true` asks for it."""
+    page = {
+        "scene": text("scene"),
+        "host": text("live_host"),
+        "port": ParameterValue(LaunchConfiguration("live_port"), value_type=int),
+    }
+    return GraphNode(
+        PACKAGE,
+        "live_node",
+        config(PACKAGE, "live.yaml"),
+        page,
+        optional=True,
+        condition=IfCondition(LaunchConfiguration("live")),
+    )
 
 
 class ReplayParameters(Substitution):
@@ -123,10 +141,13 @@ class GraphNode(Node):
 
     def __init__(
         self, package: str, executable: str, *parameters: Any, ends_run: bool = False, ends_last: bool = False,
-        **options: Any,
+        optional: bool = False, **options: Any,
     ) -> None:  # fmt: skip
-        """Take parameter files and values; ends_run: the run ends with it; ends_last: stopped after the others."""
-        self.label, self.ends_run, self.ends_last = executable, ends_run, ends_last
+        """Take parameter files and values.
+
+        ends_run: the run ends with it; ends_last: it is stopped after the others; optional: the run goes on without it.
+        """
+        self.label, self.ends_run, self.ends_last, self.optional = executable, ends_run, ends_last, optional
         super().__init__(
             package=package,
             executable=executable,
@@ -188,6 +209,10 @@ class Supervisor:
         if ended.node in self._running:
             self._running.remove(ended.node)
         stopping = bool(self._outcome) or context.is_shutdown
+        if ended.node.optional and not stopping:
+            return [
+                LogInfo(msg=f"{ended.node.label} ended with exit status {ended.status}; the run goes on without it")
+            ]
         outcome = _outcome_of(ended, stopping=stopping, shutdown=context.is_shutdown)
         if outcome and not isinstance(self._outcome, NodeEndedError):
             self._outcome = outcome

@@ -112,9 +112,17 @@ class SearchingController:
         """Take the controller that selects otherwise, and the ceiling's range [m]."""
         self._inner, self._limits = inner, limits
         self.run: SearchRun | None = None
-        self._inner_sequence = self._issued = 0
+        self._inner_sequence = self._issued = self._last_inner = 0
         self._target = math.nan
         self._stopped_at = math.nan
+
+    def select_by(self, inner: Controller) -> None:
+        """Select by another controller from now on; a running search ends, and no sequence number is used twice."""
+        if self.run is not None:
+            self.run.stop("another method was chosen")
+            self.run = None
+        self._inner, self._target = inner, math.nan
+        self._issued, self._last_inner = self._issued + self._last_inner, 0
 
     def begin(self, plan: Plan) -> SearchRun:
         """Start a search; raise SearchError where one runs already or the plan leaves the ceiling's range."""
@@ -145,6 +153,7 @@ class SearchingController:
     def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
         """See `Controller.answer`."""
         answer = self._inner.answer(time, estimate, height)
+        self._last_inner = answer.command.sequence
         if self.run is None:
             return self._numbered(answer)
         if math.isnan(self._target):

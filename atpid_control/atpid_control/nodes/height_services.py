@@ -59,15 +59,16 @@ class HeightServices:
         height [m] and where heights hold; scene: whose ceiling's range a height may lie beyond.
         """
         self._node, self._executor, self._make, self._situation = node, executor, make, situation
-        self._scene = scene
+        self._scene, self.method = scene, method
         self._selectors: dict[str, HeightSelector] = {}
         group = ReentrantCallbackGroup()
-        for name, used in [("select", method), *((name, name) for name in METHODS)]:
+        for name, used in [("select", ""), *((name, name) for name in METHODS)]:
             node.create_service(SelectHeight, f"~/{name}", partial(self._answer, used), callback_group=group)
 
     async def _answer(
         self, method: str, request: SelectHeight.Request, response: SelectHeight.Response
     ) -> SelectHeight.Response:
+        method = method or self.method
         try:
             latest, height, resonance = self._situation()
             given = Request(request.amplitude, request.amplitude_std, request.frequency, request.margin)

@@ -61,7 +61,8 @@ IDENTIFIER = (
 SELECTOR = (
     Row("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
     Row("map", "", "height map for the look-up; empty: the one the scene names"),
-    Row("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
+    _live("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
+    _live("hold", False, "true: the ceiling stays where it is, whatever is selected"),
     Row("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
     _live("dead_band", 0.01, "relative change of amplitude that moves nothing", "-", 0.0, 0.9),
     _live("sigmas", 4.0, "a change must also exceed this many standard deviations", "-", 0.0, 100.0),

@@ -21,7 +21,7 @@ from atpid_common.errors import DONE
 from atpid_common.loopback import confine
 from atpid_common.output import writing
 from atpid_control.graph.domain import own_domain
-from atpid_control.graph.parts import LABJACK, NODES, SERIAL_MOTOR, SUPERVISOR, Part
+from atpid_control.graph.parts import LABJACK, LIVE, NODES, SERIAL_MOTOR, SUPERVISOR, Part
 from atpid_control.nodes.composition import node_class
 from atpid_control.security import OPERATOR, Rights, operator_rights, policy
 from atpid_control.selection.map_cache import map_for
@@ -35,6 +35,7 @@ STAND = (
     NODES["identifier_node"],
     NODES["selector_node"],
     NODES["recorder_node"],
+    LIVE,
 )
 #: What a node opens only while it works, or with other parameters than those of its file.
 LATER = {
@@ -52,7 +53,8 @@ def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
     given: Mapping[str, Mapping[str, Any]] = {
         "selector_node": {"scene": str(scene), "map": str(map_for(load_scene(scene)) or "")},
         "motor_node": {"supervised": True},
-        "supervisor_node": {"nodes": [part.name for part in STAND if part is not SUPERVISOR]},
+        "supervisor_node": {"nodes": [part.name for part in STAND if part not in (SUPERVISOR, LIVE)]},
+        "live_node": {"scene": str(scene), "port": 0},
         "recorder_node": {"scene": str(scene), "bag": str(folder / "bag")},
     }
     context = Context()

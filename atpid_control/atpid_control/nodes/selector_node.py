@@ -5,7 +5,9 @@ import gc
 import math
 import sys
 import time
+from concurrent.futures import Future as Computed
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
-from atpid_common.errors import BAD_INPUT
+from atpid_common.errors import BAD_INPUT, AtpidError
 from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
@@ -47,6 +49,7 @@ from atpid_sim.scene import ControlledCeiling
 
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5
+HELD = "held by the operator"
 ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
 
 
@@ -65,7 +68,8 @@ class SelectorNode(Node):
             InlineExecutor() if self._lockstep else threaded(name) for name in ("loop-selection", "requested-selection")
         )
         with announced(COMPILING, self.get_logger().info):
-            self._controller = self._make_controller()
+            self._selector, self._controller = self._make_controller()
+        self._making: tuple[str, Computed[tuple[HeightSelector, Controller]]] | None = None  # of another method
         if not self._lockstep:
             # what lives as long as the node is not looked through again: that may take longer than a selection
             gc.collect()
@@ -86,18 +90,22 @@ class SelectorNode(Node):
         height_map = Path(given) if given else getattr(self._scene.ceiling, "map", None)
         return selector_of(self.parameters.__getitem__, method, self._scene, height_map, lockstep=self._lockstep)
 
-    def _make_controller(self) -> Controller:
-        scene, selector = self._scene, self._make_selector(self._method)
-        self._selector = selector
+    def _make_controller(self) -> tuple[HeightSelector, Controller]:
+        selector, inner = self._made_for(self._method)
+        ceiling = self._scene.ceiling
+        return selector, SearchingController(inner, ceiling.range) if isinstance(ceiling, ControlledCeiling) else inner
+
+    def _made_for(self, method: str) -> tuple[HeightSelector, Controller]:
+        """Return the selector of a method and its controller."""
+        scene, selector = self._scene, self._make_selector(method)
         if not isinstance(scene.ceiling, ControlledCeiling):
-            return controller_of(self.parameters.__getitem__, scene, selector)
+            return selector, controller_of(self.parameters.__getitem__, scene, selector)
         # warm-up call: a method that simulates loads its kernels now, not while the structure vibrates
         with suppress(SelectionError):
             selector.select(scene.grain.radius, frequency=scene.frequency_hz)
         given = self.parameters["map"] or scene.ceiling.map
         fallback = self._make_selector("lookup") if selector.simulates and given else None
-        inner = controller_of(self.parameters.__getitem__, scene, selector, self._loop_executor, fallback)
-        return SearchingController(inner, scene.ceiling.range)
+        return selector, controller_of(self.parameters.__getitem__, scene, selector, self._loop_executor, fallback)
 
     def _make_topics(self) -> None:
         self._events = EventPublisher(self)
@@ -135,11 +143,38 @@ class SelectorNode(Node):
     # parameters that change while the node runs
 
     def _settings(self, value: Value) -> tuple[ControlSettings, float]:
+        if value("method") not in ("", self._method) and not isinstance(self._controller, SearchingController):
+            raise SelectionError("method: the scene moves the ceiling; allowed: a scene whose ceiling has a controller")
         return control_settings(value, self._scene.frequency_hz, self._selector), float(value("stale_timeout"))
 
     def _configure(self, settings: tuple[ControlSettings, float]) -> None:
         self._controller.configure(settings[0])
         self._supervision.stale.timeout = settings[1]
+        self._make_another()
+
+    def _make_another(self) -> None:
+        """Make the controller of another method where one was chosen, beside the loop, which goes on by the last."""
+        wanted = self.parameters["method"] or getattr(self._scene.ceiling, "controller", self._method)
+        if self._making is None and wanted != self._method:
+            self._making = wanted, self._request_executor.submit(self._made_for, wanted)
+
+    def _take_another(self) -> None:
+        """Select by another method once it is made; one that cannot be made is refused, and the last one goes on."""
+        if self._making is None or not self._making[1].done():
+            return
+        (method, made), self._making = self._making, None
+        try:
+            selector, inner = made.result()
+        except AtpidError as error:
+            text = f"method {method}: {error}; {self._method} goes on"
+            self._events.publish(Event.WARNING, Event.REFUSED, text)
+            return
+        assert isinstance(self._controller, SearchingController)
+        self._selector, self._method = selector, method
+        self._height_services.method = method
+        self._controller.select_by(inner)
+        self._events.publish(Event.INFO, Event.PARAMETER, f"heights are selected by {method}")
+        self._configure(self._settings(self.parameters.__getitem__))
 
     # the loop
 
@@ -173,6 +208,7 @@ class SelectorNode(Node):
         if estimate.quality == Quality.STEADY:
             self._latest = estimate
         begun = time.monotonic()
+        self._take_another()
         self._answer = self._controller.answer((now - self._start_ns) * 1e-9, estimate, self._height)
         self._publish(message, self._answer.command)
         self._latencies.add(self.get_clock().now().nanoseconds - now)
@@ -188,6 +224,8 @@ class SelectorNode(Node):
             self._events.publish(Event.WARNING, Event.SLOW, text, taken, message.header.stamp)
 
     def _publish(self, answered: Excitation, command: Command) -> None:
+        if self.parameters["hold"] and not answered.handshake:
+            command = replace(command, height=math.nan, reason=HELD)
         message = CeilingCommand(**vars(command))
         message.header, message.handshake = answered.header, answered.handshake
         self._commands.publish(message)

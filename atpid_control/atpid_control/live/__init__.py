@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live page: what a run shows while it goes on (docs/live.md). Free of ROS; nodes/live_node.py feeds it."""

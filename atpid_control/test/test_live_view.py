@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live page's view model: what is shown of known messages."""
+
+import json
+import math
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from atpid_control.live.efficiency import EfficiencySoFar, closed_amplitude
+from atpid_control.live.errors import LiveError
+from atpid_control.live.requests import Hold, Note, read_request
+from atpid_control.live.rows import Rows
+from atpid_control.live.signals import RATE, spectrum, thinned
+from atpid_control.live.view import LiveView
+from atpid_sim.scene import load_scene
+from atpid_sim.simulation.simulate import simulate
+
+SCENES = Path(__file__).resolve().parents[2] / "scenes"
+
+
+def header(time: float, frame: str = "node") -> Any:
+    return SimpleNamespace(stamp=SimpleNamespace(sec=int(time), nanosec=round((time % 1.0) * 1e9)), frame_id=frame)
+
+
+def block(first: int, values: np.ndarray[Any, Any], rate: float = 1000.0) -> Any:
+    """A block of support and beam (n, 2) [m], stamped from 100 s on."""
+    names = ["beam_displacement", "support_displacement"]
+    data = np.ascontiguousarray(values[:, ::-1]).tobytes()
+    return SimpleNamespace(header=header(100.0 + first / rate), first_index=first, rate=rate, channels=names, data=data)
+
+
+def event(text: str, kind: str = "rumble", at: float = 101.0) -> Any:
+    return SimpleNamespace(header=header(at, "identifier_node"), kind=kind, severity=1, text=text)
+
+
+def excitation(at: float, quality: int = 1, amplitude: float = 0.01) -> Any:
+    return SimpleNamespace(
+        header=header(at), quality=quality, origin=0, amplitude=amplitude, amplitude_std=1e-5, frequency=5.47,
+        frequency_std=1e-3, beam_amplitude=0.05,
+    )  # fmt: skip
+
+
+def tone(count: int, first: int = 0) -> np.ndarray[Any, Any]:
+    time = (first + np.arange(count)) / 1000.0
+    return np.stack([0.01 * np.sin(2 * np.pi * 5.5 * time), 0.06 * np.cos(2 * np.pi * 5.5 * time)], axis=1)
+
+
+@given(first=st.integers(0, 10_000), lengths=st.lists(st.integers(1, 120), min_size=1, max_size=8))
+def test_thinned_blocks_are_the_means_of_their_scans_whatever_the_blocks(first: int, lengths: list[int]) -> None:
+    start = first
+    for length in lengths:
+        values = np.arange(start, start + length, dtype=float)[:, None] / 1000.0  # the time itself
+        times, means = thinned(start, 1000.0, values)
+        assert times == pytest.approx(means[:, 0])  # so that no mean is displaced
+        assert len(times) <= length / 5.0 + 2.0
+        start += length
+
+
+def test_a_mean_leaves_out_what_is_not_a_number() -> None:
+    values = np.array([[1.0], [np.nan], [3.0], [np.nan], [2.0]] + [[np.nan]] * 5)
+    _, means = thinned(0, 1000.0, values)
+    assert means[0, 0] == 2.0
+    assert math.isnan(means[1, 0])
+
+
+@pytest.mark.parametrize("frequency", [2.0, 5.473, 31.7])
+def test_a_tone_has_its_amplitude_and_frequency_in_the_spectrum(frequency: float) -> None:
+    time = np.arange(0.0, 6.0, 1.0 / RATE)
+    found = spectrum(time, 0.3 + 0.04 * np.sin(2 * np.pi * frequency * time + 1.0))
+    assert found is not None
+    top = int(np.argmax(found[1]))
+    assert found[1][top] == pytest.approx(0.04, rel=0.02)
+    assert found[0][top] == pytest.approx(frequency, abs=0.07)
+
+
+def test_there_is_no_spectrum_of_too_little() -> None:
+    time = np.arange(0.0, 6.0, 1.0 / RATE)
+    assert spectrum(time[:300], time[:300]) is None
+    assert spectrum(time, np.where(time > 3.0, np.nan, 1.0)) is None
+
+
+def test_the_closed_damper_is_that_of_the_simulation() -> None:
+    scene = load_scene(SCENES / "standard.yaml")
+    found = simulate(scene)
+    assert closed_amplitude(scene, 0.01, scene.frequency_hz) == pytest.approx(found.undamped_amplitude, rel=0.01)
+    so_far = EfficiencySoFar(scene)
+    assert so_far.add(0.01, scene.frequency_hz, found.amplitude) == pytest.approx(found.efficiency, abs=0.01)
+    so_far.add(0.01, scene.frequency_hz, found.undamped_amplitude)
+    assert so_far.mean == pytest.approx(0.5 * found.efficiency, abs=0.01)
+    assert math.isnan(EfficiencySoFar(None).add(0.01, 5.0, 0.1))
+
+
+def test_rows_are_bounded_and_new_ones_are_taken_once() -> None:
+    rows = Rows(3, 0.1)
+    assert [rows.add(0.06 * k, math.nan) for k in range(8)] == [True, False, True, False, True, False, True, False]
+    assert [row[0] for row in rows.all()] == [0.12, 0.24, 0.36]
+    assert rows.take() == [(0.12, None), (0.24, None), (0.36, None)]
+    assert rows.take() == []
+
+
+def test_the_page_shows_what_came_and_only_what_is_new() -> None:
+    view = LiveView(load_scene(SCENES / "standard.yaml"))
+    for k in range(100):
+        view.on_block(block(50 * k, tone(50, 50 * k)), 0.05 * k)
+    view.on_excitation(excitation(104.0), 5.0)
+    view.on_event(event("rumble"), 5.0)
+    view.on_event(event("rumble"), 5.0)  # sent again to a late reader
+    first = view.news(5.0)
+    assert json.loads(json.dumps(first, allow_nan=False)) == json.loads(json.dumps(first))
+    motion = np.array(first["rows"]["motion"], dtype=float)
+    assert len(motion) == 1000
+    assert motion[:, 1] == pytest.approx(0.01 * np.sin(2 * np.pi * 5.5 * motion[:, 0]), abs=2e-5)
+    assert [shown["text"] for shown in first["events"]] == ["rumble"]
+    assert first["rows"]["excitation"] == [(4.0, 0.01, 1e-5)]
+    assert first["state"]["efficiency"]["now"] == pytest.approx(1.0 - 0.05 / closed_amplitude(view._scene, 0.01, 5.47))  # type: ignore[arg-type]
+    assert max(first["spectrum"]["beam"]) == pytest.approx(0.06, rel=0.03)
+    second = view.news(5.0)
+    assert (second["rows"], second["events"]) == ({}, [])
+    assert len(view.everything(5.0)["rows"]["motion"]) == 1000
+
+
+def test_a_stream_that_begins_again_is_another_run() -> None:
+    view = LiveView(None)
+    view.on_block(block(0, tone(500)), 0.0)
+    view.on_event(event("60 s simulated", "finished"), 0.1)
+    assert view.everything(0.1)["state"]["finished"] == "60 s simulated"
+    view.on_block(block(0, tone(50)), 0.2)
+    shown = view.everything(0.2)
+    assert (shown["run"], len(shown["rows"]["motion"]), shown["state"]["finished"]) == (2, 10, "")
+
+
+def test_what_falls_silent_is_named() -> None:
+    view = LiveView(None)
+    assert not view.everything(0.0)["state"]["seen"]
+    status = SimpleNamespace(name="motor_node: link", level=b"\x02", message="no answer")
+    nodes = SimpleNamespace(
+        header=header(100.0), state=1, permit=True, reason="", nodes=["motor_node", "plant_node"], silence=[0.02, 0.9]
+    )
+    view.on_block(block(0, tone(50)), 10.0)
+    view.on_supervisor(nodes, 10.0)
+    view.on_diagnostics(SimpleNamespace(status=[status]), 10.0)
+    state = view.everything(10.1)["state"]
+    assert state["silent"] == {}
+    by_name = {node["name"]: node for node in state["nodes"]}
+    assert by_name["motor_node"] == {"name": "motor_node", "well": False,
+                                     "text": "answers; link: error, no answer"}  # fmt: skip
+    assert by_name["plant_node"]["text"] == "no answer for 0.9 s"
+    assert by_name["supervisor_node"]["well"]
+    view.on_supervisor(nodes, 12.0)
+    state = view.everything(12.0)["state"]
+    assert state["silent"] == {"sensors/laser": 2.0}
+    assert not state["lost"]
+    state = view.everything(15.5)["state"]
+    assert state["lost"]
+    assert not any(node["well"] for node in state["nodes"])
+    assert "supervisor is silent" in next(n["text"] for n in state["nodes"] if n["name"] == "plant_node")
+
+
+def test_the_power_is_shown_as_the_mode_has_it() -> None:
+    view = LiveView(None)
+    shown = []
+    for mode in range(6):
+        state = {"mode": mode, "homed": True, "fault": "", "height": 0.2, "target": math.nan, "speed": 0.3}
+        view.on_motor(SimpleNamespace(header=header(100.0), **state), 0.0)
+        shown.append(view.everything(0.0)["state"]["motor"]["on"])
+    assert shown == [False, False, True, True, True, False]
+
+
+def test_requests_are_read_as_they_are_meant() -> None:
+    assert read_request('{"number": 1, "do": "hold", "on": true}') == Hold(number=1, do="hold", on=True)
+    assert read_request('{"number": 2, "do": "note", "text": " set screw "}') == Note(
+        number=2, do="note", text="set screw"
+    )
+
+
+@pytest.mark.parametrize("text", [
+    "", "[]", "{", '{"number": 1}', '{"number": 1, "do": "explode"}', '{"number": -1, "do": "stop"}',
+    '{"number": 1, "do": "stop", "more": 1}', '{"number": 1, "do": "hold", "on": 1}',
+    '{"number": 1, "do": "note", "text": "  "}', '{"number": 1, "do": "note", "text": "a\\nb"}',
+    '{"number": 1, "do": "note", "text": "' + 201 * "a" + '"}', b"\xff",
+])  # fmt: skip
+def test_a_request_that_cannot_be_is_one_line(text: str | bytes) -> None:
+    with pytest.raises(LiveError) as refused:
+        read_request(text)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@given(st.binary(max_size=300) | st.text(max_size=300))
+def test_no_request_is_anything_but_read_or_refused(text: str | bytes) -> None:
+    with suppress(LiveError):
+        read_request(text)
