@@ -28,7 +28,16 @@ from atpid_control.bags import verify
 from atpid_control.bags.playback import compare
 from atpid_control.bags.read import open_bag
 from atpid_control.cli import main
-from atpid_control.launching.arguments import BENCH, OPTIONS, REPLAY, STAND, START, LaunchArgumentError, parameter_file
+from atpid_control.launching.arguments import (
+    BENCH,
+    LIVE,
+    OPTIONS,
+    REPLAY,
+    STAND,
+    START,
+    LaunchArgumentError,
+    parameter_file,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "atpid_control" / "launch"
@@ -42,7 +51,7 @@ NODES = [
     *(("atpid_driver", node) for node in ("motor_node", "labjack_node", "ni_node")),
     *(
         ("atpid_control", node)
-        for node in ("identifier_node", "selector_node", "recorder_node", "replay_node", "supervisor_node")
+        for node in ("identifier_node", "live_node", "selector_node", "recorder_node", "replay_node", "supervisor_node")
     ),
     ("atpid_sim", "plant_node"),
 ]
@@ -151,6 +160,8 @@ def test_what_a_launch_file_names_exists(name: str) -> None:
     used = {word for words in named["text"] | named["texts"] | named["LaunchConfiguration"] for word in words}
     if name == "replay":
         used |= {"bag", *OPTIONS}
+    if "live_page" in {getattr(call.func, "id", "") for call in calls}:
+        used |= {argument.name for argument in LIVE}
     assert used == {argument.name for argument in ARGUMENTS[name]}
 
 

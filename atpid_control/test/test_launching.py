@@ -58,6 +58,12 @@ def refusal(name: str, **given: str) -> str:
         ("replay", {"bag": "nothere"}, "argument bag: {here}/nothere does not exist; give the folder of a bag"),
         ("replay", {"bag": "there"}, "{here}/there has no metadata.yaml, so it is not a bag"),
         ("replay", {"bag": "file"}, "{here}/file is not a bag; give the folder of a bag, or its .mcap file"),
+        (
+            "stand",
+            {"live_port": "65536"},
+            "argument live_port: given '65536'; allowed: 1 to 65535, or 0 for a free one",
+        ),
+        ("bench", {"live": "yes"}, "argument live: given 'yes'; allowed: false or true"),
         ("replay", {"record": "there"}, "argument record: {here}/there exists already"),
     ],
 )

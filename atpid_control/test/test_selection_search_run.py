@@ -174,3 +174,18 @@ def test_on_the_plant_it_finds_the_best_height_from_anywhere(start: float, step:
     assert run.success
     assert 0.54 <= target <= 0.60
     assert run.search.best_amplitude < 0.135
+
+
+def test_another_controller_goes_on_with_the_numbers_and_ends_a_search() -> None:
+    loop = Loop(SearchingController(Inner(), (0.1, 2.0)))
+    loop.turn()
+    run = loop.controller.begin(PLAN)
+    loop.turn()
+    searched = loop.turn()
+    loop.controller.select_by(Inner(Command(sequence=0, method="pca", reason="no estimate yet")))
+    assert (run.done, run.success, run.message) == (True, False, "another method was chosen")
+    before = loop.controller.answer(loop.time, STEADY, loop.height).command
+    assert (before.method, math.isnan(before.height)) == ("pca", True)  # the ceiling stays until it has selected
+    assert before.sequence >= searched.sequence
+    loop.controller.select_by(Inner(Command(sequence=1, height=0.5, method="direct")))
+    assert loop.turn().sequence > before.sequence

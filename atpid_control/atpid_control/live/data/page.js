@@ -7,6 +7,7 @@ import { Plots } from "./plots.js";
 const KEPT = { motion: 1600, truth: 1600, excitation: 3000, command: 3000, ceiling: 3000, efficiency: 3000 };
 const DELAY = 0.15; // blocks come every 50 ms: shown so much later, motion is smooth [s]
 const PICTURE = 30; // least time between two pictures: 30 a second where the screen has 60 [ms]
+const TRACES = 100, LONG = 1000; // between two drawings of the plots, which cost more than the damper [ms]
 const RECONNECT = 1000, SILENT = 1500, SURE = 4000; // [ms]
 const find = (id) => document.getElementById(id);
 const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0 }); // also for tests
@@ -63,7 +64,7 @@ function between(rows, time, column) {
   return a[column] + ((b[column] - a[column]) * (time - a[0])) / (b[0] - a[0]);
 }
 
-let drawn = 0, drawnLong = 0, drawnText = 0, drawnSpectrum = null, counted = 0, countedAt = 0, shownTime = null;
+let drawn = 0, drawnMotion = 0, drawnLong = 0, drawnText = 0, drawnSpectrum = null, counted = 0, countedAt = 0, shownTime = null;
 
 function draw(now) {
   requestAnimationFrame(draw);
@@ -77,12 +78,12 @@ function draw(now) {
         support: between(motion, time, 1), beam: between(motion, time, 2), grain: between(truth, time, 1),
         ceiling: between(truth, time, 2) ?? between(ceiling, time, 1), commanded: between(command, time, 1),
       }, radius);
-      plots.drawMotion(motion, time, 5);
+      if (now - drawnMotion > TRACES) { drawnMotion = now; plots.drawMotion(motion, time, 5); }
       live.pictures++;
       counted++;
     }
   }
-  if (now - drawnLong > 500) { drawnLong = now; plots.drawLong(live.rows); }
+  if (now - drawnLong > LONG) { drawnLong = now; plots.drawLong(live.rows); }
   if (live.spectrum && drawnSpectrum !== live.spectrum && now - drawnLong > 100) plots.drawSpectrum((drawnSpectrum = live.spectrum));
   if (now - countedAt > 1000) { text("rate", Math.round((1000 * counted) / (now - countedAt))); counted = 0; countedAt = now; }
 }
