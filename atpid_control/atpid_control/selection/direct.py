@@ -133,7 +133,9 @@ def _unfinished(seconds: float) -> Stage:
 def _searched(best: Checked) -> Stage:
     if best.searched == best.checked:
         return Stage("search", best.height, best.amplitude, f"with {best.checked}, which leaves out nothing")
-    if best.disagreement <= FLAT:
+    if best.disagreement == 0.0:
+        text = f"with {best.searched}, rated with {best.checked}: not compared, what is reached depends on the path"
+    elif best.disagreement <= FLAT:
         text = f"with {best.searched}; {best.checked} agrees within {best.disagreement:.1e}"
     else:
         text = f"with {best.searched}; {best.checked} differs by {best.disagreement:.1e}, so searched on with it"

@@ -25,7 +25,9 @@ class Checked(Best):
 
     searched: str  # fidelity level of the search
     checked: str  # and that at which the height was rated in the end
-    disagreement: float  # of the two amplitudes, relative; above the flatness the search went on with the latter [-]
+    #: Largest of the two amplitudes where both are reproducible, relative; 0: none was; above the flatness the search
+    #: went on with the latter [-].
+    disagreement: float
 
 
 def quick_best(
