@@ -70,6 +70,25 @@ def test_where_every_height_is_worse_it_stays_closed() -> None:
     assert "the best height found" in chosen.no_use
 
 
+@pytest.mark.parametrize("method", ["pca", "direct"])
+def test_an_undamped_beam_is_refused_at_resonance_alone(method: str) -> None:
+    undamped = standard_bench(beam={"mass": 0.3258, "stiffness": 427.6, "damping": 0.0})
+    selector = make_selector(method, undamped)
+    with pytest.raises(SelectionError, match=f"^{method}: a beam without damping grows without limit at resonance"):
+        selector.select(0.01)
+    assert selector.select(0.01, frequency=1.2 * undamped.natural_frequency_hz).height >= 0.017
+
+
+@pytest.mark.parametrize("method", ["pca", "direct"])
+def test_a_stiff_beam_is_selected_for_at_small_amplitudes(method: str) -> None:
+    """At 1 mm the grain would be pressed deeper into a wall than its radius."""
+    stiff = standard_bench(beam={"mass": 1.2, "stiffness": 3.0e5, "damping": 6.0})
+    selector = make_selector(method, stiff)
+    with pytest.raises(SelectionError, match="deeper into a wall"):
+        selector.select(0.02)
+    assert 0.017 < selector.select(5e-5).height < 0.1
+
+
 def test_frequencies_beyond_half_and_twice_the_natural_one_are_refused() -> None:
     selector = make_selector("direct", tone(1.0))
     for ratio in (0.49, 2.01):

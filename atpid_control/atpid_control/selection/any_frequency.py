@@ -12,6 +12,7 @@ from atpid_control.selection.checks import check_excitation, frequencies_of
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 from atpid_sim.maps import DamperResponse
 from atpid_sim.maps.use import LEAST_USE, closed_over_gravity, rests
+from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
 
@@ -36,7 +37,11 @@ class AnyFrequency:
         if not math.isnan(frequency):
             self._check_frequency(frequency)
             damper = damper.at_frequency(frequency)
-        if rests(damper, amplitude):
+        try:
+            resting = rests(damper, amplitude)
+        except NumericalFailure as error:
+            raise SelectionError(f"{self.method}: {error}") from error
+        if resting:
             lifts = f"the closed beam's acceleration, {closed_over_gravity(damper, amplitude):.2f} g, does not lift it"
             return self._closed(damper, amplitude, Selection(math.nan, math.nan, math.nan, self.method), lifts)
         chosen = self._selector.select(amplitude, amplitude_std, frequency, margin=margin, height=height)

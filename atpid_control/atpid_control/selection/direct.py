@@ -4,6 +4,7 @@
 import gc
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property, partial
 
 from atpid_control.selection.checks import check_excitation, response_at
@@ -20,6 +21,8 @@ from atpid_sim.simulation.batch import cores
 
 #: Tolerance of the complete runs: 0.2 % of an amplitude is resolved.
 _RTOL = 1e-5
+#: Support amplitude of a first run that is made for its kernel's sake [m].
+_SMALL = 1e-6
 #: Speed of the ceiling where the scene gives none [m/s]: that of the thesis's bench in scenes/.
 _SPEED = 0.3
 #: A second travel starts this much later, in periods: what depends on the phase of the start is not reproducible.
@@ -52,8 +55,9 @@ class DirectSelector:
         self._uncertainty = uncertainty or Uncertainty()
         self._damper = DamperResponse(scene, _RTOL)
         # compiled now, or loaded from the cache, so that the first selection is as fast as the next
-        for level in (self._damper.sufficient(1e-3, math.inf), self._damper):
-            level.follow_on(1e-3, level.closed_state(1e-3), ((0.0, 4.0 * level.diameter),), Timing(1.0, 4.0))
+        for level in (self._damper.sufficient(_SMALL, math.inf), self._damper):
+            with suppress(NumericalFailure):
+                level.follow_on(_SMALL, level.closed_state(_SMALL), ((0.0, 4.0 * level.diameter),), Timing(1.0, 4.0))
 
     @cached_property
     def _systems(self) -> list[System]:

@@ -4,6 +4,7 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from atpid_control.selection.checks import check_excitation, response_at
 from atpid_control.selection.complex_model import ComplexModel
@@ -75,7 +76,8 @@ class PcaSelector:
         self._limits = getattr(scene.ceiling, "range", (0.0, math.inf))
         self._scene = scene if gravity else scene.with_(gravity=0.0)
         self._damper = DamperResponse(self._scene, _RTOL)
-        self._damper.opened(1e-3, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
+        with suppress(NumericalFailure):  # a first run, for its kernel's sake
+            self._damper.opened(1e-6, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
     def select(
         self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,

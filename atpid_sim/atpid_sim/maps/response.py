@@ -20,6 +20,8 @@ from atpid_sim.simulation.integration import Integration, Observation, sample_se
 from atpid_sim.system import System
 
 Path = tuple[tuple[float, float], ...]
+#: Dynamic over static stiffness up to which the steady response has no bound: what rounding leaves at resonance.
+_UNBOUNDED = 1e-9
 #: Period-to-period variation up to which a motion counts as regular [-].
 _REGULAR = 0.02
 #: Tolerance of runs with contacts from a table: finer ones change the amplitude by less than 2e-5 (docs/tradeoff.md).
@@ -143,7 +145,10 @@ class DamperResponse:
         s, w = self.system, 2.0 * math.pi * self.frequency
         mass = s.beam_mass + s.grain_mass
         drive_force = complex(s.stiffness, s.damping * w) * amplitude
-        return drive_force / complex(s.stiffness - mass * w * w, s.damping * w)
+        resistance = complex(s.stiffness - mass * w * w, s.damping * w)
+        if abs(resistance) <= _UNBOUNDED * s.stiffness:
+            raise NumericalFailure("a beam without damping grows without limit at resonance; give it damping")
+        return drive_force / resistance
 
     def closed_state(self, amplitude: float) -> State:
         """Return the steady state of the closed damper at phase zero of the support's sine, grain on the floor."""
