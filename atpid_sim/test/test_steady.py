@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from atpid_sim.cli import main
+from atpid_sim.engine import columns
+from atpid_sim.engine.settling_run import _middle_of_longest_flight
 from atpid_sim.periodic import SteadyEnding, steady_state
+from atpid_sim.periodic.steady import _extrapolated
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.integration import Integration, Observation
+from atpid_sim.studies.sweep import standard_task
 
 SCENES = Path(__file__).parents[2] / "scenes"
 STANDARD = load_scene(SCENES / "standard.yaml")
@@ -61,6 +65,32 @@ def test_a_sticking_grain_has_a_steady_motion_too() -> None:
     found = steady_state(scene, "soft", 1e-8).state
     assert found is not None
     assert found.amplitude == pytest.approx(settled(scene, "soft", 1e-9), rel=1e-7)
+
+
+@pytest.mark.parametrize("task", [(0.015366, 0.1756, 0.07051), (0.003493, 0.0757, 0.03756)])
+def test_steps_shrink_where_the_tabulated_derivative_is_off(task: tuple[float, float, float]) -> None:
+    scene = standard_task(*task)
+    found = steady_state(scene, "soft", 1e-8).state
+    assert found is not None
+    assert found.amplitude == pytest.approx(settled(scene, "soft", 1e-10), rel=3e-8)
+
+
+@pytest.mark.parametrize("flights", [[range(100, 128), range(21), range(40, 81)], [range(128)], []])
+def test_the_section_lies_in_the_middle_of_the_longest_flight(flights: list[range]) -> None:
+    """Of a period taken as a ring: the longest of the first case goes from sample 100 over the end to sample 20."""
+    samples = np.zeros((columns.SAMPLE_ROWS, 128))
+    samples[columns.S_GRAIN, [place for flight in flights for place in flight]] = 1e-3
+    middle = _middle_of_longest_flight(samples, 0.1)
+    assert middle in {0: [-1], 1: range(128), 3: [123, 124, 125]}[len(flights)]
+    assert _middle_of_longest_flight(samples, 1e-3) == -1  # in contact with the ceiling
+
+
+def test_passages_of_a_linear_map_are_extrapolated_to_its_fixed_point() -> None:
+    scale, end = np.array([1e-2, 0.3, 1e-2, 0.3]), np.array([0.03, -0.8, 0.09, 1.3])
+    turned = np.array([[1.0, 0.2, 0.0, 0.1], [0.0, 1.0, 0.3, 0.0], [0.1, 0.0, 1.0, 0.2], [0.0, 0.1, 0.0, 1.0]])
+    powers = np.array([0.9, -0.5, 0.3])[None] ** np.arange(6)[:, None]
+    passages = end + np.hstack([0.02 * powers, np.zeros((6, 1))]) @ turned * scale
+    np.testing.assert_allclose((_extrapolated(passages, scale) - end) / scale, 0.0, atol=1e-9)
 
 
 def test_what_has_no_steady_motion_is_named() -> None:
