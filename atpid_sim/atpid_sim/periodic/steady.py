@@ -37,7 +37,9 @@ _MIXED, _DEPENDENT = 5, 1e-6
 _CURVED = 1e-2
 #: Steps with the derivative taken anew, and at the fidelity asked for, at most; how far they may lead, in the distances
 #: that are left to go at the rate of contraction.
-_COARSE_STEPS, _FINE_STEPS, _FARTHEST = 6, 8, 5.0
+_COARSE_STEPS, _FINE_STEPS, _FARTHEST = 6, 3, 5.0
+#: How many passages in a row have to be nearer to the motion found than the one before: else it is another one.
+_NEARER = 3
 #: Tolerance with which the motion of the tabulated contacts is brought near the one asked for.
 _BETWEEN = 1e-7
 #: Share of the tolerance with which the periods of the solution are integrated, and the finest tolerance.
@@ -268,8 +270,16 @@ def _solved_from(
         after, orbit = exact.passed(section)
         newton.step(after, alike=True)
         if newton.left <= known:
+            if not _draws_near(approach, section):
+                return None
             return _described(approach, fine, orbit, section, newton.slope, newton.left + known)
     return None
+
+
+def _draws_near(approach: _Approach, section: Array) -> bool:
+    """Return whether the last passages of a transient draw nearer and nearer to a section state (4,)."""
+    apart = np.abs((approach.passages[-_NEARER - 1 :] - section) / approach.scale).max(axis=1)
+    return bool((apart[1:] < apart[:-1]).all())
 
 
 def _described(
