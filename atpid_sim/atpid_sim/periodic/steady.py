@@ -40,6 +40,8 @@ _CURVED = 1e-2
 _COARSE_STEPS, _FINE_STEPS, _FARTHEST = 6, 3, 5.0
 #: How many passages in a row have to be nearer to the motion found than the one before: else it is another one.
 _NEARER = 3
+#: How many more passages have to draw nearer where steps had to improve the derivative, as near grazing.
+_FOLLOWED_ON = 12
 #: Tolerance with which the motion of the tabulated contacts is brought near the one asked for.
 _BETWEEN = 1e-7
 #: Share of the tolerance with which the periods of the solution are integrated, and the finest tolerance.
@@ -185,6 +187,7 @@ class _Newton:
     def __init__(self, approach: _Approach, known: float, section: Array) -> None:
         """Begin; known: relative error that steps do not remove."""
         self.section, self.left, self.slope = section, math.inf, _IDENTITY
+        self.improved = False  # whether steps had to improve the derivative
         self._inverse: NDArray[np.floating[Any]] = _IDENTITY
         self._last, self._scale, self._known = approach.passages[-1], approach.scale, known
         self._farthest = _FARTHEST * approach.remaining + known
@@ -212,7 +215,7 @@ class _Newton:
     def _improve(self, moved: Array, closed: Array) -> None:
         """Broyden's update: a move (4,) has closed so much (4,) of what was missing."""
         row = (moved / self._scale**2) @ self._inverse
-        share = float(row @ closed)
+        share, self.improved = float(row @ closed), True
         if share != 0.0:
             self._inverse = self._inverse + np.outer(moved - self._inverse @ closed, row) / share
 
@@ -270,15 +273,17 @@ def _solved_from(
         after, orbit = exact.passed(section)
         newton.step(after, alike=True)
         if newton.left <= known:
-            if not _draws_near(approach, section):
+            further = coarse.passages(approach.passages[-1], _FOLLOWED_ON if newton.improved else 0)
+            if not _draws_near(approach, section, further):
                 return None
             return _described(approach, fine, orbit, section, newton.slope, newton.left + known)
     return None
 
 
-def _draws_near(approach: _Approach, section: Array) -> bool:
-    """Return whether the last passages of a transient draw nearer and nearer to a section state (4,)."""
-    apart = np.abs((approach.passages[-_NEARER - 1 :] - section) / approach.scale).max(axis=1)
+def _draws_near(approach: _Approach, section: Array, further: Array) -> bool:
+    """Return whether the last passages of a transient, then further ones (k, 4), lie nearer and nearer to a section."""
+    passages = np.concatenate([approach.passages[-_NEARER - 1 :], further])
+    apart = np.abs((passages - section) / approach.scale).max(axis=1)
     return bool((apart[1:] < apart[:-1]).all())
 
 
