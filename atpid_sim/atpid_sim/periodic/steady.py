@@ -273,8 +273,8 @@ def _solved_from(
         after, orbit = exact.passed(section)
         newton.step(after, alike=True)
         if newton.left <= known:
-            last = approach.passages[-1]
-            further = coarse.passages(last, _FOLLOWED_ON) if newton.improved else last[:0].reshape(0, 4)
+            passages = approach.passages
+            further = coarse.passages(passages[-1], _FOLLOWED_ON) if newton.improved else passages[:0]
             if not _draws_near(approach, section, further):
                 return None
             return _described(approach, fine, orbit, section, newton.slope, newton.left + known)
