@@ -83,6 +83,7 @@ def test_a_tone_has_its_amplitude_and_frequency_in_the_spectrum(frequency: float
 def test_there_is_no_spectrum_of_too_little() -> None:
     time = np.arange(0.0, 6.0, 1.0 / RATE)
     assert spectrum(time[:300], time[:300]) is None
+    assert spectrum(np.arange(0.0, 60.0, 5.0), np.ones(12)) is None
     assert spectrum(time, np.where(time > 3.0, np.nan, 1.0)) is None
 
 

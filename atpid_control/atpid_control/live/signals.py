@@ -14,6 +14,8 @@ RATE, KEPT = 200.0, 1600
 WINDOW, HIGHEST, EVERY = 4.0, 40.0, 2
 #: Share of samples that may be missing in the window [-].
 _MISSING = 0.1
+#: Rows in the window, at least.
+_FEWEST = 16
 
 
 def thinned(first_index: int, rate: float, values: Array) -> tuple[Array, Array]:
@@ -43,7 +45,7 @@ def spectrum(times: Array, values: Array) -> tuple[Array, Array] | None:
         return None
     inside = times > times[-1] - WINDOW
     valid = inside & np.isfinite(values)
-    if valid.sum() < (1.0 - _MISSING) * WINDOW * RATE * _share(times[inside]):
+    if inside.sum() < _FEWEST or valid.sum() < (1.0 - _MISSING) * WINDOW * RATE * _share(times[inside]):
         return None
     even = np.linspace(times[-1] - WINDOW, times[-1], round(WINDOW * RATE), endpoint=False)
     signal = np.interp(even, times[valid], values[valid])
