@@ -13,7 +13,8 @@ from typing import Any
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import sync_playwright
 
-DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
+DESKTOP: Any = {"width": 1280, "height": 900}
+PHONE: Any = {"width": 390, "height": 844}
 TEXTS = ("link", "power", "mode", "reason", "excitation", "frequency", "beam", "efficiency", "height", "run", "grain")
 TIMEOUT = 120.0  # [s]
 

@@ -23,6 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from atpid_common.nodes.messages import EVENTS, STATES, time_of
 from atpid_control.nodes.selector_node import SelectorNode
+from atpid_control.selection import SelectionError
 
 BLOCK = 50_000_000  # [ns]
 
@@ -236,9 +237,46 @@ def test_a_bad_value_is_refused_with_a_sentence(make: Make, name: str, value: An
 
 def test_a_parameter_that_is_read_once_is_refused(make: Make) -> None:
     loop = make()
-    result = loop.set("method", "pca")
+    result = loop.set("map", "another.npz")
     assert not result.successful
     assert "read-only" in result.reason
+
+
+def test_a_held_ceiling_gets_no_height_until_it_is_released(make: Make) -> None:
+    loop = make()
+    loop.until(lambda: loop.estimate().height > 0.0)
+    height = loop.commands[-1].height
+    assert loop.set("hold", True).successful
+    held = loop.estimate()
+    assert (held.reason, math.isnan(held.height)) == ("held by the operator", True)
+    assert loop.set("hold", False).successful
+    assert loop.estimate().height == height
+
+
+def test_another_method_selects_once_it_is_made(make: Make) -> None:
+    loop = make()
+    loop.until(lambda: loop.estimate().height > 0.0)
+    before = loop.commands[-1]
+    assert loop.set("method", "pca").successful
+    loop.until(lambda: (command := loop.estimate()).method == "pca" and command.height > 0.0)
+    assert loop.commands[-1].sequence > before.sequence
+    assert "heights are selected by pca" in [event.text for event in loop.events]
+
+
+def test_a_method_that_cannot_be_made_is_refused_and_the_last_one_goes_on(
+    make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop = make()
+    loop.until(lambda: loop.estimate().height > 0.0)
+
+    def fails(method: str) -> None:
+        raise SelectionError(f"method {method}: no map given")
+
+    monkeypatch.setattr(loop.selector, "_make_selector", fails)
+    assert loop.set("method", "pca").successful
+    loop.until(lambda: loop.estimate() and "refused" in loop.kinds())
+    assert loop.found("refused").text == "method pca: no map given; heights are still selected by lookup"
+    assert (loop.estimate().method, loop.estimate().height > 0.0) == ("lookup", True)
 
 
 def test_each_estimate_is_answered_while_a_height_is_computed(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -166,7 +166,7 @@ class SelectorNode(Node):
         try:
             selector, inner = made.result()
         except AtpidError as error:
-            text = f"method {method}: {error}; {self._method} goes on"
+            text = f"{error}; heights are still selected by {self._method}"
             self._events.publish(Event.WARNING, Event.REFUSED, text)
             return
         assert isinstance(self._controller, SearchingController)
