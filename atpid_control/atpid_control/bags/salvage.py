@@ -4,6 +4,7 @@
 import re
 import struct
 import zlib
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -162,8 +163,9 @@ class _Walk:
 
     def _next(self, place: int, places: list[int], end: int) -> int:
         """Return where the next record begins, by the index or else the next chunk that looks like one."""
-        if known := [one for one in places if one >= place]:
-            return min(known[0], end)
+        known = bisect_left(places, place)
+        if known < len(places):
+            return min(places[known], end)
         while place < end and self._waste > 0:
             self._stream.seek(place)
             window = self._stream.read(min(_WINDOW, end - place))
