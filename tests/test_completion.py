@@ -28,8 +28,8 @@ class Terminal:
     def __init__(self, *command: str) -> None:
         self._own, other = pty.openpty()
         settings = {
-            "HOME": os.environ.get("HOME", "/tmp"), "PATH": os.defpath, "TERM": "dumb", "PS1": PROMPT.decode(), "LANG": "C.UTF-8",
-            "COLUMNS": "400", "INPUTRC": "/dev/null",
+            "HOME": os.environ.get("HOME", "/tmp"), "PATH": os.defpath, "TERM": "dumb", "PS1": PROMPT.decode(),
+            "LANG": "C.UTF-8", "COLUMNS": "400", "INPUTRC": "/dev/null",
         }  # fmt: skip
         self._shell = subprocess.Popen(
             command, stdin=other, stdout=other, stderr=other, cwd=ROOT, env=settings, start_new_session=True
