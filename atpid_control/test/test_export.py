@@ -229,8 +229,9 @@ def test_a_dataset_survives_a_round_trip_through_pandas(bag: Path) -> None:
     np.testing.assert_array_equal(again["beam_displacement"], laser["beam_displacement"])
 
 
-def test_a_part_and_one_topic(bag: Path, tmp_path: Path) -> None:
+def test_a_part_and_one_topic(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = run(bag, "csv", tmp_path / "part.csv", "--topic", "/sensors/force", "--from", "0.1", "--to", "0.2")
+    assert "part.csv: sensors/force, 33 rows" in capsys.readouterr().out
     table = pd.read_csv(path, comment="#", **EXACT)
     assert (table["index"].iloc[0], table["index"].iloc[-1]) == (32, 64)
     assert {item.name for item in tmp_path.iterdir()} == {"part.csv", "part.sensors_force_blocks.csv"}
@@ -277,6 +278,7 @@ def test_a_stream_that_starts_anew_is_a_table_of_its_own_and_what_goes_back_is_l
         (["{bag}", "--format", "uff", "--topic", "/events", "--out", "{tmp}/a.uff"], "there are no samples"),
         (["{bag}", "--format", "mat", "--topic", "/force", "--out", "{tmp}/a.mat"], "given /force; in the bag"),
         (["{bag}", "--format", "csv", "--from", "100", "--out", "{tmp}/a.csv"], "no row from 100"),
+        (["{bag}", "--format", "mat", "--from", "100", "--out", "{tmp}/a.mat"], "no row from 100"),
         (["{bag}", "--format", "csv", "--out", "{tmp}/there.csv"], "exists already"),
         (["{bag}", "--format", "csv", "--out", "{tmp}/half.csv"], "half.events.csv: exists already"),
     ],

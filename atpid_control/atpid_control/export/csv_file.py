@@ -43,7 +43,7 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
 
 
 def _description(source: Source, table: Table) -> Iterator[str]:
-    yield f"{source.path.name}, topic {table.topic}, {table.type}; SI units; {table.rows} rows"
+    yield f"{source.path.name}, topic {table.topic}, {table.type}; SI units"
     for name in ("run_id", "created", "commit", "scene", "clock"):
         if source.run.get(name):
             yield one_line(f"{name}: {source.run[name]}")

@@ -36,7 +36,9 @@ def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tup
     spool, path = Spool(folder), folder / "whole.uff"
     spool.fill(piece for piece in pieces if piece.table.rate is not None)
     if not spool.tables:
-        raise ExportError(f"{source.path}: --format uff: there are no samples in this bag; give --format csv or mat")
+        raise ExportError(
+            f"{source.path}: --format uff: there are no samples in this bag, or part of it; give --format csv or mat"
+        )
     with path.open("wb") as stream:
         _lines(stream, 151, source.path.name, "bag of ATPID", "atpid", f"{_date(source.start_ns)}{'0':>10}{'0':>10}",
                _date(source.start_ns), "atpid", _date(source.start_ns))  # fmt: skip

@@ -4,7 +4,8 @@
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,15 +58,16 @@ def export(
         raise ExportError(f"{beside[0]}: exists already; give another file to --out, or --force to replace it")
     source = Source(bag, topics)
     with output.writing(out), tempfile.TemporaryDirectory(prefix=".export-", dir=out.parent) as folder:
-        made = list(writer(source, _gathered(_part(source, begin, end, progress)), Path(folder)))
-        if not made:
+        rows = Counter[str]()
+        made = list(writer(source, _gathered(_part(source, begin, end, progress), rows), Path(folder)))
+        if not rows:
             raise ExportError(f"{bag}: no row from {begin:g} to {end:g} s; give a part in which something was recorded")
-        files = _placed(made, source, out)
-    held = [table.name for table in source.tables if table.rate is None] if form == "uff" else []
+        held = [table.name for table in source.tables if table.rate is None] if form == "uff" else []
+        files = _placed(made, {name: count for name, count in rows.items() if name not in held}, out)
     return Exported(files, source.missing, held)
 
 
-def _placed(made: list[tuple[Table | None, Path]], source: Source, out: Path) -> list[tuple[Path, str]]:
+def _placed(made: list[tuple[Table | None, Path]], rows: Mapping[str, int], out: Path) -> list[tuple[Path, str]]:
     """Give the files made their names."""
     tables = [table for table, _ in made if table is not None]
     sampled = [table for table in tables if table.rate is not None] or tables
@@ -76,20 +78,23 @@ def _placed(made: list[tuple[Table | None, Path]], source: Source, out: Path) ->
         if table is not None and table is not main:
             place = out.with_name(f"{out.stem}.{table.name.replace('/', '_')}{out.suffix}")
         os.replace(path, place)
-        held = [one.name for one in source.tables if one.rate is not None or out.suffix.lower() == ".mat"]
-        rows = f"{table.name}, {table.rows} rows" if table else ", ".join(held)
-        found.append((place, rows))
+        names = rows if table is None else [table.name]
+        found.append((place, "; ".join(f"{name}, {rows[name]} rows" for name in names)))
     return sorted(found, key=lambda one: one[0] != out)
 
 
-def _gathered(pieces: Iterator[Piece]) -> Iterator[Piece]:
-    """Yield the same rows in larger pieces: writing has a cost a piece, and a block has few rows."""
+def _gathered(pieces: Iterator[Piece], counted: Counter[str]) -> Iterator[Piece]:
+    """Yield the same rows in larger pieces: writing has a cost a piece, and a block has few rows.
+
+    `counted` gets the rows by table.
+    """
     waiting: dict[str, list[Piece]] = {}
     rows: dict[str, int] = {}
     for piece in pieces:
         name = piece.table.name
         waiting.setdefault(name, []).append(piece)
         rows[name] = rows.get(name, 0) + len(piece)
+        counted[name] += len(piece)
         if rows[name] >= _ROWS:
             yield _joined(waiting.pop(name))
             rows[name] = 0
