@@ -314,9 +314,9 @@ def test_a_topic_that_is_not_there(bag: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("form", "most"), [("csv", 0.5), ("uff", 0.5), ("mat", 2.0)])
 def test_memory_does_not_grow_with_the_length_of_the_bag(tmp_path: Path, form: str, most: float) -> None:
-    """Of a bag four times as long at most `most` MB more: in MATLAB's format a column of 8 bytes a sample."""
+    """Of a bag three times as long at most `most` MB more: in MATLAB's format a column of 8 bytes a sample."""
     peaks = []
-    for number, blocks in enumerate((25, 100)):
+    for number, blocks in enumerate((40, 120)):
         bag = written(tmp_path / f"run{number}", blocks, size=1000)
         main(["export", str(bag), "--format", form, "--out", str(tmp_path / f"first{number}.{form}")])
         tracemalloc.start()

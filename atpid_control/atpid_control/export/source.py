@@ -28,7 +28,7 @@ _OURS = "atpid_interfaces/msg/"
 #: Messages with samples, and their fields that are series.
 _SAMPLED = {"SampleBlock": ("channels", "units", "skew", "data"), "PlantTruth": ("support", "beam", "grain", "ceiling")}
 #: Messages of one topic gathered to a piece.
-_ROWS = 1024
+_ROWS = 32
 #: Longest metadata.yaml [bytes].
 _MOST_METADATA = 200_000
 

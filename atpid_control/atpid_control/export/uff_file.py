@@ -25,7 +25,7 @@ _FIRST_OTHER, _UP = 11, 3
 #: Specific data types of units, and their exponents of length and force.
 _QUANTITIES = {"m": (8, 1, 0), "m/s": (11, 1, 0), "m/s^2": (12, 1, 0), "N": (13, 0, 1)}
 _TIME_RESPONSE, _REAL_DOUBLE, _EVEN, _TIME_AXIS = 1, 4, 1, 17
-_ROWS = 1 << 16
+_ROWS = 1 << 14
 
 
 def write(source: Source, pieces: Iterable[Piece], folder: Path) -> Iterator[tuple[Table | None, Path]]:

@@ -25,8 +25,8 @@ FORMATS = {
 }
 #: The table that gets the name given: the measured displacements where they are there.
 _FIRST = "sensors/laser"
-#: Rows written at once, at least.
-_ROWS = 16_384
+#: Rows written at once, at least, or as many pieces.
+_ROWS, _PIECES = 16_384, 64
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _gathered(pieces: Iterator[Piece], counted: Counter[str]) -> Iterator[Piece]
         waiting.setdefault(name, []).append(piece)
         rows[name] = rows.get(name, 0) + len(piece)
         counted[name] += len(piece)
-        if rows[name] >= _ROWS:
+        if rows[name] >= _ROWS or len(waiting[name]) >= _PIECES:
             yield _joined(waiting.pop(name))
             rows[name] = 0
     yield from map(_joined, waiting.values())
