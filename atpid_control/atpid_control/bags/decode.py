@@ -39,6 +39,7 @@ class Decoder:
         self._stores: dict[int, Any] = {}
         self._names: dict[int, str] = {}
         self._fields: dict[str, Any] = {}  # of each type, the first definition of it
+        self._definitions: dict[str, bytes] = {}  # of each topic's type, the first one
 
     def add(self, schema: Schema) -> None:
         """Register the types of one schema; raise BagError where it is not a ROS 2 message definition."""
@@ -55,6 +56,7 @@ class Decoder:
             reason = " ".join(str(error).split())[:80] or type(error).__name__
             raise BagError(f"the definition of {schema.name[:80]!r} cannot be read ({reason})") from None
         self._names[schema.id], self._stores[schema.id] = schema.name, store
+        self._definitions.setdefault(schema.name, schema.data)
 
     def name(self, schema_id: int) -> str:
         """Return the message type of a schema; raise BagError where the bag does not have it."""
@@ -71,8 +73,8 @@ class Decoder:
             raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
 
     def definition(self, name: str) -> bytes:
-        """Return the definition of a message type and, after separators, those of all types inside it."""
-        return self._store.generate_msgdef(name, ros_version=2)[0].encode()
+        """Return the definition of a topic's message type and, after separators, those of all types inside it."""
+        return self._definitions[name]
 
     def fields(self, name: str) -> dict[str, Any]:
         """Return the fields of a message type, as rosbags describes them, by their names in the message's order."""

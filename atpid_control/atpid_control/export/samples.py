@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.bags.read import scans_of, stamp_of
+from atpid_control.bags.losses import scans_of
+from atpid_control.bags.read import stamp_of
 from atpid_control.export.tables import INDEX, STAMP, TIME, Column, Piece, Table, common
 from atpid_sim.system import Array
 

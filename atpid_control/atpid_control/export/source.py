@@ -17,9 +17,11 @@ from atpid_common.files import FileError, parse_yaml, read_text
 from atpid_common.message_checks import CHECKS, check_as
 from atpid_control.bags import metadata
 from atpid_control.bags.decode import Decoder
+from atpid_control.bags.losses import scans_of
 from atpid_control.bags.metadata import RESULT, RUN
-from atpid_control.bags.read import scans_of, stamp_of
-from atpid_control.bags.verify import find_file, records
+from atpid_control.bags.parts import find_parts
+from atpid_control.bags.read import stamp_of
+from atpid_control.bags.records import records
 from atpid_control.export.fields import Leaf, comments, has_header, leaves
 from atpid_control.export.samples import Samples
 from atpid_control.export.tables import RECEIVED, STAMP, TEXT, TIME, Column, Piece, Table, common
@@ -64,7 +66,7 @@ class Source:
     def __init__(self, path: Path | str, topics: Sequence[str] = ()) -> None:
         """Open the bag; `topics`: those wanted, all where none is named. Raises BagError, ExportError."""
         self.path = Path(path)
-        self._files = [find_file(self.path)]
+        self._files = find_parts(self.path)
         self._wanted = set(topics)
         self.run: dict[str, str] = {}
         self.result: dict[str, str] = {}
