@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from atpid_common.arguments import whole
+from atpid_common.arguments import whole, word
 from atpid_control.graph.parts import LIVE
 from atpid_control.live.address import HOST, PORT, prepared, require_library
 from atpid_control.live.errors import LiveError
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--live", action="store_true", help="show the run in a browser while it goes on, in real time (docs/live.md)")
     host = "address to serve the live page on; another than the loopback needs the token that is printed"
-    add("--live-host", default=HOST, metavar="ADDRESS", help=f"{host}; default: %(default)s")
+    add("--live-host", type=word, default=HOST, metavar="ADDRESS", help=f"{host}; default: %(default)s")
     port = "TCP port of the live page; default: %(default)s"
     add("--live-port", type=whole(1, 65535), default=PORT, metavar="PORT", help=port)
 

@@ -20,6 +20,9 @@ from atpid_sim.display import working
 
 PICTURE, NUMBERS = "analysis.png", "analysis.json"
 
+#: Arguments of the example in the help.
+EXAMPLE = "bags/thesis_4_3_short --out out/analysis"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

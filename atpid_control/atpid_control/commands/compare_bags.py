@@ -17,6 +17,9 @@ from atpid_sim.display import working
 
 PICTURE, NUMBERS = "bags.png", "bags.json"
 
+#: Arguments of the example in the help.
+EXAMPLE = "bags/thesis_4_3_short bags/rumble --out out/two"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""

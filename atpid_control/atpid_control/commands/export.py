@@ -9,6 +9,9 @@ from atpid_common.arguments import file_path, graph_name, positive, real
 from atpid_control.export.write import FORMATS, export
 from atpid_sim.display import working
 
+#: Arguments of the example in the help.
+EXAMPLE = "bags/thesis_4_3_short --format csv --out out/run.csv"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
