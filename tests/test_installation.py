@@ -53,6 +53,7 @@ EXECUTABLES = {
     ("atpid_control", "foxglove_node"): ["recorder.yaml", "port:=0"],
     ("atpid_control", "identifier_node"): ["identifier.yaml"],
     ("atpid_control", "selector_node"): ["selector.yaml", "scene:={}/scene.yaml", "map:={}/map.npz"],
+    ("atpid_control", "live_node"): ["live.yaml", "port:=0"],
     ("atpid_control", "recorder_node"): ["recorder.yaml", "bag:={}/new_bag", "scene:={}/scene.yaml"],
     ("atpid_control", "supervisor_node"): ["supervisor.yaml"],
     ("atpid_control", "replay_node"): ["recorder.yaml", "bag:={}/out/bag"],

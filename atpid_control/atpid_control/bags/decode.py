@@ -77,7 +77,12 @@ class Decoder:
         return self._definitions[name]
 
     def fields(self, name: str) -> dict[str, Any]:
-        """Return the fields of a message type, as rosbags describes them, by their names in the message's order."""
+        """Return the fields of a message type, as rosbags describes them, by their names in the message's order.
+
+        Raises BagError for a type that no definition of the bag is of.
+        """
+        if name not in self._fields:
+            raise BagError(f"the definition of {name[:80]!r} is of another type: the bag is damaged")
         return dict(self._fields[name][1])
 
 

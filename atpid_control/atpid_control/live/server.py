@@ -17,6 +17,7 @@ from typing import Any
 import tornado.httpserver
 import tornado.web
 import tornado.websocket
+from plotly.offline import get_plotlyjs
 
 from atpid_control.live.address import Address, listening
 from atpid_control.live.errors import LiveError
@@ -32,7 +33,8 @@ MOST, MOST_OPEN = 16, 8
 _PING = 5.0
 _COOKIE = "atpid_live"
 _HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    # Plotly writes styles into the page
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
     "connect-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -44,8 +46,10 @@ Answer = tuple[bool, str]
 Act = Callable[[Request, Callable[[Answer], None]], None]
 FILES = {
     "page.css": "text/css", "page.js": "text/javascript", "picture.js": "text/javascript",
-    "plots.js": "text/javascript", "uPlot.iife.min.js": "text/javascript", "uPlot.min.css": "text/css",
+    "plots.js": "text/javascript",
 }  # fmt: skip
+#: The library that draws the plots, as the installed package has it.
+PLOTLY = "plotly.min.js"
 
 
 class LiveServer:
@@ -168,6 +172,11 @@ class _File(_Guarded):
     """What the page consists of."""
 
     def get(self, name: str) -> None:
+        if name == PLOTLY:
+            self.set_header("Content-Type", "text/javascript; charset=utf-8")
+            self.set_header("Cache-Control", "private, max-age=86400")  # 5 MB, the same until the package changes
+            self.finish(get_plotlyjs())
+            return
         if name not in FILES:
             raise tornado.web.HTTPError(404)
         self.set_header("Content-Type", f"{FILES[name]}; charset=utf-8")

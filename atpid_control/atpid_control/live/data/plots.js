@@ -1,73 +1,65 @@
 // SPDX-License-Identifier: Apache-2.0
-// The plots, by uPlot. Rows come as [time, value, ...] in seconds and SI units; null: not known.
+// The plots, by Plotly. Rows come as [time, value, ...] in seconds and SI units; null: not known.
 
-const ONE = "#0b5394", TWO = "#a83200";
-const line = (colour, dash) => ({ stroke: colour, width: 2, dash, points: { show: false }, spanGaps: false });
-
-function plot(element, series, bands, unit) {
-  const options = {
-    width: element.clientWidth, height: element.clientHeight, legend: { show: false }, cursor: { show: false },
-    scales: { x: { time: false } }, series: [{}, ...series], bands,
-    axes: [{ label: unit, labelSize: 18, size: 34 }, { size: 52 }],
-  };
-  const made = new uPlot(options, [[], ...series.map(() => [])], element);
-  new ResizeObserver(() => made.setSize({ width: element.clientWidth, height: element.clientHeight })).observe(element);
-  return made;
-}
-
+const ONE = "#0b5394", TWO = "#a83200", SHADE = "#0b539440";
+const line = (color, dash) => ({ mode: "lines", hoverinfo: "skip", line: { color, width: 2, dash } });
+const steps = (color, dash) => ({ ...line(color, dash), line: { color, width: 2, dash, shape: "hv" } });
+const bound = (fill) => ({ ...line(SHADE), line: { width: 0 }, fill, fillcolor: SHADE });
 const scaled = (value, factor) => (value === null || value === undefined ? null : factor * value);
+const column = (rows, place, factor) => rows.map((row) => scaled(row[place], factor));
+
+class Plot {
+  constructor(element, lines, unit) {
+    const axis = { zeroline: false, automargin: false };
+    this.element = element;
+    this.lines = lines;
+    this.layout = {
+      margin: { l: 52, r: 8, t: 6, b: 36 }, showlegend: false, paper_bgcolor: "transparent", plot_bgcolor: "transparent",
+      xaxis: { ...axis, title: { text: unit, standoff: 4 } }, yaxis: axis,
+    };
+    this.draw(lines.map(() => [[], []]));
+    new ResizeObserver(() => Plotly.Plots.resize(element)).observe(element);
+  }
+
+  // series: [abscissas, ordinates] of each line; ranges: of the axes, by default as wide as the series.
+  draw(series, ranges = {}) {
+    const data = this.lines.map((style, place) => ({ ...style, x: series[place][0], y: series[place][1] }));
+    const { xaxis, yaxis } = this.layout;
+    const layout = { ...this.layout, xaxis: { ...xaxis, range: ranges.x }, yaxis: { ...yaxis, range: ranges.y } };
+    Plotly.react(this.element, data, layout, { staticPlot: true });
+  }
+}
 
 export class Plots {
   constructor(find) {
-    const two = [line(ONE), line(TWO, [6, 4])];
-    const shade = { stroke: "transparent", points: { show: false } };
-    this.motion = plot(find("motion"), two, [], "s");
-    this.excitation = plot(find("plot-excitation"), [line(ONE), shade, shade], [{ series: [2, 3], fill: "#0b539440" }], "s");
-    this.ceiling = plot(find("plot-ceiling"), two, [], "s");
-    this.efficiency = plot(find("plot-efficiency"), [line(ONE)], [], "s");
-    this.spectrum = plot(find("plot-spectrum"), two, [], "Hz");
+    const two = [line(ONE), line(TWO, "dash")];
+    this.motion = new Plot(find("motion"), two, "s");
+    this.excitation = new Plot(find("plot-excitation"), [bound(), bound("tonexty"), line(ONE)], "s");
+    this.ceiling = new Plot(find("plot-ceiling"), [steps(ONE), steps(TWO, "dash")], "s");
+    this.efficiency = new Plot(find("plot-efficiency"), [line(ONE)], "s");
+    this.spectrum = new Plot(find("plot-spectrum"), two, "Hz");
   }
 
   // The last `span` seconds up to `end`.
   drawMotion(rows, end, span) {
-    const shown = rows.filter((row) => row[0] > end - span && row[0] <= end);
-    this.motion.setData([shown.map((r) => r[0]), shown.map((r) => scaled(r[1], 1e3)), shown.map((r) => scaled(r[2], 1e3))], false);
-    this.motion.batch(() => {
-      this.motion.setScale("x", { min: end - span, max: end });
-      this.motion.setScale("y", limits(shown, 1e3));
-    });
+    const shown = rows.filter((row) => row[0] > end - span && row[0] <= end), time = column(shown, 0, 1);
+    const values = [column(shown, 1, 1e3), column(shown, 2, 1e3)], top = 1.1 * Math.max(largest(values.flat()), 1e-3);
+    this.motion.draw(values.map((each) => [time, each]), { x: [end - span, end], y: [-top, top] });
   }
 
   drawLong(rows) {
-    const at = (found, column, factor) => found.map((row) => scaled(row[column], factor));
+    const time = column(rows.excitation, 0, 1);
     const bar = (sign) => rows.excitation.map((r) => (r[1] === null || r[2] === null ? null : 1e3 * (r[1] + sign * 2 * r[2])));
-    this.excitation.setData([at(rows.excitation, 0, 1), at(rows.excitation, 1, 1e3), bar(1), bar(-1)]);
-    this.efficiency.setData([at(rows.efficiency, 0, 1), at(rows.efficiency, 1, 100)]);
-    const moved = [at(rows.ceiling, 0, 1), at(rows.ceiling, 1, 1e3)], sent = [at(rows.command, 0, 1), at(rows.command, 1, 1e3)];
-    if (moved[0].length || sent[0].length) this.ceiling.setData(joined(moved, sent));
+    this.excitation.draw([[time, bar(-1)], [time, bar(1)], [time, column(rows.excitation, 1, 1e3)]]);
+    this.efficiency.draw([[column(rows.efficiency, 0, 1), column(rows.efficiency, 1, 100)]]);
+    this.ceiling.draw([rows.ceiling, rows.command].map((each) => [column(each, 0, 1), column(each, 1, 1e3)]));
   }
 
   drawSpectrum(lines) {
-    const none = lines.frequency.map(() => null);
-    this.spectrum.setData([lines.frequency, lines.support?.map((v) => 1e3 * v) ?? none, lines.beam?.map((v) => 1e3 * v) ?? none]);
+    this.spectrum.draw([lines.support, lines.beam].map((each) => [lines.frequency, (each ?? []).map((v) => 1e3 * v)]));
   }
 }
 
-function limits(rows, factor) {
-  const values = rows.flatMap((row) => row.slice(1)).filter((value) => value !== null);
-  const largest = values.length ? factor * Math.max(...values.map(Math.abs)) : 1;
-  return { min: -1.1 * Math.max(largest, 1e-3), max: 1.1 * Math.max(largest, 1e-3) };
-}
-
-// Both heights over one time; each is held from its own sample to its next.
-function joined(moved, sent) {
-  const times = [...new Set([...moved[0], ...sent[0]])].sort((a, b) => a - b);
-  const held = ([at, values]) => {
-    let k = -1;
-    return times.map((time) => {
-      while (k + 1 < at.length && at[k + 1] <= time) k++;
-      return k < 0 ? null : values[k];
-    });
-  };
-  return [times, held(moved), held(sent)];
+function largest(values) {
+  return values.reduce((most, value) => (value === null ? most : Math.max(most, Math.abs(value))), 0);
 }
