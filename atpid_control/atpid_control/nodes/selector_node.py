@@ -26,7 +26,7 @@ from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import STATES, nanoseconds_of
+from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
@@ -116,8 +116,9 @@ class SelectorNode(Node):
         stale, qos = self._supervision.stale, self._supervision.qos
         stale.watch(ESTIMATES, "the ceiling is not controlled")
         stale.watch(STATE, "whether the ceiling follows its commands is not known")
-        profile = QoSProfile(depth=10 if self._lockstep else 1, reliability=ReliabilityPolicy.RELIABLE)
+        profile = BLOCKS  # in lockstep the run does not wait for the recorder, which may be many commands behind
         if not self._lockstep:
+            profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
             profile.deadline = Duration(seconds=max(COMMAND_DEADLINE, MISSING * self._block))
         self._commands = self.create_publisher(
             CeilingCommand,
