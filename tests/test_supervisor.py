@@ -98,7 +98,7 @@ def killed_and_started_again(running: Supervised, name: str) -> None:
 
 
 def test_a_level_that_is_passed_switches_the_motor_off_and_so_does_the_operator_until_a_rearm(start: Start) -> None:
-    running = start(moving=False, beam_displacement_warning=0.002, motor_on_time_abort=0.3)
+    running = start(moving=False, beam_displacement_warning=0.002, motor_on_time_abort=0.6)
     watch = running.watch
     running.until(lambda: watch.when(Event.ABORT, "motor_on_time"))
     running.until(lambda: watch.mode == CeilingState.DISARMED)
