@@ -60,3 +60,16 @@ def test_a_height_lowered_below_resonance_stays_within_the_limits() -> None:
     for lowest in (0.08767, 0.0875):
         search = QuickSearch(damper, 0.01447, (lowest, 0.2), FROM_CLOSED, map)
         assert search.held(0.08767200716847738) >= lowest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("ratio", "fraction", "amplitude"), [(0.77, 0.3, 0.06), (0.91, 0.3, 0.02)])
+def test_below_resonance_a_lower_well_is_kept_unless_another_is_better_by_the_hysteresis(
+    ratio: float, fraction: float, amplitude: float
+) -> None:
+    """Heights at which the motion lasts are rated without a first look: what is expected of others needs none."""
+    damper = DamperResponse(standard_bench(grain={"mass_fraction": fraction, "radius": 0.0085}), 1e-5)
+    damper = damper.at_frequency(ratio * damper.natural_frequency)
+    deepest, lower = (quick_best(damper, amplitude, hysteresis) for hysteresis in (0.0, 0.15))
+    assert lower.height <= deepest.height
+    assert lower.amplitude <= 1.15 * deepest.amplitude

@@ -94,7 +94,8 @@ class QuickSearch:
         if height in rated:
             return self.ratings.value(height)
         seen = self._looked[height][0]
-        nearest = min(rated, key=lambda other: abs(other - height), default=math.inf)
+        # a height at which the motion lasts was rated without a look
+        nearest = min(self._looked.keys() & set(rated), key=lambda other: abs(other - height), default=math.inf)
         if abs(nearest - height) > _NEAR * (height - self.diameter):
             return seen
         return seen * max(self.expected(nearest) / self._looked[nearest][0], 1.0)
