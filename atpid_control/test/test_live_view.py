@@ -13,13 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.live.efficiency import EfficiencySoFar, closed_amplitude
+from atpid_control.live.efficiency import EfficiencySoFar
 from atpid_control.live.errors import LiveError
 from atpid_control.live.requests import Hold, Note, read_request
 from atpid_control.live.rows import Rows
 from atpid_control.live.signals import RATE, spectrum, thinned
 from atpid_control.live.view import LiveView
 from atpid_sim.scene import load_scene
+from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.simulate import simulate
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"

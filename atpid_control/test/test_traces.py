@@ -23,8 +23,9 @@ from atpid_control.bags.topics import BY_CLOCK, DEFAULT, parse
 from atpid_control.cli import main
 from atpid_control.traces.layout import FOXGLOVE, PLOTJUGGLER, foxglove_layout, plotjuggler_layout
 from atpid_control.traces.records import LOG, MARKERS, NUMBER, TEXT, number
-from atpid_control.traces.tracer import MODES, QUALITIES, STATES, TraceError, Tracer, closed_gain
+from atpid_control.traces.tracer import MODES, QUALITIES, STATES, TraceError, Tracer
 from atpid_sim.scene import load_scene
+from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.excitation import amplitude_at
 from atpid_sim.simulation.integration import undamped_amplitude
 from atpid_sim.system import Array
@@ -108,7 +109,7 @@ def test_the_efficiency_is_that_of_the_true_motion(bag: Bag, traced: Traced) -> 
     for time, value in zip(times, values, strict=True):
         last = round(time * 1e-9 * truth[0].rate)
         window = beam[last - round(found[time].window * truth[0].rate) : last + 1]
-        closed = amplitude_at(scene, time * 1e-9) * closed_gain(scene, scene.frequency_hz)
+        closed = closed_amplitude(scene, amplitude_at(scene, time * 1e-9))
         assert value == pytest.approx(1.0 - 0.5 * np.ptp(window) / closed, abs=0.01)
 
 
@@ -118,7 +119,7 @@ def test_the_closed_damper_is_the_simulated_one(name: str) -> None:
         excitation={"amplitude": 0.01, "frequency": "resonance"}, duration=60.0
     )
     simulated = undamped_amplitude(scene)
-    assert 0.01 * closed_gain(scene, scene.frequency_hz) == pytest.approx(simulated, rel=2e-3)
+    assert closed_amplitude(scene, 0.01) == pytest.approx(simulated, rel=2e-3)
 
 
 def test_the_damper_stands_as_the_plant_does(bag: Bag, traced: Traced) -> None:

@@ -5,17 +5,7 @@ import math
 
 from atpid_sim.analysis.damping import efficiency
 from atpid_sim.scene import Scene
-
-
-def closed_amplitude(scene: Scene, amplitude: float, frequency: float) -> float:
-    """Return the steady amplitude of the beam with the damper closed [m], beam and grain as one mass.
-
-    amplitude: of the support [m]; frequency: of the excitation [Hz].
-    """
-    omega = 2.0 * math.pi * frequency
-    beam, damping = scene.beam, scene.beam.damping * omega
-    resistance = complex(beam.stiffness - scene.total_mass * omega**2, damping)
-    return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
+from atpid_sim.scene.plausibility import closed_amplitude
 
 
 class EfficiencySoFar:

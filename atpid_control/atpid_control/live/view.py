@@ -155,7 +155,7 @@ class LiveView:
             return self._message("news", rows, events, now)
 
     def drop_news(self) -> None:
-        """Forget what is new: nobody is looking, and who comes is sent everything."""
+        """Forget what is new: no browser is connected, and one that connects is sent everything."""
         with self._lock:
             for rows in self._rows.values():
                 rows.take()

@@ -13,6 +13,7 @@ from atpid_control.bags.read import scans_of, stamp_of
 from atpid_control.traces.markers import Pose, damper
 from atpid_control.traces.records import LOG, TEXT, Record, class_of, message, number
 from atpid_sim.scene import Scene
+from atpid_sim.scene.plausibility import closed_amplitude
 
 #: Pictures of the damper a second, as far as the rate of the samples can be divided.
 PICTURES = 25.0
@@ -90,7 +91,7 @@ class Tracer:
         yield number("amplitude_high", time_ns, found.amplitude + bound)
         yield _text("excitation_quality", time_ns, QUALITIES[found.quality])
         if self._scene is not None and found.quality == _STEADY and math.isfinite(found.beam_amplitude):
-            closed = found.amplitude * closed_gain(self._scene, found.frequency)
+            closed = closed_amplitude(self._scene, found.amplitude, found.frequency)
             if closed > 0.0:
                 yield number("efficiency", time_ns, 1.0 - found.beam_amplitude / closed)
 
@@ -108,17 +109,6 @@ class Tracer:
             msg=f"{event.kind}: {event.text}", file="", function="", line=0,
         )  # fmt: skip
         yield message("log", stamp_of(event), LOG, line)
-
-
-def closed_gain(scene: Scene, frequency: float) -> float:
-    """Return the beam's steady amplitude with the damper closed over the support's [-], at `frequency` [Hz].
-
-    Beam and grain as one mass M that spring k and damper c join to the support: |k + i c w| / |k - M w^2 + i c w|.
-    """
-    w, beam = 2.0 * math.pi * frequency, scene.beam
-    return abs(complex(beam.stiffness, beam.damping * w)) / abs(
-        complex(beam.stiffness - scene.total_mass * w * w, beam.damping * w)
-    )
 
 
 def _text(name: str, time_ns: int, word: str) -> Record:

@@ -89,9 +89,12 @@ def _excitation(scene: SceneValues) -> Iterator[Quantity]:
         )  # fmt: skip
 
 
-def closed_amplitude(scene: SceneValues, amplitude: float) -> float:
-    """Return the beam's steady amplitude [m] with the damper closed: one mass, support amplitude [m]."""
-    omega = 2.0 * math.pi * scene.frequency_hz
+def closed_amplitude(scene: SceneValues, amplitude: float, frequency: float = math.nan) -> float:
+    """Return the beam's steady amplitude [m] with the damper closed: beam and grain as one mass.
+
+    amplitude: of the support [m]; frequency: of the excitation [Hz], NaN: that of the scene.
+    """
+    omega = 2.0 * math.pi * (scene.frequency_hz if math.isnan(frequency) else frequency)
     beam, damping = scene.beam, scene.beam.damping * omega
     resistance = complex(beam.stiffness - scene.total_mass * omega**2, damping)
     return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
