@@ -124,7 +124,9 @@ def test_the_page_shows_what_came_and_only_what_is_new() -> None:
     assert first["state"]["efficiency"]["now"] == pytest.approx(1.0 - 0.05 / closed_amplitude(view._scene, 0.01, 5.47))  # type: ignore[arg-type]
     assert max(first["spectrum"]["beam"]) == pytest.approx(0.06, rel=0.03)
     second = view.news(5.0)
-    assert (second["rows"], second["events"]) == ({}, [])
+    assert (second["rows"], second["events"], second["spectrum"]) == ({}, [], None)
+    assert view.everything(5.0)["spectrum"] == first["spectrum"]  # for a browser that has just come
+    assert view.news(6.0)["spectrum"] is not None
     assert len(view.everything(5.0)["rows"]["motion"]) == 1000
 
 

@@ -30,6 +30,9 @@ _QUALITIES = ("no estimate", "steady", "changing", "poor")
 _STEADY = 1
 _SEVERITIES = ("info", "warning", "alarm")
 
+#: Frequency [Hz], and amplitudes [m] of support and beam, one of which may be None; None: there is none yet.
+Spectrum = dict[str, Any] | None
+
 
 class LiveView:
     """What the page shows, of the last seconds, and what of it is new."""
@@ -53,7 +56,7 @@ class LiveView:
         self._origin_ns: int | None = None
         self._last_index, self._run, self._counted = -1, 0, 0
         self._spectrum_at = -math.inf
-        self._spectrum: dict[str, Any] | None = None
+        self._spectrum: Spectrum = None
 
     # messages, each with the steady time of its receipt [s]
 
@@ -144,7 +147,8 @@ class LiveView:
         """Return all that a browser needs that has just come, at the steady time `now` [s]."""
         with self._lock:
             rows = {name: rows.all() for name, rows in self._rows.items()}
-            return self._message("all", rows, list(self._events), now)
+            self._renew_spectrum(now)
+            return self._message("all", rows, list(self._events), self._spectrum, now)
 
     def news(self, now: float) -> dict[str, Any]:
         """Return what is new since the last call."""
@@ -152,7 +156,8 @@ class LiveView:
             rows = {name: rows.take() for name, rows in self._rows.items()}
             events = list(self._new_events)
             self._new_events.clear()
-            return self._message("news", rows, events, now)
+            # one that has been sent is not sent again: the browser would draw it again
+            return self._message("news", rows, events, self._spectrum if self._renew_spectrum(now) else None, now)
 
     def drop_news(self) -> None:
         """Forget what is new: no browser is connected, and one that connects is sent everything."""
@@ -162,20 +167,20 @@ class LiveView:
             self._new_events.clear()
 
     def _message(
-        self, kind: str, rows: dict[str, Sequence[Row]], events: list[dict[str, Any]], now: float
+        self, kind: str, rows: dict[str, Sequence[Row]], events: list[dict[str, Any]], spectrum: Spectrum, now: float
     ) -> dict[str, Any]:
         origin = None if self._origin_ns is None else self._origin_ns * 1e-9
         radius = self._scene.grain.radius if self._scene is not None else None
         return {
             "type": kind, "run": self._run, "origin": origin, "radius": radius,
             "rows": {name: found for name, found in rows.items() if found},
-            "events": events, "state": self._state.shown(now), "spectrum": self._spectrum_now(now),
+            "events": events, "state": self._state.shown(now), "spectrum": spectrum,
         }  # fmt: skip
 
-    def _spectrum_now(self, now: float) -> dict[str, Any] | None:
-        """Return the spectra of the last seconds, computed anew where they are due."""
+    def _renew_spectrum(self, now: float) -> bool:
+        """Compute the spectra of the last seconds anew where they are due; return whether they were."""
         if now < self._spectrum_at + _SPECTRUM:
-            return self._spectrum
+            return False
         self._spectrum_at, self._spectrum = now, None
         rows = self._rows["motion"].all()
         if rows:
@@ -186,7 +191,7 @@ class LiveView:
                 self._spectrum = {"frequency": list(map(plain, lines[0]))}
                 for name, found in (("support", support), ("beam", beam)):
                     self._spectrum[name] = None if found is None else list(map(plain, found[1]))
-        return self._spectrum
+        return True
 
     def _begin(self, origin_ns: int) -> None:
         """Begin another run."""

@@ -7,7 +7,7 @@ import { Plots } from "./plots.js";
 const KEPT = { motion: 1600, truth: 1600, excitation: 3000, command: 3000, ceiling: 3000, efficiency: 3000 };
 const DELAY = 0.15; // blocks come every 50 ms: shown so much later, motion is smooth [s]
 const PICTURE = 30; // least time between two pictures: 30 a second where the screen has 60 [ms]
-const TRACES = 200, LONG = 1000; // between two drawings of the plots, which cost more than the damper [ms]
+const TRACES = 250, LONG = 1000; // between two drawings of the plots, which cost more than the damper [ms]
 const RECONNECT = 1000, SILENT = 1500, SURE = 4000; // [ms]
 const find = (id) => document.getElementById(id);
 const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0 }); // also for tests
@@ -38,8 +38,10 @@ function receive(message) {
   const newest = live.rows.motion.at(-1);
   if (newest && message.rows.motion) follow(newest[0] - performance.now() / 1000);
   message.events.forEach(show);
+  const mode = live.state?.motor.mode;
   live.state = message.state;
-  if (message.spectrum && message.spectrum !== live.spectrum) live.spectrum = message.spectrum;
+  if (live.state.motor.mode !== mode) words(); // whether the motor is off is shown at once
+  if (message.spectrum) live.spectrum = message.spectrum; // only where it is new
 }
 
 function append(kept, rows, most) {
