@@ -20,15 +20,29 @@ def request(priority: int, lock_memory: bool) -> list[str]:
     return done + ([_locked()] if lock_memory else [])
 
 
+def refusal(priority: int) -> str:
+    """Return why this process could not have the `priority` of SCHED_FIFO, in one sentence; empty: it could.
+
+    Priority 0 is always allowed. Nothing stays changed.
+    """
+    if not priority:
+        return ""
+    policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        return f"real-time priority {priority} is not allowed ({error.strerror}): {_RIGHT.format('rtprio')}"
+    os.sched_setscheduler(0, policy, parameter)
+    return ""
+
+
 def _prioritised(priority: int) -> str:
+    if refused := refusal(priority):
+        return refused
     threads = [int(name) for name in os.listdir("/proc/self/task")]
     parameter = os.sched_param(priority)
     # reset on fork: what a node starts is no part of the loop
     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-    try:
-        os.sched_setscheduler(0, policy, parameter)
-    except OSError as error:
-        return f"real-time priority {priority} is not allowed ({error.strerror}): {_RIGHT.format('rtprio')}"
     # the middleware's own threads, which take the samples in
     for thread in threads:
         with suppress(ProcessLookupError):  # ended just now

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from atpid_common.arguments import file_path, positive, whole
 from atpid_common.output import writing
+from atpid_common.real_time import refusal
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.bench import live_page, outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
@@ -46,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--real-time", action="store_true", help="every node its own process, paced by the clock")
     emulated = "real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board"
     add("--emulated-stand", action="store_true", help=emulated)
-    priority = "real time: SCHED_FIFO priority of every node, 1 to 99, with its memory locked, where that is allowed"
-    add("--priority", type=whole(0, 99), default=0, help=priority)
+    priority = "real time: SCHED_FIFO priority of every node where that is allowed, with its memory locked; 0: neither"
+    add("--priority", type=whole(0, 99), help=f"{priority}; default: the nodes' parameter files (10)")
     restarts = "real time: how often, in all, a killed identifier or selector is started again; default: the run ends"
     add("--restarts", type=whole(0, 100), default=0, help=restarts)
     move = (
@@ -62,12 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the bench; return 0. Raises AtpidError."""
-    if not 0 <= args.priority <= 99 or (args.priority and not (args.real_time or args.emulated_stand)):
-        raise BenchError(f"--priority: given {args.priority}; allowed: 1 to 99, with --real-time or --emulated-stand")
     if args.move and not (args.real_time or args.emulated_stand):
         raise BenchError(f"--move: given {args.move:g}; allowed: with --real-time or --emulated-stand")
     live_page.check(args)
     args.real_time |= args.live and not args.emulated_stand  # a page of a run 20 times as fast shows nothing
+    if args.priority is not None and not (args.real_time or args.emulated_stand):
+        raise BenchError(f"--priority: given {args.priority}; allowed: with --real-time or --emulated-stand")
     scene = load_scene(args.scene)
     for line in scene.warnings():
         print(f"warning: {line}", file=sys.stderr)
@@ -107,9 +108,9 @@ def _run_nodes(
     parameters["recorder_node"]["files"] = [str(parameter_file), *([chosen] if chosen else [])]
     if args.move:
         parameters["motor_node"]["check_move"] = args.move
-    if args.priority:
+    if args.priority is not None:
         for values in parameters.values():
-            values |= {"real_time_priority": args.priority, "lock_memory": True}
+            values |= {"real_time_priority": args.priority, "lock_memory": args.priority > 0}
     if live_page.announced(args):
         parameters["live_node"] = live_page.parameters(args)
     with writing(parameter_file):
@@ -122,6 +123,8 @@ def _run_nodes(
         try:
             if paced:
                 print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
+                if refused := refusal(parameters["identifier_node"].get("real_time_priority", 0)):
+                    print(f"{refused}; other programs may delay the loop", file=sys.stderr)
                 page = [live_page.command(parameter_file)] if "live_node" in parameters else []
                 run_realtime([*commands(parameter_file), *page], out / "log", progress, restarts=args.restarts)
             else:
