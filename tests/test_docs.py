@@ -124,7 +124,7 @@ RUN = {
         r"python -m atpid_control calibrate-beam .*--with-added": "test_two_recordings_through_the_command",
         r"python -m atpid_control calibrate-beam ": "test_the_command_writes_a_beam_block_a_scene_takes",
     },
-    "atpid_control/test/test_export.py": {
+    "atpid_control/test/test_export_formats.py": {
         r"python -m atpid_control export .*csv": "test_csv_is_read_back_by_pandas_bit_by_bit",
         r"python -m atpid_control export .*mat": "test_matlab_is_read_back_by_scipy_bit_by_bit",
         r"python -m atpid_control export .*uff": "test_uff_58_is_read_back_by_pyuff_bit_by_bit",

@@ -80,17 +80,18 @@ class Compared:
     time: Array  # (n,) the common part [s]
     difference: Array  # (n,) beam of the second less that of the first [m]
     doubts: tuple[str, ...]
+    missing: tuple[str, ...]  # what is not in the bags and should be
 
     def to_json(self) -> dict[str, Any]:
-        """Return the numbers as plain values; NaN as None."""
+        """Return the numbers as plain values."""
         rows = [
             {"name": row.name, "unit": row.unit, "first": row.first, "second": row.second,
              "difference": row.difference, "relative": row.relative}
             for row in self.rows
         ]  # fmt: skip
-        plain = [{k: _plain(v) for k, v in row.items()} for row in rows]
         return {"bags": [side.name for side in self.sides], "aligned_by": self.aligned_by,
-                "shifts": [side.shift for side in self.sides], "rows": plain, "doubts": list(self.doubts)}  # fmt: skip
+                "shifts": [side.shift for side in self.sides], "rows": rows, "doubts": list(self.doubts),
+                "missing": list(self.missing)}  # fmt: skip
 
 
 def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
@@ -103,7 +104,7 @@ def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
     sides = [_side(path, view, shift) for path, view, shift in zip((first, second), views, shifts, strict=True)]
     time, difference = _difference(sides, align)
     rows = [*_rows(sides), *_difference_rows(sides, difference)]
-    return Compared((sides[0], sides[1]), align, rows, time, difference, tuple(_doubts(sides)))
+    return Compared((sides[0], sides[1]), align, rows, time, difference, tuple(_doubts(sides)), tuple(_missing(sides)))
 
 
 def _side(path: Path, view: View, shift: float) -> Side:
@@ -197,6 +198,11 @@ def _difference_rows(sides: list[Side], difference: Array) -> Iterator[Row]:
     yield Row("the same over the first's standard deviation", "-", 0.0, root / size if size > 0.0 else math.nan)
 
 
+def _missing(sides: list[Side]) -> Iterator[str]:
+    for side in sides:
+        yield from side.view.run.bag.missing
+
+
 def _doubts(sides: list[Side]) -> Iterator[str]:
     for side in sides:
         run = side.view.run
@@ -205,12 +211,8 @@ def _doubts(sides: list[Side]) -> Iterator[str]:
         yield from (f"{side.name}: {line}" for line in run.left_out)
         if any(stage.reproducible is False for stage in side.view.stages):
             yield f"{side.name}: irregular motion: single runs differ, so that a difference may be chance"
-        if run.bag.result.get("finished") != "yes":
+        if run.bag.result.get("finished") != "yes" and not run.bag.missing:
             yield f"{side.name}: the recording ended before the run did"
     counts = [len(side.view.stages) for side in sides]
     if counts[0] != counts[1]:
         yield f"{counts[0]} stages in the first, {counts[1]} in the second: those without a partner have no difference"
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -14,6 +14,11 @@ def scans_of(block: Any) -> int:
     return len(block.support) if hasattr(block, "support") else len(block.data) // len(block.channels)
 
 
+def stamp_of(message: Any) -> int:
+    """Return the stamp in the header of a decoded message [ns]."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
 @dataclass
 class _Stream:
     """What came of one topic."""

@@ -11,9 +11,10 @@ from typing import Any
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from atpid_common.message_checks import CHECKS, check_as
+from atpid_control.bags.cut_off import Parts
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.errors import BagError
-from atpid_control.bags.losses import scans_of
+from atpid_control.bags.losses import scans_of, stamp_of
 from atpid_control.bags.metadata import RESULT, RUN, SCENE
 from atpid_control.bags.parts import check_listed, find_parts, read_metadata
 from atpid_control.bags.records import records, renumbered
@@ -54,6 +55,8 @@ class Bag:
     _schemas: dict[str, int] = field(default_factory=dict)
     #: Messages that cannot be used, which readers do not get: why, by topic and place in `raw`.
     left_out: dict[str, dict[int, str]] = field(default_factory=dict)
+    #: What is not in a bag that was read as far as it goes, a line each.
+    missing: list[str] = field(default_factory=list)
 
     @property
     def scene_text(self) -> str | None:
@@ -108,23 +111,21 @@ class Bag:
         return sorted(topic for topic, name in self.types.items() if name == f"atpid_interfaces/msg/{kind}")
 
 
-def stamp_of(message: Any) -> int:
-    """Return the stamp in the header of a decoded message [ns]."""
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-
-
-def open_bag(path: Path | str, *, messages: bool = True) -> Bag:
+def open_bag(path: Path | str, *, messages: bool = True, torn_ok: bool = False) -> Bag:
     """Read a bag, given as its folder or its .mcap file; without its `messages` in bounded memory.
 
-    Raises BagError: no bag, not closed, or damaged.
+    With `torn_ok` one that is not closed, cut off or damaged is read as far as it goes; `missing` then lists what is
+    not there. Raises BagError: no bag; without `torn_ok` also not closed, or damaged.
     """
     path = Path(path)
-    files = find_parts(path)
-    if path.is_dir():
+    parts = Parts(path) if torn_ok else None
+    files = find_parts(path) if parts is None else parts.files
+    if parts is None and path.is_dir():
         check_listed(path, files, read_metadata(path))
     bag, channels, held = Bag(path), dict[int, Channel](), 0
     for place, file in enumerate(files):
-        for record in map(renumbered, records(file), repeat(place)):
+        found = records(file) if parts is None else parts.records(file)
+        for record in map(renumbered, found, repeat(place)):
             if isinstance(record, Message):
                 topic = channel_of(record, channels).topic
                 if messages:
@@ -134,6 +135,7 @@ def open_bag(path: Path | str, *, messages: bool = True) -> Bag:
                 _describe(bag, record, channels)
     bag.raw.sort(key=lambda raw: raw.log_ns)
     _add_topics(bag, channels.values(), files[0])
+    bag.missing = [] if parts is None else parts.missing
     return bag
 
 

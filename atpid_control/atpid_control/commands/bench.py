@@ -169,12 +169,13 @@ def stopped(bag: Path) -> str:
 
 def _conclude(scene: Scene, out: Path, mode: str) -> int:
     # here, so that the run itself does not wait for the drawing libraries
+    from atpid_control.bags import open_bag
     from atpid_control.bench.summary import show, summary_of, write_summary
     from atpid_control.report.make import write_report
     from atpid_control.report.view import view_of
 
     with working("reading the bag, repeating its stages by simulation"):
-        view = view_of(out / "bag")
+        view = view_of(open_bag(out / "bag"))
     summary = summary_of(view, scene, mode)
     with writing(out / "summary.json"):
         write_summary(summary, out / "summary.json")

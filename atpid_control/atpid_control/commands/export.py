@@ -16,7 +16,7 @@ EXAMPLE = "bags/thesis_4_3_short --format csv --out out/run.csv"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("bag", type=file_path, metavar="BAG", help="folder of the bag; one that breaks off gives what is there")
+    add("bag", type=file_path, metavar="BAG", help="folder of the bag; of one that is cut off what is there")
     add("--format", choices=tuple(FORMATS), required=True, help="csv and parquet: a file a topic, named after --out")
     add("--out", type=file_path, required=True, metavar="FILE", help="the file to write")
     add("--topic", type=graph_name, action="append", default=[], metavar="TOPIC", help="only this topic; repeatable")

@@ -13,7 +13,7 @@ EXAMPLE = "bags/thesis_4_3_short --out out/report"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("bag", type=file_path, help="folder of the bag")
+    parser.add_argument("bag", type=file_path, help="folder of the bag; of one that is cut off what is there")
     folder = "folder for report.html and the pictures: new, empty, or an earlier one"
     parser.add_argument("--out", type=file_path, required=True, help=folder)
 
@@ -24,5 +24,7 @@ def run(args: argparse.Namespace) -> int:
     with working("reading the bag, repeating its stages by simulation, drawing"):
         made = report(args.bag, args.out)
     print(made.headline)
+    for line in made.missing:
+        print(f"missing: {line}")
     print(made.page)
     return 0

@@ -2,19 +2,18 @@
 """`python -m atpid_control validate RECORDING`: a scene simulated with the measured support, and compared."""
 
 import argparse
-import json
 import math
 from pathlib import Path
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
+from atpid_control.commands.results import Shown, add_results, claim, give
 from atpid_control.validation.compare import Agreement, compare, driven_scene
-from atpid_control.validation.measured import Measured, ValidationError, opened, read_measured, scene_of
+from atpid_control.validation.measured import Measured, opened, read_measured, scene_of
 from atpid_control.validation.picture import draw
 from atpid_sim.display import working
 from atpid_sim.simulation.integration import FIDELITIES
@@ -27,7 +26,12 @@ EXAMPLE = "bags/thesis_4_3_short --out out/agreement"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add = parser.add_argument
-    add("recording", type=file_path, metavar="RECORDING", help="a bag, or a .csv table with time, support and beam")
+    add(
+        "recording",
+        type=file_path,
+        metavar="RECORDING",
+        help="a bag, of one that is cut off what is there, or a .csv table with time, support and beam",
+    )
     add(
         "--scene",
         type=file_path,
@@ -45,38 +49,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--to", dest="end", type=positive("s"), default=math.inf, metavar="S", help="its end [s]")
     add("--fidelity", default="auto", choices=["auto", *FIDELITIES], help="fidelity level; default: auto")
-    add("--out", type=file_path, required=True, metavar="DIR", help="new folder for scene, series, numbers and picture")
-    add("--json", action="store_true", help="print one JSON object and nothing else")
+    add_results(parser, "scene, series, picture and numbers")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate, compare, print; return 0. Raises ValidationError, SceneError, BagError, NumericalFailure."""
+    """Simulate, compare, print; return 0.
+
+    Raises ValidationError, SceneError, BagError, NumericalFailure, OutputError.
+    """
     bag = opened(args.recording)
     measured = read_measured(args.recording, bag, args.begin, args.end)
     scene = scene_of(args.recording, bag, args.scene)
-    output.folder(args.out)
-    for name in (SERIES, SCENE, PICTURE, NUMBERS):
-        if (args.out / name).exists():
-            raise ValidationError(f"{args.out / name}: exists already and is not written over; give another --out")
-    _write_series(measured, args.out / SERIES)
-    driven = driven_scene(scene, measured, (args.out / SERIES).resolve(), args.height)
-    with output.writing(args.out):
-        (args.out / SCENE).write_text(driven.to_yaml(), encoding="utf-8")
+    series, kept, picture, file = claim(args, SERIES, SCENE, PICTURE, NUMBERS)
+    _write_series(measured, series)
+    driven = driven_scene(scene, measured, series.resolve(), args.height)
+    with output.writing(kept):
+        kept.write_text(driven.to_yaml(), encoding="utf-8")
     with working("simulating"):
         found = compare(driven, measured, args.fidelity)
-    draw(found, args.out / PICTURE)
+        draw(found, picture)
+    missing = [] if bag is None else bag.missing
     numbers = {
         **found.to_json(), "begin": measured.begin, "end": measured.begin + measured.duration,
-        "without_gap": measured.chosen,
+        "without_gap": measured.chosen, "missing": missing,
     }  # fmt: skip
-    with output.writing(args.out):
-        (args.out / NUMBERS).write_text(json.dumps(numbers, indent=1), encoding="utf-8")
-    if args.json:
-        print(json.dumps(numbers))
-    else:
-        Console(width=110, highlight=False, markup=False).print(_table(found, measured))
-        print(args.out / PICTURE)
-    return 0
+    shown = Shown(_table(found, measured), [f"missing: {line}" for line in missing], picture)
+    return give(args, numbers, file, shown)
 
 
 def _write_series(measured: Measured, path: Path) -> None:

@@ -3,23 +3,20 @@
 there.
 """
 
-from collections import Counter
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import Attachment, Channel, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from atpid_common.errors import InputError
-from atpid_common.files import FileError, parse_yaml, read_text
 from atpid_common.message_checks import CHECKS, check_as
-from atpid_control.bags import metadata
+from atpid_control.bags.cut_off import Parts
 from atpid_control.bags.decode import Decoder
 from atpid_control.bags.losses import scans_of
 from atpid_control.bags.metadata import RESULT, RUN
-from atpid_control.bags.parts import find_parts
 from atpid_control.bags.read import stamp_of
 from atpid_control.bags.records import records
 from atpid_control.export.fields import Leaf, comments, has_header, leaves
@@ -31,8 +28,6 @@ _OURS = "atpid_interfaces/msg/"
 _SAMPLED = {"SampleBlock": ("channels", "units", "skew", "data"), "PlantTruth": ("support", "beam", "grain", "ceiling")}
 #: Messages of one topic gathered to a piece.
 _ROWS = 32
-#: Longest metadata.yaml [bytes].
-_MOST_METADATA = 200_000
 
 
 class ExportError(InputError):
@@ -66,14 +61,12 @@ class Source:
     def __init__(self, path: Path | str, topics: Sequence[str] = ()) -> None:
         """Open the bag; `topics`: those wanted, all where none is named. Raises BagError, ExportError."""
         self.path = Path(path)
-        self._files = find_parts(self.path)
+        self._parts = Parts(self.path)
         self._wanted = set(topics)
         self.run: dict[str, str] = {}
         self.result: dict[str, str] = {}
         self.files: dict[str, bytes] = {}
-        self.messages: Counter[str] = Counter()
         self._topics: list[_Topic] = []
-        self._broken: dict[str, int] = {}  # files that break off: after how many messages
         self.start_ns = self._first_sample()
 
     @property
@@ -88,15 +81,7 @@ class Source:
     @property
     def missing(self) -> list[str]:
         """What the bag does not have and should, a line each; known when `pieces` has ended."""
-        lines = []
-        for name, messages in self._broken.items():
-            lines.append(f"{name} breaks off after {messages} messages; what came later is not there")
-        if not self._broken and not self.result:
-            lines.append("the recording was not closed: what was not written yet is not there")
-        for name, listed in counts_listed(self._files[0].parent).items():
-            read = self.messages[name]
-            if read < listed:
-                lines.append(f"{name}: {listed - read} of {listed} messages that metadata.yaml lists are missing")
+        lines = self._parts.missing
         for table in self.tables:
             if table.lost:
                 lines.append(f"{table.name}: {table.lost} samples lost in {len(table.gaps)} gaps; their rows are NaN")
@@ -105,22 +90,19 @@ class Source:
 
     def pieces(self) -> Iterator[Piece]:
         """Yield the rows of all tables wanted, as they come. Raises BagError, ExportError: a topic it does not have."""
-        for file in self._files:
-            before = self.messages.total()
-            whole = yield from self._file(file)
-            if not whole:
-                self._broken[file.name] = self.messages.total() - before
+        for file in self._parts.files:
+            yield from self._file(file)
         for topic in self._topics:
             yield from topic.flush()
-        unknown = sorted(self._wanted - set(self.messages))
+        unknown = sorted(self._wanted - set(self._parts.messages))
         if unknown:
-            listed = ", ".join(sorted(self.messages)) or "none"
+            listed = ", ".join(sorted(self._parts.messages)) or "none"
             raise ExportError(f"{self.path}: --topic: given {unknown[0]}; in the bag: {listed}")
 
-    def _file(self, file: Path) -> Generator[Piece, None, bool]:
-        """Yield the rows of one file, with ids of its own; return whether it has its end."""
+    def _file(self, file: Path) -> Iterator[Piece]:
+        """Yield the rows of one file, with ids of its own."""
         decoder, definitions, channels = Decoder(), dict[int, str](), dict[int, tuple[Channel, _Topic | None]]()
-        for record in records(file, torn_ok=True):
+        for record in self._parts.records(file):
             if isinstance(record, Schema):
                 decoder.add(record)
                 definitions[record.id] = record.data.decode(errors="replace")
@@ -128,15 +110,11 @@ class Source:
                 channels[record.id] = record, self._topic(record, decoder, definitions)
             elif isinstance(record, Message) and record.channel_id in channels:
                 channel, topic = channels[record.channel_id]
-                self.messages[channel.topic] += 1
                 if topic is not None:
                     message = decoder.decode(channel.schema_id, record.data)
                     yield from self._rows(topic, message, record.log_time)
-            elif isinstance(record, Footer):
-                return True
             else:
                 self._aside(record)
-        return False
 
     def _aside(self, record: McapRecord) -> None:
         if isinstance(record, Attachment):
@@ -148,7 +126,7 @@ class Source:
         """Return the stamp of the bag's first sample, else of its first message [ns]."""
         decoder, channels = Decoder(), dict[int, int]()
         first = None
-        for record in records(self._files[0], torn_ok=True):
+        for record in records(self._parts.files[0], torn_ok=True):
             if isinstance(record, Schema):
                 decoder.add(record)
             elif isinstance(record, Channel):
@@ -196,16 +174,6 @@ class Source:
             yield from topic.samples.rows(message)
         if len(topic.waiting) == _ROWS:
             yield from topic.flush()
-
-
-def counts_listed(folder: Path) -> dict[str, int]:
-    """Return the messages by topic that metadata.yaml lists; empty where there is none, or none that can be read."""
-    try:
-        document = parse_yaml(read_text(folder / metadata.FILE_NAME, _MOST_METADATA))
-        listed = document["rosbag2_bagfile_information"]["topics_with_message_count"]
-        return {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in listed}
-    except (FileError, LookupError, TypeError, ValueError, OverflowError):
-        return {}
 
 
 def _array(values: Any, dtype: np.dtype[Any]) -> Any:

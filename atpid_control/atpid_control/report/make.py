@@ -82,6 +82,7 @@ class Report:
     pictures: list[Path]
     stages: list[Stage]
     headline: str
+    missing: list[str]  # what is not in the bag and should be
 
 
 def check_folder(out: Path) -> None:
@@ -113,4 +114,4 @@ def write_report(view: View, out: Path) -> Report:
         (out / PAGE).write_text(page(view), encoding="utf-8")
     except OSError as error:
         raise ReportError(f"{out}: cannot write the report ({error.strerror}); choose another folder") from None
-    return Report(out / PAGE, pictures, view.stages, headline(view))
+    return Report(out / PAGE, pictures, view.stages, headline(view), view.run.bag.missing)

@@ -120,8 +120,8 @@ class Run:
 
 
 def read_run(source: Path | Bag) -> Run:
-    """Return the run in a bag; raise BagError where it has no block of displacements."""
-    bag = source if isinstance(source, Bag) else open_bag(source)
+    """Return the run in a bag, of one that is cut off what is there; raise BagError where it has no displacements."""
+    bag = source if isinstance(source, Bag) else open_bag(source, torn_ok=True)
     blocks = _laser_blocks(bag)
     motion, start = _measured_motion(blocks), stamp_of(blocks[0])
     end = float(motion.time[-1])

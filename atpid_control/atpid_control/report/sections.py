@@ -199,10 +199,11 @@ def facts(view: View) -> str:
     rows = "".join(f"<dt>{name}</dt><dd>{escape(value)}</dd>" for name, value in known.items())
     unusual = _listed("Values of the scene that are unusual:", scene.warnings() if scene else [])
     odd = _listed("Messages that cannot be used, left out:", list(view.run.left_out))
+    missing = _listed("Missing from the bag:", view.run.bag.missing)
     defaults = _listed("Values left to defaults:", scene.decisive_defaults(measured=True) if scene else [])
     text = view.run.bag.scene_text
     whole = f"<details><summary>The scene, verbatim</summary><pre>{escape(text)}</pre></details>" if text else ""
-    return f"<h2>The run</h2><dl>{rows}</dl>{odd}{unusual}{defaults}{whole}"
+    return f"<h2>The run</h2><dl>{rows}</dl>{missing}{odd}{unusual}{defaults}{whole}"
 
 
 def _listed(title: str, lines: list[str]) -> str:

@@ -43,8 +43,8 @@ class Measured:
 
 
 def opened(path: Path) -> Bag | None:
-    """Return the bag at `path`, read once for all below; None for a table. Raises BagError."""
-    return None if path.suffix.lower() == ".csv" else open_bag(path)
+    """Return the bag at `path`, of one that is cut off what is there; None for a table. Raises BagError."""
+    return None if path.suffix.lower() == ".csv" else open_bag(path, torn_ok=True)
 
 
 def read_measured(path: Path, bag: Bag | None, begin: float, end: float) -> Measured:

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag as files: CSV, UFF 58, MATLAB and Parquet are read back by pandas, pyuff and scipy, bit by bit."""
+
+import json
+import sys
+import tracemalloc
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import pyuff
+from exported import BAG, EXACT, RATE, SLOW, START, expected, run, written
+from scipy.io import loadmat
+
+from atpid_control.beam_calibration.recording import read_recording
+from atpid_control.cli import main
+from atpid_control.export.uff_file import runs
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("exported") / "run")
+
+
+def test_csv_is_read_back_by_pandas_bit_by_bit(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = run(bag, "csv", tmp_path / "run.csv")
+    assert "missing: sensors/laser: 60 samples lost" in capsys.readouterr().out
+    table = pd.read_csv(path, comment="#", **EXACT)
+    assert list(table) == ["time [s]", "stamp [ns]", "index", "support_displacement [m]", "beam_displacement [m]"]
+    for place, name in enumerate(("support_displacement [m]", "beam_displacement [m]")):
+        np.testing.assert_array_equal(table[name], expected(place))
+    np.testing.assert_array_equal(table["stamp [ns]"], START + np.arange(560) * 1_000_000)
+    assert "# lost: 60 samples from index 200 on" in Path(path).read_text().splitlines()
+    events = pd.read_csv(tmp_path / "run.events.csv", comment="#")
+    assert events["text"].item() == '60 lost, "here" #1'
+    assert {item.name for item in tmp_path.iterdir()} == {
+        "run.csv", "run.events.csv", "run.excitation.csv", "run.sensors_force.csv", "run.sensors_force_blocks.csv",
+        "run.sensors_laser_blocks.csv",
+    }  # fmt: skip
+
+
+def test_a_table_is_taken_in_place_of_the_bag_by_the_commands_that_take_tables(tmp_path: Path) -> None:
+    path = Path(run(BAG, "csv", tmp_path / "run.csv", "--topic", "/sensors/laser"))
+    table, bag = (read_recording(source, "support_displacement", "beam_displacement") for source in (path, BAG))
+    assert table.rate == pytest.approx(bag.rate, rel=1e-12)
+    np.testing.assert_array_equal(table.beam, bag.beam)
+    np.testing.assert_array_equal(np.asarray(table.support), np.asarray(bag.support))
+
+
+def test_matlab_is_read_back_by_scipy_bit_by_bit(bag: Path, tmp_path: Path) -> None:
+    found = loadmat(run(bag, "mat", tmp_path / "run.mat"), simplify_cells=True)
+    laser = found["sensors_laser"]
+    np.testing.assert_array_equal(laser["beam_displacement"], expected(1))
+    np.testing.assert_array_equal(laser["stamp"], START + np.arange(560) * 1_000_000)
+    assert laser["units"]["beam_displacement"] == "m"
+    assert (laser["about_lost"], laser["about_gap_first_index"]) == (60, 200)
+    assert found["sensors_force"]["about_rate"] == SLOW
+    assert found["events"]["text"] == '60 lost, "here" #1'
+    assert found["about"]["run_id"] == "numbers"
+
+
+def test_uff_58_is_read_back_by_pyuff_bit_by_bit(bag: Path, tmp_path: Path) -> None:
+    sets = pyuff.UFF(run(bag, "uff", tmp_path / "run.uff")).read_sets()
+    assert [one["type"] for one in sets] == [151, 164, *[58] * 6]
+    records = [one for one in sets if one["type"] == 58]
+    assert {one["func_type"] for one in records} == {1}
+    support = [one for one in records if one["rsp_node"] == 1]
+    beam = [one for one in records if one["rsp_node"] == 2]
+    force = [one for one in records if one["rsp_node"] not in (1, 2)]
+    assert ([len(one["data"]) for one in support], len(beam), len(force)) == ([200, 300], 3, 1)
+    values = expected(1)
+    for one, begin in zip(beam, (0, 58, 260), strict=True):
+        np.testing.assert_array_equal(one["data"], values[begin : begin + len(one["data"])])
+        assert one["abscissa_min"] == pytest.approx(begin / RATE, rel=1e-5)
+        assert one["abscissa_inc"] == pytest.approx(1.0 / RATE)
+        assert f"first index {begin}," in one["id4"]
+        assert (one["ordinate_axis_units_lab"], one["ordinate_spec_data_type"], one["rsp_dir"]) == ("m", 8, 3)
+    assert force[0]["ordinate_axis_units_lab"] == "N"
+
+
+def test_parts_without_a_gap_across_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("atpid_control.export.uff_file._ROWS", 4)
+    generator = np.random.default_rng(2)
+    for _ in range(50):
+        values = np.where(generator.random(17) < 0.3, np.nan, 1.0)
+        valid = np.flatnonzero(np.isfinite(values))
+        found = list(runs(values))
+        assert [place for begin, end in found for place in range(begin, end)] == list(valid)
+        assert all(begin < end for begin, end in found)
+        assert all(end < following for (_, end), (following, _) in pairwise(found))
+
+
+def test_parquet_is_read_back_by_pandas_bit_by_bit(bag: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is missing: `make parquet` installs it")
+    path = run(bag, "parquet", tmp_path / "run.parquet")
+    table = pd.read_parquet(path)
+    np.testing.assert_array_equal(table["beam_displacement"], expected(1))
+    np.testing.assert_array_equal(table["stamp"], START + np.arange(560) * 1_000_000)
+    schema = parquet.read_schema(path)
+    assert schema.field("beam_displacement").metadata[b"units"] == b"m"
+    about = json.loads(parquet.read_metadata(path).metadata[b"atpid"])
+    assert (about["lost"], about["run"]["run_id"]) == (60, "numbers")
+    assert pd.read_parquet(tmp_path / "run.events.parquet")["text"].item() == '60 lost, "here" #1'
+
+
+def test_a_part_and_one_topic(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = run(bag, "csv", tmp_path / "part.csv", "--topic", "/sensors/force", "--from", "0.1", "--to", "0.2")
+    assert "part.csv: sensors/force, 33 rows" in capsys.readouterr().out
+    table = pd.read_csv(path, comment="#", **EXACT)
+    assert (table["index"].iloc[0], table["index"].iloc[-1]) == (32, 64)
+    assert {item.name for item in tmp_path.iterdir()} == {"part.csv", "part.sensors_force_blocks.csv"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["{tmp}/none", "--format", "csv", "--out", "{tmp}/a.csv"], "no such bag"),
+        (["{tmp}", "--format", "csv", "--out", "{tmp}/a.csv"], "not a bag, there is no .mcap file"),
+        (["{bag}", "--format", "csv", "--out", "{tmp}/a.mat"], "allowed with --format csv: a file that ends in .csv"),
+        (["{bag}", "--format", "uff", "--topic", "/events", "--out", "{tmp}/a.uff"], "there are no samples"),
+        (["{bag}", "--format", "mat", "--topic", "/force", "--out", "{tmp}/a.mat"], "given /force; in the bag"),
+        (["{bag}", "--format", "csv", "--from", "100", "--out", "{tmp}/a.csv"], "no row from 100"),
+        (["{bag}", "--format", "mat", "--from", "100", "--out", "{tmp}/a.mat"], "no row from 100"),
+        (["{bag}", "--format", "csv", "--out", "{tmp}/there.csv"], "exists already"),
+        (["{bag}", "--format", "csv", "--out", "{tmp}/half.csv"], "half.events.csv: exists already"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line_and_leaves_nothing(
+    bag: Path, tmp_path: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("there.csv", "half.events.csv"):
+        (tmp_path / name).write_text("mine")
+    assert main(["export", *(text.format(bag=bag, tmp=tmp_path) for text in arguments)]) == 2
+    printed = capsys.readouterr()
+    assert words in printed.err
+    assert len(printed.err.splitlines()) == 1
+    assert {item.name: item.read_text() for item in tmp_path.iterdir()} == {
+        "there.csv": "mine", "half.events.csv": "mine",
+    }  # fmt: skip
+
+
+def test_without_pyarrow_one_line_says_what_to_install(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main(["export", str(bag), "--format", "parquet", "--out", str(tmp_path / "a.parquet")]) == 2
+    assert "`make parquet` installs it" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("form", "most"), [("csv", 0.5), ("uff", 0.5), ("mat", 2.0)])
+def test_memory_does_not_grow_with_the_length_of_the_bag(tmp_path: Path, form: str, most: float) -> None:
+    """Of a bag three times as long at most `most` MB more: in MATLAB's format a column of 8 bytes a sample."""
+    peaks = []
+    for number, blocks in enumerate((40, 120)):
+        bag = written(tmp_path / f"run{number}", blocks, size=1000)
+        main(["export", str(bag), "--format", form, "--out", str(tmp_path / f"first{number}.{form}")])
+        tracemalloc.start()
+        main(["export", str(bag), "--format", form, "--out", str(tmp_path / f"again{number}.{form}")])
+        peaks.append(tracemalloc.get_traced_memory()[1] * 1e-6)
+        tracemalloc.stop()
+    assert peaks[1] - peaks[0] < most, peaks
