@@ -115,9 +115,10 @@ def _foxglove_plot(plot: Plot) -> dict[str, Any]:
         for series, colour in zip(plot.series, _COLOURS, strict=False)
     ]
     return {
-        "foxglovePanelTitle": plot.title, "paths": paths, "xAxisVal": "timestamp", "isSynced": True,
-        "showLegend": True, "legendDisplay": "floating", "showXAxisLabels": True, "showYAxisLabels": True,
-        "followingViewWidth": 10,
+        "foxglovePanelTitle": plot.title, "lichtblickPanelTitle": plot.title, "paths": paths,
+        "xAxisVal": "timestamp", "isSynced": True, "showLegend": True, "legendDisplay": "floating",
+        "showXAxisLabels": True, "showYAxisLabels": True,
+        "showPlotValuesInLegend": True, "followingViewWidth": 10,
     }  # fmt: skip
 
 
