@@ -106,3 +106,30 @@ def test_the_pass_over_a_bag_can_be_used_alone(bag: Path) -> None:
         rows[piece.table.name] = rows.get(piece.table.name, 0) + len(piece)
     assert rows["sensors/laser"] == 560
     assert {table.name: table.rows for table in source.tables} == rows
+
+
+def test_a_counter_started_anew_whose_first_blocks_are_lost_is_a_table_of_its_own(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "run", new_run(run_id="anew", commit="none"))
+    writer.add_topic("/sensors/laser", "atpid_interfaces/msg/SampleBlock")
+    for first, start in ((0, START), (50, START), (7, START + 10**9), (57, START + 10**9)):
+        at = start + first * 1_000_000
+        writer.write("/sensors/laser", block(first, samples(first + np.arange(50)), RATE, start), at, at)
+    writer.close({"finished": "yes"})
+    tree = open_bag(tmp_path / "run")
+    np.testing.assert_array_equal(tree["sensors/laser"].to_dataset()["index"], np.arange(100))
+    again = tree["sensors/laser_2"].to_dataset()
+    np.testing.assert_array_equal(again["index"], np.arange(7, 107))
+    np.testing.assert_array_equal(again["stamp"], START + 10**9 + np.arange(7, 107) * 1_000_000)
+    np.testing.assert_array_equal(again["beam_displacement"], samples(np.arange(7, 107))[:, 1])
+    assert tree.attrs["missing"] == []
+
+
+def test_a_bag_without_a_message_that_can_be_used_states_why(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "run", new_run(run_id="none", commit="none"))
+    writer.add_topic("/sensors/laser", "atpid_interfaces/msg/SampleBlock")
+    writer.write("/sensors/laser", block(0, np.full((5, 2), np.inf), RATE, START), START, START)
+    writer.close({"finished": "yes"})
+    with pytest.raises(
+        ExportError, match=r"no message in this bag can be used; .*1 messages left out: a value is above"
+    ):
+        open_bag(tmp_path / "run")

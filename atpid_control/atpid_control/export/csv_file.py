@@ -60,7 +60,8 @@ def _description(source: Source, table: Table) -> Iterator[str]:
 
 def _heading(column: Column) -> str:
     text = f"{column.name} [{column.unit}]" if column.unit else column.name
-    return f'"{text}"' if "," in text else text
+    quoted = text.replace('"', '""')
+    return f'"{quoted}"' if any(sign in text for sign in ',"#\r\n') else text  # `#` would begin a comment
 
 
 def _printable(values: Any) -> Any:

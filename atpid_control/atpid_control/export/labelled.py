@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from atpid_control.export.source import ExportError, Source
+from atpid_control.export.source import Source
 from atpid_control.export.tables import INDEX, RECEIVED, STAMP, TIME, Column, Table
 
 #: Columns that are coordinates, not measured.
@@ -33,7 +33,7 @@ def open_bag(path: Path | str, topics: Sequence[str] = ()) -> xr.DataTree:
         if table.name in kept
     }
     if not found:
-        raise ExportError(f"{path}: there is no message in this bag; give one in which something was recorded")
+        raise source.empty()
     tree: xr.DataTree = xr.DataTree.from_dict(found)
     files = {name: data.decode(errors="replace") for name, data in source.files.items() if name.endswith(".yaml")}
     tree.attrs.update({**source.run, **source.result, "bag": str(path), "start_ns": source.start_ns,

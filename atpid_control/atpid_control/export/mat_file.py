@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MATLAB's format 5: a struct a table with a column a field, and their units beside it."""
+"""MATLAB's format 5: a struct a table with a column a field, and beside it their units and names in the bag."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -44,13 +44,15 @@ def _struct(spool: Spool, table: Table) -> dict[str, Any]:
     taken: set[str] = set()
     fields: dict[str, Any] = {}
     units: dict[str, str] = {}
+    names: dict[str, str] = {}
     for place, column in enumerate(table.columns):
         name = _name(column.name, taken)
         values = spool.column(table, place)
         fields[name] = _cells(values) if column.dtype == TEXT else values
-        units[name] = column.unit
+        units[name], names[name] = column.unit, column.name
     about = {key: _cells(value) if key == "left_out_reasons" else value for key, value in table.about().items()}
-    return fields | {_name("units", taken): units} | {_name(f"about_{key}", taken): v for key, v in about.items()}
+    fields |= {_name("units", taken): units, _name("names", taken): names}
+    return fields | {_name(f"about_{key}", taken): v for key, v in about.items()}
 
 
 def _cells(texts: Any) -> Any:

@@ -35,7 +35,7 @@ class Samples:
             return
         columns = self._columns(block)
         table = self.tables[-1] if self.tables else None
-        if table is None or self._starts_anew(table, first, rate, columns):
+        if table is None or self._starts_anew(table, first, rate, columns, stamp_of(block)):
             if len(self.tables) == _MOST_PARTS:
                 self._leave_out(f"the stream starts anew for the {_MOST_PARTS}th time")
                 return
@@ -52,8 +52,9 @@ class Samples:
         self._following = first + count
         self._end_ns = stamp_of(block) + round(count / rate * 1e9)
 
-    def _starts_anew(self, table: Table, first: int, rate: float, columns: tuple[Column, ...]) -> bool:
-        again = first == 0 and self._following > 0
+    def _starts_anew(self, table: Table, first: int, rate: float, columns: tuple[Column, ...], stamp_ns: int) -> bool:
+        # a counter that goes back while time goes on was started anew; the first blocks of it may be lost
+        again = first < self._following and (first == 0 or stamp_ns > self._end_ns - round(0.5e9 / rate))
         ahead = first - self._following
         jump = ahead > _LONGEST_GAP * rate or ahead + table.lost > _MOST_LOST
         return again or jump or rate != table.rate or columns != table.columns

@@ -75,8 +75,14 @@ class Source:
         found = []
         for topic in self._topics:
             found += topic.samples.tables if topic.samples else []
-            found += [topic.table] if topic.table.rows else []
+            found += [topic.table] if topic.table.rows or topic.table.left_out else []
         return found
+
+    def empty(self) -> ExportError:
+        """Return the error of a bag from which nothing has come, with the reason where there is one."""
+        lines = self.missing
+        what = f"; {lines[0]}" if lines else ""
+        return ExportError(f"{self.path}: no message in this bag can be used{what}; give one with a recording")
 
     @property
     def missing(self) -> list[str]:

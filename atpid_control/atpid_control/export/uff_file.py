@@ -61,7 +61,7 @@ def _channel(
     for number, (begin, end) in enumerate(pieces, 1):
         first = int(spool.column(table, 2)[begin])
         about = (
-            f"{column.name} of {table.topic}",
+            f"{column.name} of /{table.name}",
             f"run {source.run.get('run_id', 'unknown')}, {source.path.name}",
             _date(int(stamps[begin])),
             f"record {number} of {len(pieces)}, first index {first}, lost {table.lost} samples",

@@ -60,9 +60,11 @@ def export(
     with output.writing(out), tempfile.TemporaryDirectory(prefix=".export-", dir=out.parent) as folder:
         rows = Counter[str]()
         made = list(writer(source, _gathered(_part(source, begin, end, progress), rows), Path(folder)))
+        if not rows and not any(table.rows for table in source.tables):
+            raise source.empty()
         if not rows:
             raise ExportError(f"{bag}: no row from {begin:g} to {end:g} s; give a part in which something was recorded")
-        held = [table.name for table in source.tables if table.rate is None] if form == "uff" else []
+        held = [table.name for table in source.tables if table.rate is None and table.rows] if form == "uff" else []
         files = _placed(made, {name: count for name, count in rows.items() if name not in held}, out)
     return Exported(files, source.missing, held)
 
