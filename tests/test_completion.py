@@ -79,6 +79,8 @@ def terminal() -> Iterator[Terminal]:
         ("python -m atpid_control select scenes/thesis_4_3.yaml --meth", "od "),
         ("python -m atpid_control select scenes/thesis_4_3.yaml --method loo", "kup "),
         ("python -m atpid_sim simulate scenes/standard.yaml --fidelity fin", "ite "),
+        ("python -m atpid_control export bags/rumble --format parq", "uet "),
+        ("python -m atpid_control compare-bags bags/rumble bags/cut", "_off/"),
         ("python -m atpid_sim simulate scen", "es/"),
         ("python -m atpid_control report bags/thesis_4_3_short/meta", "data.yaml "),
         ("python3 -m atpid_driver cal", "ibrate "),

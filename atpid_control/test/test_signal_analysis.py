@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_signals import RATE, noise, tone
 from recorded import block
 from scipy.signal import lfilter
 
-from atpid_control.analysis import AnalysisError, Signals, analyse, free_decay, frequency_response, orders, spectrum
+from atpid_control.analysis import AnalysisError, Signals, analyse, free_decay, frequency_response, spectrum
 from atpid_control.analysis.decrement import find_decay
-from atpid_control.analysis.orders import steady_part, tone_of
 from atpid_control.bags import BagWriter, new_run
 from atpid_control.cli import main
 from atpid_sim.scene import standard_bench
@@ -22,16 +22,6 @@ from atpid_sim.system import Array
 
 ROOT = Path(__file__).resolve().parents[2]
 BAG = ROOT / "bags/thesis_4_3_short"
-RATE = 1000.0
-
-
-def tone(frequency: float, amplitude: float, duration: float, phase: float = 0.0, rate: float = RATE) -> Array:
-    time = np.arange(round(duration * rate)) / rate
-    return np.asarray(amplitude * np.sin(2.0 * math.pi * frequency * time + phase))
-
-
-def noise(samples: int, seed: int, deviation: float = 1.0) -> Array:
-    return np.random.default_rng(seed).normal(0.0, deviation, samples)
 
 
 # spectra
@@ -220,40 +210,6 @@ def test_a_decay_after_the_excitation_is_found() -> None:
     assert 4000 <= begin < 4200
     assert end == 7000
     assert find_decay(tone(5.5, 0.02, 7.0), tone(5.5, 0.1, 7.0), RATE) is None
-
-
-# orders
-
-
-def test_orders_have_their_amplitudes_and_phases_and_the_distortion() -> None:
-    frequency, given = 5.4321, {1: (0.1, 0.5), 2: (0.01, -1.0), 3: (0.02, 2.0)}
-    support = tone(frequency, 0.02, 6.0, 0.7)
-    beam = sum((tone(k * frequency, a, 6.0, p + 0.7 * k) for k, (a, p) in given.items()), np.full(6000, -0.3))
-    beam[100:400] = np.nan  # lost
-    found = orders(Signals(RATE, support, beam), 4)
-    assert found.frequency == pytest.approx(frequency, rel=1e-6)
-    assert found.excitation == pytest.approx(0.02, rel=1e-6)
-    np.testing.assert_allclose(found.amplitude[:3], [0.1, 0.01, 0.02], rtol=1e-4)
-    np.testing.assert_allclose(found.phase[:3], [0.5, -1.0, 2.0], atol=1e-3)
-    assert found.amplitude[3] < 1e-5
-    assert found.distortion == pytest.approx(math.hypot(0.01, 0.02) / 0.1, rel=1e-4)
-    assert found.doubts == ()
-
-
-def test_irregular_motion_and_a_changing_amplitude_are_doubted() -> None:
-    support = tone(5.0, 0.02, 6.0)
-    half = orders(Signals(RATE, support, tone(5.0, 0.1, 6.0) + tone(2.5, 0.05, 6.0)))
-    assert any("irregular or subharmonic" in line for line in half.doubts)
-    growing = orders(Signals(RATE, support, tone(5.0, 0.1, 6.0) * np.linspace(0.5, 1.0, 6000)))
-    assert any("the amplitude changes by" in line for line in growing.doubts)
-
-
-def test_the_last_constant_part_is_taken() -> None:
-    support = np.concatenate([tone(5.0, 0.02, 6.0), tone(5.0, 0.04, 6.0), np.zeros(2000)])
-    part = steady_part(Signals(RATE, support, support))
-    assert 8.5 < part.start < 9.5
-    assert 11.0 < part.start + part.duration <= 12.01
-    assert tone_of(support, RATE) == pytest.approx(5.0, abs=0.05)
 
 
 # the command

@@ -13,6 +13,8 @@ from atpid_sim.figure_numbers import drawn, light_frames
 #: Points of a curve at most; seconds shown close up; decades of a density.
 _POINTS, _CLOSE_UP, _DECADES = 20_000, 1.2, 1e-9
 _COLOURS = ("0.55", "C0")
+#: The first is wider, so that it is seen below a second that is the same.
+_WIDTHS = (2.4, 0.8)
 
 
 def draw(found: Compared, path: Path) -> None:
@@ -25,8 +27,8 @@ def draw(found: Compared, path: Path) -> None:
         shown = extremes(found.difference, _POINTS)
         axes["difference"].plot(found.time[shown], found.difference[shown], "C3", linewidth=0.7)
         axes["difference"].set(xlim=(begin, end), xlabel="time [s]", ylabel="m", title="Beam, second less first")
-        for side, colour in zip(found.sides, _COLOURS, strict=True):
-            _settings(axes, side, colour)
+        for side, colour, width in zip(found.sides, _COLOURS, _WIDTHS, strict=True):
+            _settings(axes, side, colour, width)
         axes["support"].set(xlabel="time [s]", ylabel="m", title="Support amplitude, identified")
         axes["ceiling"].set(xlabel="time [s]", ylabel="m", title="Ceiling height, measured")
         _beams(axes["close"], found, end - _CLOSE_UP, end, f"The last {_CLOSE_UP} s")
@@ -34,7 +36,7 @@ def draw(found: Compared, path: Path) -> None:
 
 
 def _beams(ax: Any, found: Compared, begin: float, end: float, title: str) -> None:
-    for side, colour, width, place in zip(found.sides, _COLOURS, (1.6, 0.8), ("first", "second"), strict=True):
+    for side, colour, width, place in zip(found.sides, _COLOURS, _WIDTHS, ("first", "second"), strict=True):
         inside = (side.time >= begin) & (side.time <= end)
         time, beam = side.time[inside], side.signals.response[inside]
         shown = extremes(beam, _POINTS)
@@ -43,11 +45,12 @@ def _beams(ax: Any, found: Compared, begin: float, end: float, title: str) -> No
     ax.legend(fontsize=8, loc="upper right")
 
 
-def _settings(axes: Any, side: Side, colour: str) -> None:
+def _settings(axes: Any, side: Side, colour: str, width: float) -> None:
     run = side.view.run
     steady = run.estimates.steady
-    axes["support"].plot(run.estimates.time[steady] + side.shift, run.estimates.amplitude[steady], ".", color=colour)
-    axes["ceiling"].plot(run.ceiling.time + side.shift, run.ceiling.height, color=colour)
+    time, amplitude = run.estimates.time[steady] + side.shift, run.estimates.amplitude[steady]
+    axes["support"].plot(time, amplitude, ".", color=colour, markersize=4.0 * width)
+    axes["ceiling"].plot(run.ceiling.time + side.shift, run.ceiling.height, color=colour, linewidth=width)
 
 
 def _spectra(ax: Any, found: Compared) -> None:

@@ -49,9 +49,10 @@ def run(args: argparse.Namespace) -> int:
     """Analyse, write picture and numbers, print; return 0. Raises BagError, ExportError, AnalysisError, OutputError."""
     picture, file = claim(args, PICTURE, NUMBERS)
     with working("reading and analysing"):
-        signals, missing = signals_in(args.bag, args.input, args.output)
         given = args.begin is not None or args.end is not None
-        part = signals.between(args.begin or 0.0, args.end or math.inf) if given else signals
+        ends = (args.begin or 0.0, args.end or math.inf) if given else (-math.inf, math.inf)
+        signals, missing = signals_in(args.bag, args.input, args.output, *ends)
+        part = signals.between(*ends) if given else signals
         found = analyse(part, args.resolution, args.window, whole=given)
         draw(found, picture)
     numbers = {"bag": str(args.bag), **found.to_json(), "missing": missing}
