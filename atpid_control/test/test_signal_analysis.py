@@ -275,6 +275,16 @@ def test_bad_input_is_one_line(
 
 
 @pytest.mark.slow
+def test_a_fault_within_the_part_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stuck = ["analyse", str(ROOT / "bags/laser_stuck")]
+    assert main([*stuck, "--out", str(tmp_path / "all")]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "trusted: fault" in line]
+    assert line.startswith("not to be trusted: fault at 2.699 s, identifier_node: support_displacement: frozen at ")
+    assert json.loads((tmp_path / "all/analysis.json").read_text())["faults"] == [line.partition(": ")[2]]
+    assert main([*stuck, "--out", str(tmp_path / "part"), "--from", "4"]) == 0
+    assert "trusted: fault" not in capsys.readouterr().out
+
+
 def test_an_earlier_analysis_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = written(tmp_path / "bag", tone(5.0, 0.01, 4.0), tone(5.0, 0.03, 4.0, 1.0))
     assert main(["analyse", str(bag), "--out", str(tmp_path / "out")]) == 0

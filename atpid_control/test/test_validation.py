@@ -53,6 +53,20 @@ def test_the_bag_that_comes_along_is_its_own_simulation(tmp_path: Path) -> None:
     assert load_scene(out / "scene.yaml").initial is not None
 
 
+@pytest.mark.slow
+def test_a_fault_within_the_part_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stuck = ["validate", str(ROOT / "bags/laser_stuck"), "--out", str(tmp_path)]
+    assert main(stuck) == 0
+    assert (
+        "not to be trusted: fault at 2.699 s, identifier_node: support_displacement: frozen" in capsys.readouterr().out
+    )
+    assert len(json.loads((tmp_path / "agreement.json").read_text())["faults"]) == 1
+    assert main([*stuck, "--to", "2.4", "--force"]) == 0
+    assert "not to be trusted" not in capsys.readouterr().out
+    assert main(stuck) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
 def test_lag_and_offset_of_a_sensor_are_found_and_taken_off(opening: Scene, tmp_path: Path) -> None:
     measured, data = recorded(opening, lag=7, offset=0.3, noise=20e-6)
     series = table(tmp_path / "support.csv", data[:, :2], "time,support_displacement")

@@ -175,7 +175,7 @@ def _tables(path: Path) -> None:
     folder = _in_folder(path)
     for found in frames(folder).values():
         assert list(found.columns)
-    signals, _ = signals_in(folder)
+    signals = signals_in(folder).signals
     json.dumps(analyse(signals).to_json(), allow_nan=False)
 
 

@@ -57,6 +57,11 @@ class Signals:
                        self.start + first / self.rate)  # fmt: skip
 
 
+def fault_line(time: float, source: str, text: str) -> str:
+    """Return the line for a fault that was reported at `time` [s] of a recording."""
+    return f"fault at {time:.4g} s, {source}: {text}; choose a part without it with --from and --to"
+
+
 def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Yield (begin, end) of the parts of booleans (n,) that are true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], np.asarray(valid, dtype=np.int8), [0]))))

@@ -51,12 +51,13 @@ def run(args: argparse.Namespace) -> int:
     with working("reading and analysing"):
         given = args.begin is not None or args.end is not None
         ends = (args.begin or 0.0, args.end or math.inf) if given else (-math.inf, math.inf)
-        signals, missing = signals_in(args.bag, args.input, args.output, *ends)
-        part = signals.between(*ends) if given else signals
+        recorded = signals_in(args.bag, args.input, args.output, *ends)
+        part = recorded.signals.between(*ends) if given else recorded.signals
         found = analyse(part, args.resolution, args.window, whole=given)
         draw(found, picture)
-    numbers = {"bag": str(args.bag), **found.to_json(), "missing": missing}
-    notes = [*(f"not to be trusted: {line}" for line in found.doubts), *(f"missing: {line}" for line in missing)]
+    numbers = {"bag": str(args.bag), **found.to_json(), "missing": recorded.missing, "faults": recorded.faults}
+    notes = [f"not to be trusted: {line}" for line in (*found.doubts, *recorded.faults)]
+    notes += [f"missing: {line}" for line in recorded.missing]
     return give(args, numbers, file, Shown(table(found), notes, picture))
 
 

@@ -13,7 +13,7 @@ from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
 from atpid_control.commands.results import Shown, add_results, claim, give
 from atpid_control.validation.compare import Agreement, compare, driven_scene
-from atpid_control.validation.measured import Measured, opened, read_measured, scene_of
+from atpid_control.validation.measured import Measured, faults_in, opened, read_measured, scene_of
 from atpid_control.validation.picture import draw
 from atpid_sim.display import working
 from atpid_sim.simulation.integration import FIDELITIES
@@ -68,13 +68,13 @@ def run(args: argparse.Namespace) -> int:
     with working("simulating"):
         found = compare(driven, measured, args.fidelity)
         draw(found, picture)
-    missing = [] if bag is None else bag.missing
+    missing, faults = ([], []) if bag is None else (bag.missing, faults_in(bag, measured))
     numbers = {
         **found.to_json(), "begin": measured.begin, "end": measured.begin + measured.duration,
-        "without_gap": measured.chosen, "missing": missing,
+        "without_gap": measured.chosen, "missing": missing, "faults": faults,
     }  # fmt: skip
-    shown = Shown(_table(found, measured), [f"missing: {line}" for line in missing], picture)
-    return give(args, numbers, file, shown)
+    notes = [*(f"not to be trusted: {line}" for line in faults), *(f"missing: {line}" for line in missing)]
+    return give(args, numbers, file, Shown(_table(found, measured), notes, picture))
 
 
 def _write_series(measured: Measured, path: Path) -> None:

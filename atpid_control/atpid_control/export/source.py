@@ -4,6 +4,7 @@ there.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from atpid_common.errors import InputError
 from atpid_common.message_checks import CHECKS, check_as
 from atpid_control.bags.cut_off import Parts
 from atpid_control.bags.decode import Decoder
+from atpid_control.bags.errors import BagError
 from atpid_control.bags.losses import scans_of
 from atpid_control.bags.metadata import RESULT, RUN
 from atpid_control.bags.read import stamp_of
@@ -67,6 +69,7 @@ class Source:
         self.result: dict[str, str] = {}
         self.files: dict[str, bytes] = {}
         self._topics: list[_Topic] = []
+        self._foreign: dict[str, str] = {}  # topics that cannot be read: how they are encoded
         self.start_ns = self._first_sample()
 
     @property
@@ -88,6 +91,8 @@ class Source:
     def missing(self) -> list[str]:
         """What the bag does not have and should, a line each; known when `pieces` has ended."""
         lines = self._parts.missing
+        for topic, encoding in self._foreign.items():
+            lines.append(f"{topic}: left out, encoded as {encoding!r} or without a ros2msg definition")
         for table in self.tables:
             if table.lost:
                 lines.append(f"{table.name}: {table.lost} samples lost in {len(table.gaps)} gaps; their rows are NaN")
@@ -110,10 +115,14 @@ class Source:
         decoder, definitions, channels = Decoder(), dict[int, str](), dict[int, tuple[Channel, _Topic | None]]()
         for record in self._parts.records(file):
             if isinstance(record, Schema):
-                decoder.add(record)
-                definitions[record.id] = record.data.decode(errors="replace")
+                with suppress(BagError):  # of another encoding: its topics are left out
+                    decoder.add(record)
+                    definitions[record.id] = record.data.decode(errors="replace")
             elif isinstance(record, Channel) and record.id not in channels:
-                channels[record.id] = record, self._topic(record, decoder, definitions)
+                known = record.message_encoding == "cdr" and record.schema_id in definitions
+                channels[record.id] = record, self._topic(record, decoder, definitions) if known else None
+                if not known:
+                    self._foreign[record.topic] = record.message_encoding
             elif isinstance(record, Message) and record.channel_id in channels:
                 channel, topic = channels[record.channel_id]
                 if topic is not None:
@@ -130,12 +139,14 @@ class Source:
 
     def _first_sample(self) -> int:
         """Return the stamp of the bag's first sample, else of its first message [ns]."""
-        decoder, channels = Decoder(), dict[int, int]()
+        decoder, channels, schemas = Decoder(), dict[int, int](), set[int]()
         first = None
         for record in records(self._parts.files[0], torn_ok=True):
             if isinstance(record, Schema):
-                decoder.add(record)
-            elif isinstance(record, Channel):
+                with suppress(BagError):
+                    decoder.add(record)
+                    schemas.add(record.id)
+            elif isinstance(record, Channel) and record.message_encoding == "cdr" and record.schema_id in schemas:
                 channels[record.id] = record.schema_id
             elif isinstance(record, Message) and record.channel_id in channels:
                 name = decoder.name(channels[record.channel_id])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common.errors import InputError
-from atpid_control.analysis.signals import runs
+from atpid_control.analysis.signals import fault_line, runs
 from atpid_control.bags.read import Bag, open_bag, stamp_of
 from atpid_control.beam_calibration.recording import TOPIC, Recording, read_recording, recording_in
 from atpid_sim.scene import Scene, SceneError, load_scene, scene_from_mapping
@@ -17,6 +17,8 @@ from atpid_sim.system import Array
 
 #: Channels compared.
 SUPPORT, BEAM = "support_displacement", "beam_displacement"
+#: Event.FAULT.
+_FAULT = "fault"
 #: Samples below which nothing is compared: a cubic spline and an initial velocity need more.
 _FEWEST = 100
 
@@ -101,6 +103,14 @@ def _ceiling(bag: Bag, begin: float) -> Array | None:
     heights = np.array(found, dtype=np.float64).reshape(-1, 2)
     heights = heights[np.isfinite(heights).all(axis=1)]
     return heights[np.argsort(heights[:, 0], kind="stable")] if len(heights) else None
+
+
+def faults_in(bag: Bag, measured: Measured) -> list[str]:
+    """Return a line for each fault that was reported within the part."""
+    start, ends = _first_stamp(bag), (measured.begin, measured.begin + measured.duration)
+    events = (((stamp_of(event) - start) * 1e-9, event) for _, event in bag.of_kind("Event"))
+    return [fault_line(time, event.header.frame_id, event.text)
+            for time, event in events if event.kind == _FAULT and ends[0] <= time <= ends[1]]  # fmt: skip
 
 
 def _first_stamp(bag: Bag) -> int:
