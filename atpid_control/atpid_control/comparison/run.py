@@ -13,9 +13,10 @@ import numpy as np
 
 from atpid_control.comparison.passive import RTOL, Fixed, Tuned, fixed_heights, remaining, tuned_masses
 from atpid_control.comparison.structures import ComparisonError, Structure, description, levels, structures, with_beam
+from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.map_cache import map_for
 from atpid_control.selection.protocol import HeightSelector, SelectionError
-from atpid_control.selection.registry import make_selector
+from atpid_control.selection.registry import anywhere, make_selector
 from atpid_control.selection.search import SearchSelector
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import Scene, load_scene
@@ -102,21 +103,26 @@ def compare(
 def _record(journal: Path | None, scene: Scene) -> Record[tuple[str, int, int], Answer] | None:
     if journal is None:
         return None
-    purpose = {"compare": 1, "scene": scene.to_mapping()}
+    purpose = {"compare": 2, "scene": scene.to_mapping()}
     return Record(journal, purpose, tuple, Answer._asdict, lambda plain: Answer(**plain))
 
 
 def _selectors(model: Scene) -> dict[str, HeightSelector | SelectionError]:
-    """Return the selector of each method for the model, or why there is none."""
+    """Return the selector of each method for the model, or why there is none.
+
+    A margin has no deadline, as in lockstep: the heights that are compared depend on no other load of the machine.
+    """
     closed = 2.0 * model.grain.radius
     looking = model.with_(ceiling={"closed": closed, "range": [closed, 1e3], "speed": 1.0, "controller": "lookup"})
     found: dict[str, HeightSelector | SelectionError] = {}
-    for method in ("lookup", "learned", "pca", "direct"):
+    for method in ("lookup", "learned", "pca"):
         try:
             found[method] = make_selector(method, model, map_for(looking) if method == "lookup" else None)
         except SelectionError as error:
             found[method] = error
-    return found
+    direct = DirectSelector(model, deadline=math.inf)
+    direct.prepare()
+    return found | {"direct": anywhere(direct, model)}
 
 
 def _answer(
