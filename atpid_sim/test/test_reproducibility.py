@@ -77,6 +77,29 @@ def test_a_chaotic_transient_needs_the_whole_ensemble() -> None:
     assert result.spread[2] > 1.005 * result.spread[0]
 
 
+@pytest.mark.parametrize(
+    ("fidelity", "seed", "place"),
+    [
+        (
+            "finite",
+            6,
+            540,
+        ),  # by disturbances as large as the model error one in four ends elsewhere, by small ones none
+        ("finite", 302, 301),  # only disturbances of that size grow
+        ("soft", 301, 33),  # the tolerance's own error is larger than any disturbance of the start
+        ("soft", 301, 34),  # the finer runs' errors are a hundredth of the error
+        ("impact", 301, 46),  # impacts end in another motion than contacts of finite duration
+        ("impact", 301, 44),  # near the end of a branch: their error is larger than elsewhere
+    ],
+)
+def test_what_is_called_reproducible_is_within_its_stated_error(fidelity: str, seed: int, place: int) -> None:
+    scene = thesis_range(place + 1, seed)[place].with_(tolerance=1e-4)
+    exact = simulate(scene, "soft", rtol=1e-11, check=False).amplitude
+    result = simulate(scene, fidelity)
+    assert not result.reproducible or abs(result.amplitude / exact - 1.0) <= result.error_estimate
+    assert result.reproducible == (result.spread is None)
+
+
 def test_a_check_that_fails_leaves_the_error_unknown() -> None:
     """Rubber pressed to within its radius: the finer runs end as OVERLAP_TOO_DEEP."""
     scene = standard_task(0.05, 0.1, 0.3).with_(

@@ -29,6 +29,8 @@ from atpid_sim.system import Array, System
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
 FIDELITIES = ("simplified", "impact", "finite", "soft")
+#: Columns of the drive table that are proportional to the support's motion.
+SUPPORT = [columns.A0, columns.A1, columns.C0, columns.C1, columns.C2, columns.C3]
 #: Loosest relative tolerance of the integrator: beyond, a step's error is the size of what it computes.
 LOOSEST = 0.1
 #: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).

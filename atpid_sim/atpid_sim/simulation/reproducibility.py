@@ -10,7 +10,7 @@ import numpy as np
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import Outcome
-from atpid_sim.simulation.integration import Integration, Observation, negligible_displacement, sample_series
+from atpid_sim.simulation.integration import SUPPORT, Integration, Observation, negligible_displacement, sample_series
 from atpid_sim.system import Array
 
 #: Finer runs to compare with: share of the tolerance, and disturbance of the first displacement over the amplitude.
@@ -20,17 +20,20 @@ _CHECKS = ((1e-2, 1e-5), (1e-2, -1e-5), (1e-3, 3e-6))
 _EXPENSIVE, _FEW_CHECKS = 1_000_000, ((1e-1, 1e-5), (1e-1, -1e-5))
 #: Disturbance of the drive, in model errors: what a model leaves out acts in another way than this does.
 _MODEL = 5.0
+#: Runs of an ensemble fill the other two kinds of disturbance evenly, each this far behind the one before (Roberts,
+#: "The unreasonable effectiveness of quasirandom sequences", 2018).
+_EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
 #: Clearance over the diameter below which the ceiling holds the grain, as the engine has it.
 _SHUT = 5e-6
 #: Share of that disturbance by which the drive is larger throughout: no damping removes it.
 _DRIVE = 1e-2
-#: Columns of the drive table that are proportional to the support's motion.
-_SUPPORT = [columns.A0, columns.A1, columns.C0, columns.C1, columns.C2, columns.C3]
 #: Relative change of an amplitude that counts: at least, in tolerances, and at most.
 _LEAST, _TOLERANCES, _MOST_ALLOWED = 1e-3, 20.0, 1e-2
 #: Runs of an ensemble, their share of the tolerance, and the largest of their disturbances. One more run would lie
 #: outside its range once in 17 times.
 _ENSEMBLE, _ENSEMBLE_SHARE, _ENSEMBLE_REACH = 32, 1e-1, 1e-5
+#: Runs where only a disturbance as large as the model error grows: more would take a tenth of all time.
+_GLANCE = 16
 #: Further runs that have to agree where motions have diverged: an outcome with a probability of 3 % is missed by them
 #: once in fifty.
 _CONFIRMING = 96
@@ -38,6 +41,8 @@ _CONFIRMING = 96
 _TOGETHER = 8_000_000
 #: Threshold of divergence: distance of two motions anywhere in the run, over their amplitude.
 _DIVERGED = 1e-4
+#: Growth of a disturbance as large as a model error from which on a motion may end elsewhere: in regular ones it is 1.
+_GROWN = 4.0
 #: Instants a period at which motions are compared, and the most of them.
 _PER_PERIOD, _MOST = 16, 20_000
 #: Steps a finer run may take, in those of the run that is judged: a short one, beside 100 000, and a long one.
@@ -68,30 +73,33 @@ def judge(
     """Repeat a run that took `steps` with finer tolerances and disturbances, and compare amplitudes [m].
 
     A run whose amplitude changes by more than a thousandth (or twenty tolerances, up to a hundredth) is not
-    reproducible: it gets the spread of an ensemble beside its error. Where the motions diverge on the way and converge
-    again, as after a chaotic transient, whether they do so in time is random: then the whole ensemble has to
-    agree. A finer run that does not reach its end leaves the error unknown. model_error, held_error: relative errors of
-    a fidelity level whose contacts come from a table, in the steady window and while the ceiling holds the grain; runs
-    disturbed by five times as much, and what they differ by, count as well.
+    reproducible: it gets the spread of an ensemble beside its error. The error is the largest change, and what the
+    finer runs, whose tolerance has an error of its own, differ by. Where the motions diverge on the way and converge
+    again, as after a chaotic transient, whether they do so in time is random: then the whole ensemble has to agree,
+    disturbed by as much as the run itself may be wrong, and the error is what any two of it differ by. A finer run that
+    does not reach its end leaves the error unknown. model_error, held_error: relative errors of a fidelity level whose
+    contacts come from a table, in the steady window and while the ceiling holds the grain; runs disturbed by five times
+    as much, and what they differ by, count as well. Where these disturbances grow, some of the ensemble have to agree.
     """
     limit = max(_LEAST, min(_TOLERANCES * integration.rtol, _MOST_ALLOWED))
-    again = _Repetition(integration, amplitude, steps)
-    motions = [again.run(share, disturbance) for share, disturbance in (_CHECKS if steps < _EXPENSIVE else _FEW_CHECKS)]
-    amplitudes = [motion.amplitude for motion in motions]
-    if model_error > 0.0:
-        amplitudes += [again.off_model(_MODEL * model_error, _MODEL * held_error, late) for late in (False, True)]
+    again = _Repetition(integration, amplitude, steps, _MODEL * model_error, _MODEL * held_error)
+    checks = _CHECKS if steps < _EXPENSIVE else _FEW_CHECKS
+    motions = [again.run(share, _Disturbance(part, _DRIVE * part), _MOST) for share, part in checks]
+    finer = [motion.amplitude for motion in motions]
+    off = again.off_model() if model_error > 0.0 else []
+    disturbed = [motion.amplitude for motion in off]
     negligible = negligible_displacement(integration.scene)
-    worst = _worst(amplitudes, amplitude, negligible)
-    if worst <= limit and not _diverged(motions):
-        return Verdict(worst, True, None)
-    amplitudes += again.ensemble(_ENSEMBLE)
-    if _worst(amplitudes, amplitude, negligible) <= limit:
-        amplitudes += again.ensemble(_CONFIRMING)
-    worst = _worst(amplitudes, amplitude, negligible)
-    if worst <= limit:
-        return Verdict(worst, True, None)
-    drawn = [amplitude, *amplitudes]
-    return Verdict(worst, False, (float(np.nanmin(drawn)), float(np.nanmedian(drawn)), float(np.nanmax(drawn))))
+    worst = _worst([*finer, *disturbed], amplitude, negligible)
+    agree = worst <= limit and not _diverged(motions)
+    if agree and not _diverged([motions[0], *off], again.off_allowed):
+        return Verdict(worst + _range(finer, negligible), True, None)
+    drawn = [amplitude, *finer, *disturbed, *again.ensemble(_GLANCE if agree else _ENSEMBLE)]
+    if agree != (_range(drawn, negligible) <= limit):
+        drawn += again.ensemble(_ENSEMBLE if agree else _CONFIRMING)
+    apart = _range(drawn, negligible)
+    if apart <= limit:
+        return Verdict(apart, True, None)
+    return Verdict(apart, False, (float(np.nanmin(drawn)), float(np.nanmedian(drawn)), float(np.nanmax(drawn))))
 
 
 def _worst(others: list[float], amplitude: float, negligible: float) -> float:
@@ -101,10 +109,26 @@ def _worst(others: list[float], amplitude: float, negligible: float) -> float:
     return float(np.max(apart / np.maximum(np.abs(found), 1e-300)))
 
 
-def _diverged(motions: list[_Motion]) -> bool:
+def _range(drawn: list[float], negligible: float) -> float:
+    """Return what amplitudes [m] differ by, beyond a negligible one, relative to the least; NaN where one is."""
+    least, most = float(np.min(drawn)), float(np.max(drawn))
+    return max(most - least - negligible, 0.0) / max(least, 1e-300)
+
+
+def _diverged(motions: list[_Motion], allowed: float = _DIVERGED) -> bool:
+    """Return whether motions are farther from the first than allowed, anywhere in the run, over its amplitude."""
     first = motions[0].beam
     amplitude = 0.5 * np.ptp(first) if len(first) else 0.0
-    return any(bool(np.max(np.abs(other.beam - first), initial=0.0) > _DIVERGED * amplitude) for other in motions[1:])
+    return any(bool(np.max(np.abs(other.beam - first), initial=0.0) > allowed * amplitude) for other in motions[1:])
+
+
+class _Disturbance(NamedTuple):
+    """In what a repeated run differs."""
+
+    start: float = 0.0  # first displacement, over the amplitude
+    drive: float = 0.0  # size of the drive, relative
+    held: float = 0.0  # the same, while the ceiling holds the grain
+    late: float = 0.0  # phase of the drive then [rad]
 
 
 @dataclass(frozen=True)
@@ -114,33 +138,47 @@ class _Repetition:
     integration: Integration
     amplitude: float
     steps: int
+    off: float  # disturbances of the drive in place of what a model leaves out, relative: throughout,
+    held: float  # and while the ceiling holds the grain
 
     def ensemble(self, count: int) -> list[float]:
-        """Return the amplitudes [m] of up to `count` disturbed runs; NaN where one does not reach its end."""
+        """Return the amplitudes [m] of up to `count` disturbed runs; NaN where one does not reach its end.
+
+        The drive is off by as much as model or tolerance may make a run wrong: less leads along one way through chaos.
+        """
         count = min(count, _TOGETHER // max(self.steps, 1))
-        disturbances = np.linspace(-_ENSEMBLE_REACH, _ENSEMBLE_REACH, count)
+        reach = max(_DRIVE * _ENSEMBLE_REACH, min(self.integration.rtol, _MOST_ALLOWED / _TOLERANCES), self.off)
+        parts = np.linspace(-1.0, 1.0, count)
+        others = self.held * (2.0 * np.mod(np.arange(count)[:, None] * _EVENLY, 1.0) - 1.0)
+        disturbances = [
+            _Disturbance(_ENSEMBLE_REACH * float(part), reach * float(part), float(held), float(late))
+            for part, (held, late) in zip(parts, others, strict=True)
+        ]
         with ThreadPoolExecutor() as pool:
-            return list(pool.map(lambda d: self.run(_ENSEMBLE_SHARE, float(d), 0).amplitude, disturbances))
+            return list(pool.map(lambda one: self.run(_ENSEMBLE_SHARE, one).amplitude, disturbances))
 
-    def run(self, share: float, disturbance: float, samples: int = _MOST) -> _Motion:
-        """Return a run with a share of the tolerance and a disturbed start and drive."""
+    @property
+    def off_allowed(self) -> float:
+        """Distance from the runs of `off_model` up to which a motion is regular, over its amplitude."""
+        return _DIVERGED + _GROWN * (self.off + self.held)
+
+    def off_model(self) -> list[_Motion]:
+        """Return the motions of a larger drive, and of a smaller one that is late while the grain is held."""
+        ends = _Disturbance(drive=self.off, held=self.held), _Disturbance(drive=-self.off, late=self.held)
+        return [self.run(_CHECKS[0][0], end, _MOST) for end in ends]
+
+    def run(self, share: float, by: _Disturbance, samples: int = 0) -> _Motion:
+        """Return a run with a share of the tolerance and a disturbance."""
         state = self.integration.initial_state()
-        state.y[[columns.BEAM, columns.GRAIN]] += disturbance * self.amplitude
+        state.y[[columns.BEAM, columns.GRAIN]] += by.start * self.amplitude
         table = self.integration.table.copy()
-        table[:, _SUPPORT] *= 1.0 + _DRIVE * disturbance
+        table[:, SUPPORT] *= 1.0 + by.drive
+        if by.held != 0.0 or by.late != 0.0:
+            shut = table[:, columns.HEIGHT] <= 2.0 * self.integration.system.radius * (1.0 + _SHUT)
+            shut &= table[:, columns.CEILING_VELOCITY] <= 0.0
+            table[np.ix_(np.flatnonzero(shut), np.asarray(SUPPORT))] *= 1.0 + by.held
+            table[shut, columns.PHASE] -= by.late
         return self._motion(share, state, table, samples)
-
-    def off_model(self, error: float, held_error: float, late: bool) -> float:
-        """Return the amplitude [m] with a drive larger by the errors, or, `late`, smaller and late by that of held."""
-        table = self.integration.table.copy()
-        held = table[:, columns.HEIGHT] <= 2.0 * self.integration.system.radius * (1.0 + _SHUT)
-        held &= table[:, columns.CEILING_VELOCITY] <= 0.0
-        table[:, _SUPPORT] *= 1.0 - error if late else 1.0 + error
-        if late:
-            table[held, columns.PHASE] -= held_error
-        else:
-            table[np.ix_(np.flatnonzero(held), np.asarray(_SUPPORT))] *= 1.0 + held_error
-        return self._motion(_CHECKS[0][0], self.integration.initial_state(), table, 0).amplitude
 
     def _motion(self, share: float, state: State, table: Array, samples: int) -> _Motion:
         scene, original = self.integration.scene, self.integration

@@ -3,7 +3,7 @@
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,10 @@ from atpid_sim.engine.state import State
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import FreeExcitation, Scene
 from atpid_sim.simulation import reproducibility
+from atpid_sim.simulation.beside_finite import compared
 from atpid_sim.simulation.decay import largest_decrement
 from atpid_sim.simulation.energy import Ledger
-from atpid_sim.simulation.fidelity import choose, judged_errors
+from atpid_sim.simulation.fidelity import Choice, choose, judged_errors
 from atpid_sim.simulation.integration import (
     Integration,
     Observation,
@@ -112,10 +113,7 @@ def simulate(
     run = integration.run(observation)
     wall = time.perf_counter() - begun
     amplitude, last = run.last.amplitude, run.last
-    verdict = reproducibility.UNCHECKED
-    if check:
-        errors = judged_errors(scene, choice, undamped)
-        verdict = reproducibility.judge(integration, amplitude, last.steps, *errors)
+    verdict = _verdict(integration, choice, amplitude, last.steps, undamped) if check else reproducibility.UNCHECKED
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,
@@ -127,7 +125,7 @@ def simulate(
         fidelity=choice.fidelity,
         rtol=integration.rtol,
         left_out=choice.left_out,
-        error_estimate=verdict.error + choice.model_error,
+        error_estimate=verdict.error,
         reproducible=verdict.reproducible,
         spread=verdict.spread,
         energy_residual=run.ledger.residual,
@@ -139,6 +137,17 @@ def simulate(
         warnings=tuple(scene.warnings()),
         **_decay(scene, choice.fidelity, integration.rtol),
     )
+
+
+def _verdict(
+    integration: Integration, choice: Choice, amplitude: float, steps: int, undamped: float
+) -> reproducibility.Verdict:
+    """Return the verdict on a run of so many steps, its error with what the fidelity level leaves out."""
+    errors = judged_errors(integration.scene, choice, undamped)
+    verdict = reproducibility.judge(integration, amplitude, steps, *errors)
+    if choice.fidelity == "impact" and choice.model_error > 0.0 and verdict.reproducible:
+        return compared(integration, amplitude, verdict, choice, undamped)
+    return replace(verdict, error=verdict.error + choice.model_error)
 
 
 def trajectory(
