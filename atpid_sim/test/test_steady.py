@@ -11,7 +11,7 @@ from atpid_sim.cli import main
 from atpid_sim.engine import columns
 from atpid_sim.engine.settling_run import _middle_of_longest_flight
 from atpid_sim.periodic import SteadyEnding, steady_state
-from atpid_sim.periodic.steady import _extrapolated
+from atpid_sim.periodic.newton import extrapolated
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.integration import Integration, Observation
 from atpid_sim.studies.sweep import standard_task
@@ -84,6 +84,23 @@ def test_a_motion_that_the_transient_only_passes_is_not_called_steady(task: tupl
     assert found is None or found.amplitude == pytest.approx(settled(standard_task(*task), "soft", 1e-10), rel=3e-8)
 
 
+def test_a_motion_left_to_chance_is_not_called_steady() -> None:
+    """Which of two motions follows on a chaotic transient depends on the last digits of the run."""
+    scene = standard_task(0.007592504669600599, 0.15842142067381484, 0.6012653243439732)
+    ends = [settled(scene, "finite", rtol) for rtol in (1e-4, 1e-6)]
+    assert ends[1] > 1.5 * ends[0]
+    assert steady_state(scene, "soft", 1e-8).ending == SteadyEnding.BY_CHANCE
+
+
+def test_multipliers_are_those_of_the_motion_and_not_of_one_beside_it() -> None:
+    """Near grazing: one is unstable, though the derivative beside it is not; of the other it is too stable."""
+    unstable = standard_task(0.014141519528659144, 0.05031186455438512, 0.48270037598620913)
+    assert steady_state(unstable, "soft", 1e-8).state is None
+    slow = steady_state(standard_task(0.04110867968085944, 0.08510380050499104, 0.6503486436299505), "soft", 1e-8).state
+    assert slow is not None
+    assert abs(slow.multipliers[0]) == pytest.approx(0.984, abs=2e-3)
+
+
 @pytest.mark.parametrize("flights", [[range(100, 128), range(21), range(40, 81)], [range(128)], []])
 def test_the_section_lies_in_the_middle_of_the_longest_flight(flights: list[range]) -> None:
     """Of a period taken as a ring: the longest of the first case goes from sample 100 over the end to sample 20."""
@@ -99,7 +116,7 @@ def test_passages_of_a_linear_map_are_extrapolated_to_its_fixed_point() -> None:
     turned = np.array([[1.0, 0.2, 0.0, 0.1], [0.0, 1.0, 0.3, 0.0], [0.1, 0.0, 1.0, 0.2], [0.0, 0.1, 0.0, 1.0]])
     powers = np.array([0.9, -0.5, 0.3])[None] ** np.arange(6)[:, None]
     passages = end + np.hstack([0.02 * powers, np.zeros((6, 1))]) @ turned * scale
-    np.testing.assert_allclose((_extrapolated(passages, scale) - end) / scale, 0.0, atol=1e-9)
+    np.testing.assert_allclose((extrapolated(passages, scale) - end) / scale, 0.0, atol=1e-9)
 
 
 def test_what_has_no_steady_motion_is_named() -> None:
