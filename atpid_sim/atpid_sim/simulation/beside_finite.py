@@ -14,14 +14,17 @@ from atpid_sim.simulation.reproducibility import Verdict, judge
 
 #: Tolerance of the run with contacts of finite duration: only resting grains are integrated.
 _RTOL = 1e-4
+#: Share of the scene's model error up to which one such run will do: more may be the distance of one draw.
+_NEAR = 0.5
 
 
 def compared(impacts: Integration, amplitude: float, verdict: Verdict, choice: Choice, undamped: float) -> Verdict:
     """Return the verdict on a reproducible run with instantaneous impacts, what the level leaves out included.
 
     amplitude: of that run [m]; verdict: on its repetitions; undamped: amplitude of the closed damper [m]. Where the
-    amplitude of finite contacts is farther off than the scene's model error, that distance is the error, and the motion
-    with finite contacts has to be reproducible as well. The error is unknown where that run does not reach its end.
+    amplitude of finite contacts is farther off than half the scene's model error, that motion has to be reproducible as
+    well, and the distance is the error if it is the larger one. The error is unknown where that run does not reach its
+    end.
     """
     scene, stated = impacts.scene, choice.model_error
     finite = impacts.at_level("finite", min(impacts.rtol, _RTOL))
@@ -31,7 +34,7 @@ def compared(impacts: Integration, amplitude: float, verdict: Verdict, choice: C
         return Verdict(float("nan"), False, (amplitude, amplitude, amplitude))
     beyond = max(abs(amplitude - state.amplitude) - negligible_displacement(scene), 0.0)
     apart, left_out = beyond / max(state.amplitude, 1e-300), finite_error(scene, undamped)
-    if apart + left_out <= stated:
+    if apart + left_out <= _NEAR * stated:
         return Verdict(verdict.error + stated, True, None)
     other = judge(finite, state.amplitude, state.steps, left_out, held_error(scene, undamped))
     error = max(stated, apart + left_out + other.error) + verdict.error
