@@ -4,6 +4,7 @@
 import errno
 import os
 import random
+import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -23,21 +24,23 @@ class FaultySink(Sink):
         super().__init__(path)
         self._faults, self._elapsed = faults, elapsed
         self._random = random.Random(0)
+        self._order = threading.RLock()  # flushes are made in a thread of their own
         self._under_way: list[tuple[float, bytes]] = []  # when each piece is in the file, steady [s]
 
     def sync(self) -> None:
         """Flush to the disk: what is under way first."""
-        while self._under_way:
-            time.sleep(max(0.0, self._under_way[0][0] - time.monotonic()))
+        while (due := self._next_due()) is not None:
+            time.sleep(max(0.0, due - time.monotonic()))
             self._arrive()
         self._wait()
         super().sync()
 
     def close(self) -> None:
         """Close the file with all that was written; twice does nothing."""
-        for _, data in self._under_way:
-            super()._append(data)
-        self._under_way.clear()
+        with self._order:
+            for _, data in self._under_way:
+                super()._append(data)
+            self._under_way.clear()
         super().close()
 
     def _append(self, data: bytes) -> None:
@@ -53,16 +56,22 @@ class FaultySink(Sink):
             data = bytes(flipped)
         if fault and kind == "slow":
             time.sleep(fault.value)
-        if fault and kind == "delayed":
-            self._under_way.append((time.monotonic() + fault.value, data))
-        elif self._under_way:  # nothing overtakes
-            self._under_way.append((self._under_way[-1][0], data))
-        else:
-            super()._append(data)
+        with self._order:
+            if fault and kind == "delayed":
+                self._under_way.append((time.monotonic() + fault.value, data))
+            elif self._under_way:  # nothing overtakes
+                self._under_way.append((self._under_way[-1][0], data))
+            else:
+                super()._append(data)
+
+    def _next_due(self) -> float | None:
+        with self._order:
+            return self._under_way[0][0] if self._under_way else None
 
     def _arrive(self) -> None:
-        while self._under_way and self._under_way[0][0] <= time.monotonic():
-            super()._append(self._under_way.pop(0)[1])
+        with self._order:
+            while self._under_way and self._under_way[0][0] <= time.monotonic():
+                super()._append(self._under_way.pop(0)[1])
 
     def _fault(self) -> Injected | None:
         elapsed = self._elapsed()

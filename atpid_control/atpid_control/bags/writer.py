@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import mkstemp
 from typing import IO, Any, cast
@@ -19,6 +20,7 @@ from mcap.writer import CompressionType, Writer
 from atpid_control.bags import metadata
 from atpid_control.bags.definitions import message_type
 from atpid_control.bags.errors import BagError, in_words
+from atpid_control.bags.flush import Flush
 from atpid_control.bags.metadata import RESULT, RUN, BagSummary, Qos, RunInfo, TopicSummary
 
 #: Uncompressed size of a chunk [bytes]: what a crash can lose; 0.3 s of the bench.
@@ -81,6 +83,14 @@ class Sink:
             self._file = -1
 
 
+def _end(sink: Sink) -> None:
+    """Flush a file to the disk and close it. Raises OSError."""
+    try:
+        sink.sync()
+    finally:
+        sink.close()
+
+
 class SpooledIndex:
     """The index of the chunks, in a file without a name until it ends the bag: 2 MB an hour of the bench.
 
@@ -139,6 +149,7 @@ class BagWriter:
         self._chunk, self._compression, self._open_sink = chunk, COMPRESSIONS[compression], sink
         self._split = split or Split()
         self._closed = False
+        self._flush = Flush()
         self._files = dict(run.files)  # kept in every file of the bag, each of which can be read alone
         self._types: dict[str, int] = {}
         self._channels: dict[str, tuple[int, str, dict[str, str]]] = {}  # id, message type and metadata
@@ -177,8 +188,7 @@ class BagWriter:
         """End the file and go on in another one. Raises OSError."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._writer.finish()  # type: ignore[no-untyped-call]
-        self._sink.sync()
-        self._sink.close()
+        self._flush.add(partial(_end, self._sink))
         self.summary.begin_file(self._file_name(len(self.summary.files)))
         self._begin_file()
 
@@ -234,10 +244,18 @@ class BagWriter:
             self._writer.flush()  # type: ignore[no-untyped-call]
 
     def sync(self) -> None:
-        """End the chunk in progress and flush to the disk, against a power cut. Raises BagError."""
+        """End the chunk in progress and have it flushed to the disk, against a power cut; that is not waited for.
+
+        Raises BagError, of the flush before as well.
+        """
         with self._writing():
             self._writer.flush()  # type: ignore[no-untyped-call]
-            self._sink.sync()
+            self._flush.start(self._sink.sync)
+
+    @property
+    def flush_seconds(self) -> float:
+        """How long the flush to the disk that is under way has taken so far, or the last one took [s]."""
+        return self._flush.seconds
 
     def close(self, result: Mapping[str, str] | None = None) -> None:
         """Write `result` and the index, then metadata.yaml; twice does nothing. Raises BagError."""
@@ -250,7 +268,8 @@ class BagWriter:
                 if result:
                     self._writer.add_metadata(RESULT, dict(result))
                 self._writer.finish()  # type: ignore[no-untyped-call]
-                self._sink.sync()
+                self._flush.add(self._sink.sync)
+                self._flush.finish()
                 metadata.write(self.folder, self.summary, {**self._run.record(), **(result or {})})
         finally:
             self._sink.close()
@@ -263,6 +282,7 @@ class BagWriter:
             yield
         except OSError as error:
             self._closed = True
+            self._flush.abandon()
             self._sink.close()
             raise BagError(
                 f"{self.folder}: recording stopped after {self.summary.count} messages, {in_words(error)}; "

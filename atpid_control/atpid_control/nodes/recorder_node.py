@@ -72,7 +72,7 @@ class RecorderNode(Node):
         self.session: Session | None = None
         self.done: Future = Future()
         self.error = ""
-        self._received = time.monotonic()  # the last message [s]
+        self._received = self._chunk_ended = time.monotonic()  # the last message, the last chunk [s]
         self._triggered = self._complained = False
         self._make_topics()
 
@@ -124,7 +124,9 @@ class RecorderNode(Node):
         try:
             session = self._open()
             missing = session.receive(topic, data, received_ns)
-            self._judge_disk(time.monotonic() - self._received)
+            if 0.0 < self._chunk_period <= time.monotonic() - self._chunk_ended:  # its timer waits its turn
+                self._end_chunk()
+            self._judge_disk(time.monotonic() - self._received, "writing")
         except MessageError as error:
             Dropped.of(self).add(topic, str(error))
             return
@@ -162,21 +164,23 @@ class RecorderNode(Node):
         except BagError as error:
             self._fail(error)
 
-    def _judge_disk(self, took: float) -> None:
-        """Report a disk that keeps the recorder waiting; not in lockstep, whose events depend on the run alone."""
+    def _judge_disk(self, took: float, what: str) -> None:
+        """Report a disk that is slow; not in lockstep, whose events depend on the run alone."""
         slow = self._disk.push(took, time.monotonic())
         if slow is None or self._lockstep:
             return
         if slow:
-            text = f"writing to {self.bag} took {took:.2f} s: messages wait meanwhile, {DEPTH} of a topic at most"
-            self._publish_event(Event.WARNING, Event.SLOW, text, took)
+            cost = "a power cut loses as much" if what == "flushing" else f"messages wait, {DEPTH} of a topic at most"
+            self._publish_event(Event.WARNING, Event.SLOW, f"{what} {self.bag} takes {took:.2f} s: {cost}", took)
         else:
-            self._publish_event(Event.INFO, Event.RECOVERED, f"writing to {self.bag} no longer takes long")
+            self._publish_event(Event.INFO, Event.RECOVERED, f"{self.bag} is written without delay again")
 
     def _turn(self) -> None:
         if any(fault.kind == "off" and fault.active(self._elapsed()) for fault in self._faults):
             os.kill(os.getpid(), signal.SIGKILL)
-        if self._open().complete:
+        session = self._open()
+        self._judge_disk(session.writer.flush_seconds, "flushing")
+        if session.complete:
             self._finish()
 
     def _finish(self) -> None:
@@ -195,11 +199,10 @@ class RecorderNode(Node):
 
     def _sync(self) -> None:
         if self.session is not None:
-            begun = time.monotonic()
             self.session.sync()
-            self._judge_disk(time.monotonic() - begun)
 
     def _end_chunk(self) -> None:
+        self._chunk_ended = time.monotonic()
         if self.session is not None:
             self.session.end_chunk()
 
