@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A small bag cut off anywhere, or with changed bits: a clear result, the whole chunks, and the bag as it was.
 
-Some places here; every byte and a thousand copies with `make fuzz`.
+Every third byte of a bag with three messages, and some places of one with blocks of samples; every byte of both and a
+thousand copies with `make fuzz`.
 """
 
 import random
+import shutil
+import struct
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -17,12 +20,12 @@ from mcap.records import Channel, Message, Schema
 from mutations import bag_of, records_of
 from targets import BAG
 
-from atpid_control.bags import BagError, recover, verify
+from atpid_control.bags import BagError, BagWriter, new_run, recover, verify
 from atpid_control.bags.verify import survey
 
 LONG = settings.get_current_profile_name() == "long"
-#: Bytes between two cuts, changed copies, and the longest that one may take [s].
-STEP, COPIES, LONGEST = (1, 1000, 5.0) if LONG else (151, 20, 5.0)
+#: Bytes between two cuts of the smallest bag and of the other, changed copies, and the longest that one may take [s].
+LEAST_STEP, STEP, COPIES, LONGEST = (1, 1, 1000, 5.0) if LONG else (3, 151, 20, 5.0)
 TOPICS = ("/sensors/laser", "/ceiling/command")
 
 
@@ -40,6 +43,20 @@ def bag(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.fixture
+def least(tmp_path: Path) -> Path:
+    """Return a bag of three messages of twelve bytes, in as many chunks, without metadata.yaml."""
+    folder = tmp_path / "least"
+    writer = BagWriter(folder, new_run(run_id="least", commit="none"))
+    writer.add_topic("/t", "builtin_interfaces/msg/Time")
+    for number in range(3):
+        writer.write("/t", struct.pack("<IiI", 256, number, 0), number, number)
+        writer.end_chunk()
+    writer.close()
+    (folder / "metadata.yaml").unlink()  # as where a recorder was killed
+    return folder
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
@@ -50,40 +67,52 @@ def outcome(folder: Path, number: int) -> int:
     lines: list[str] = []
     with suppress(BagError):
         lines = survey(folder)
-    refusals = []
-    for read in (verify, lambda bag: recover(bag, folder.parent / f"again_{number}")):
+    refusals, messages = [], 0
+    try:
+        messages = verify(folder).messages
+    except BagError as error:
+        refusals.append(str(error))
         try:
-            read(folder)
-        except BagError as error:
-            refusals.append(str(error))
+            messages = recover(folder, folder.parent / f"again_{number}").verified.messages
+        except BagError as other:
+            refusals.append(str(other))
     assert contents(folder) == before
     assert time.process_time() - begin < LONGEST
     assert not [line for line in (*lines, *refusals) if "\n" in line or len(line) > 1000]
-    if len(refusals) == 2:
-        assert "not a bag" in refusals[1]  # its first bytes
-        return 0
-    return verify(folder.parent / f"again_{number}" if refusals else folder).messages
+    assert len(refusals) < 2 or "not a bag" in refusals[1]  # its first bytes
+    return messages
 
 
-@pytest.mark.slow
-def test_cut_off_anywhere_every_chunk_before_is_there(bag: Path) -> None:
-    file = bag / "run_0.mcap"
+def cut_everywhere(bag: Path, step: int) -> int:
+    """Cut the bag's file at each `step`-th byte; return how many chunks it has."""
+    file = next(bag.glob("*.mcap"))
     data = file.read_bytes()
     with file.open("rb") as stream:
         reader = make_reader(stream)
         summary = reader.get_summary()
         assert summary is not None
         ends = sorted(one.chunk_start_offset + one.chunk_length for one in summary.chunk_indexes)
-        chunks = [sum(1 for _ in reader.iter_messages(log_time_order=False))]
-    assert len(ends) == 5
+        messages = sum(1 for _ in reader.iter_messages(log_time_order=False))
     found = []
-    for size in range(0, len(data), STEP):
+    for size in range(0, len(data), step):
         file.write_bytes(data[:size])
         found.append(outcome(bag, size))
+        shutil.rmtree(bag.parent / f"again_{size}", ignore_errors=True)
         whole = sum(end <= size for end in ends)
         assert (found[-1] > 0) == (whole > 0), size
-        assert found[-1] < chunks[0] or whole == len(ends), size
+        assert found[-1] < messages or whole == len(ends), size
     assert found == sorted(found)
+    return len(ends)
+
+
+@pytest.mark.slow
+def test_cut_off_near_every_byte_every_chunk_before_is_there(least: Path) -> None:
+    assert cut_everywhere(least, LEAST_STEP) == 3
+
+
+@pytest.mark.slow
+def test_cut_off_anywhere_every_chunk_before_is_there(bag: Path) -> None:
+    assert cut_everywhere(bag, STEP) == 5
 
 
 @pytest.mark.slow

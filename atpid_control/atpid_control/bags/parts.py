@@ -16,8 +16,11 @@ MOST_METADATA = 2_000_000
 _NUMBER = re.compile(r"_(\d{1,9})\.mcap$")
 
 
-def find_parts(path: Path) -> list[Path]:
-    """Return the MCAP files of the bag `path` (its folder, or one file) in their order; raise BagError: no bag."""
+def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
+    """Return the MCAP files of the bag `path` (its folder, or one file) in their order; raise BagError: no bag.
+
+    Each begins as an MCAP file does; where it may be `damaged`, one of them nearly.
+    """
     try:
         found = path.exists()
     except (OSError, ValueError) as error:
@@ -30,8 +33,11 @@ def find_parts(path: Path) -> list[Path]:
         raise BagError(
             f"{path}: not a bag, there is no .mcap file in this folder; give the folder that recorder_node made"
         )
-    for file in files:
-        _check_magic(file)
+    begins = {file: _begin(file) for file in files}
+    for file, begin in begins.items():
+        if not (begin == MAGIC or (damaged and any(map(_nearly, begins.values())))):
+            why = "it does not begin as an MCAP file does" if begin else "it is empty"
+            raise BagError(f"{file}: not a bag ({why}); give the folder that recorder_node made")
     return files
 
 
@@ -48,16 +54,20 @@ def _place(file: Path) -> tuple[int, str]:
     return int(number[1]) if number else -1, file.name
 
 
-def _check_magic(file: Path) -> None:
+def _begin(file: Path) -> bytes:
+    """Return the first bytes of a file. Raises BagError."""
     try:
+        if not file.is_file():  # opening a pipe would wait for ever
+            raise BagError(f"{file}: not a file; take it out of the bag's folder")
         with file.open("rb") as stream:
-            magic = stream.read(len(MAGIC))
+            return stream.read(len(MAGIC))
     except OSError as error:
         raise BagError(f"{file}: cannot be read ({error.strerror}); give a bag that can") from None
-    if magic != MAGIC:
-        raise BagError(
-            f"{file}: not a bag (it does not begin as an MCAP file does); give the folder that recorder_node made"
-        )
+
+
+def _nearly(begin: bytes) -> bool:
+    """Whether at least half of the first bytes are those of an MCAP file."""
+    return 2 * sum(one == other for one, other in zip(begin, MAGIC, strict=False)) >= len(MAGIC)
 
 
 def read_metadata(folder: Path) -> Any:

@@ -51,7 +51,7 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
 
     `out` is `path` with -recovered at its end unless given. Nothing is written where the bag is whole. Raises BagError.
     """
-    files = find_parts(path)
+    files = find_parts(path, damaged=True)
     try:
         return Recovered(verify(path), [], made=False)
     except BagError as error:
@@ -70,7 +70,7 @@ def repair(path: Path) -> Recovered:
 
     One that is there from before is kept as well. A whole bag is left as it is. Raises BagError.
     """
-    files = find_parts(path)
+    files = find_parts(path, damaged=True)
     try:
         return Recovered(verify(path), [], made=False)
     except BagError as error:

@@ -96,6 +96,7 @@ class _Walk:
             indexed = [one for one in summary.records if isinstance(one, (Schema, Channel, Statistics))]
             places, end = summary.places, summary.begin
         place = len(MAGIC)
+        yield from self._magic()
         while place < end:
             if place > len(MAGIC):
                 yield from indexed
@@ -121,6 +122,11 @@ class _Walk:
             place = following
         if summary is None:
             yield Damage(end, end, NOT_CLOSED)
+
+    def _magic(self) -> Iterator[Damage]:
+        self._stream.seek(0)
+        if self._stream.read(len(MAGIC)) != MAGIC:
+            yield Damage(0, min(len(MAGIC), self._size), "it does not begin as an MCAP file does")
 
     def _head(self, place: int) -> tuple[int, int]:
         """Return opcode and length of the record at `place`; a length beyond the file where there is none."""

@@ -105,7 +105,7 @@ def verify(path: Path) -> Verified:
 
 def survey(path: Path) -> list[str]:
     """Return what is lost in a damaged bag, by sample index, a line each; memory does not grow. Raises BagError."""
-    files = find_parts(path)
+    files = find_parts(path, damaged=True)
     seen, lines = Pass(strict=False), list[str]()
     for place, file in enumerate(files):
         for record in salvaged(file, lines):
