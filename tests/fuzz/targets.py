@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 from hypothesis import strategies as st
+from mcap.records import Channel, Message, Schema
 from mutations import as_yaml, changed_arrays, changed_bag, changed_bytes, changed_document, records_of
 
 from atpid_common.errors import AtpidError
@@ -78,7 +80,19 @@ def _arrays(path: str) -> dict[str, Any]:
 
 @cache
 def _records() -> tuple[Any, ...]:
-    return tuple(records_of((BAG / "bag_0.mcap").read_bytes(), 4))
+    """Return the records of a small bag: two messages of a topic, and one topic with a quality of service.
+
+    Most of the time of reading it would be that of the YAML in which profiles are kept.
+    """
+    found = records_of((BAG / "bag_0.mcap").read_bytes(), 2)
+    used = {one.channel_id for one in found if isinstance(one, Message)}
+    channels = {one.id: one for one in found if isinstance(one, Channel) and one.id in used}
+    schemas = {one.id: one for one in found if isinstance(one, Schema)}
+    for place, channel in enumerate(channels.values()):
+        profiles = yaml.safe_load(channel.metadata["offered_qos_profiles"])[: place == 0]
+        channel.metadata["offered_qos_profiles"] = yaml.safe_dump(profiles, sort_keys=False)
+    kept = [one for one in found if not isinstance(one, (Channel, Schema))]
+    return (*(schemas[one.schema_id] for one in channels.values()), *channels.values(), *kept)
 
 
 @cache
@@ -86,6 +100,15 @@ def _small_bag() -> bytes:
     from mutations import bag_of
 
     return bag_of(_records())
+
+
+@cache
+def _small_metadata() -> bytes:
+    """Return the metadata.yaml of the small bag, whose counts are right."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "bag_0.mcap").write_bytes(_small_bag())
+        repair(Path(folder))
+        return (Path(folder) / "metadata.yaml").read_bytes()
 
 
 def _yaml(pattern: str) -> st.SearchStrategy[bytes]:
@@ -133,7 +156,7 @@ def _recording(path: Path) -> None:
 def _in_folder(path: Path) -> Path:
     """Return the folder of a bag with its metadata beside it."""
     if not (path.parent / "metadata.yaml").exists():
-        shutil.copy(BAG / "metadata.yaml", path.parent)
+        (path.parent / "metadata.yaml").write_bytes(_small_metadata())
     return path.parent
 
 
