@@ -12,6 +12,7 @@ from recorded import make
 
 from atpid_control.bags import BagError, BagWriter, Split, new_run, recover, verify
 from atpid_control.bags.flush import Flush
+from atpid_control.bags.parts import MAGIC
 from atpid_control.bags.writer import Sink
 
 STATES = "/ceiling/state"
@@ -19,7 +20,7 @@ TIMEOUT = 60.0
 
 
 class Disk:
-    """A disk whose flushes hang until it is let go, or fail."""
+    """A disk whose flushes hang until they are released, or fail, and the index of a file that is full with them."""
 
     def __init__(self) -> None:
         self.begun, self.released = threading.Event(), threading.Event()
@@ -29,6 +30,12 @@ class Disk:
         disk = self
 
         class Hanging(Sink):
+            def write(self, data: bytes) -> int:
+                if threading.current_thread() is not threading.main_thread():
+                    disk.begun.set()
+                    assert disk.released.wait(TIMEOUT)
+                return super().write(data)
+
             def sync(self) -> None:
                 disk.begun.set()
                 assert disk.released.wait(TIMEOUT)
@@ -77,7 +84,10 @@ def test_a_split_does_not_wait_for_the_disk(tmp_path: Path, disk: Disk) -> None:
     bag = writer(tmp_path / "run", disk, Split(seconds=1e-6))
     write(bag, 0, 1, 2000, 2001, 4000)
     assert disk.begun.wait(TIMEOUT)
-    assert len(list((tmp_path / "run").glob("*.mcap"))) == 3
+    files = sorted((tmp_path / "run").glob("*.mcap"))
+    assert len(files) == 3
+    assert not files[0].read_bytes().endswith(MAGIC)
+    assert recover(tmp_path / "run").verified.messages == 5
     disk.released.set()
     bag.close()
     assert verify(tmp_path / "run").messages == 5
