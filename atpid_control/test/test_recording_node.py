@@ -5,6 +5,7 @@ import errno
 import os
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -217,6 +218,30 @@ def test_a_full_disk_ends_the_recording_with_one_line(
     assert "recover" in recorder.error
     spin_until(ros, lambda: source.status is not None and not source.status.recording)
     assert source.kinds.count("fault") == 1
+
+
+def test_a_disk_that_hangs_is_reported_and_nothing_waits_for_it(
+    ros: SingleThreadedExecutor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released = threading.Event()
+    monkeypatch.setattr(Sink, "sync", lambda _sink: released.wait(100.0))
+    recorder, source = make(ros, tmp_path / "run", sync_period=0.05)
+    try:
+        spin_until(ros, source.ready)
+        source.block(0)
+        spin_until(ros, lambda: "slow" in source.kinds)
+        source.block(1)
+        session = recorder.session
+        assert session is not None
+        spin_until(ros, lambda: session.written["/sensors/laser"] == 2)
+        assert not recorder.error
+    finally:
+        released.set()
+    source.finish(2)
+    spin_until(ros, source.closed)
+    slow = [event.text for _, event in open_bag(tmp_path / "run").messages("/events") if event.kind == "slow"]
+    assert len(slow) == 1
+    assert "a power cut loses as much" in slow[0]
 
 
 def test_an_existing_bag_is_refused_before_anything_is_made(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
