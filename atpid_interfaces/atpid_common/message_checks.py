@@ -31,10 +31,13 @@ def check(message: Any) -> str:
 
 def check_as(kind: str, message: Any) -> str:
     """Return why a message of type atpid_interfaces/msg/`kind` cannot be used, in a few words; empty: it can."""
-    reason = _stamp(message.header.stamp)
-    if reason or getattr(message, "handshake", False):
-        return reason
-    return CHECKS[kind](message)
+    try:
+        reason = _stamp(message.header.stamp)
+        if reason or getattr(message, "handshake", False):
+            return reason
+        return CHECKS[kind](message)
+    except (AttributeError, TypeError):  # of a bag with another definition of the type
+        return "its definition lacks a field, or has one of another kind"
 
 
 def _stamp(stamp: Any) -> str:
