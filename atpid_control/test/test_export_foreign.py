@@ -9,7 +9,7 @@ from exported import BAG
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from atpid_control.export import open_bag
+from atpid_control.export import frames, open_bag
 
 OWN = b"float64 temperature # [K] of the room\nstring[] names\n"
 #: Encoding of the message, that of its definition, the definition, a message.
@@ -20,14 +20,16 @@ FOREIGN = {
 }
 
 
-def with_topic(folder: Path, encoding: str, schema_encoding: str, definition: bytes, data: bytes) -> Path:
-    """Write the recorded bag with one more topic, /foreign, before its own."""
+def with_topic(
+    folder: Path, encoding: str, schema_encoding: str, definition: bytes, data: bytes, topic: str = "/foreign"
+) -> Path:
+    """Write the recorded bag with one more topic before its own."""
     folder.mkdir()
     with (folder / "bag_0.mcap").open("wb") as target, (BAG / "bag_0.mcap").open("rb") as source:
         writer, reader, ids = Writer(target), make_reader(source), dict[int, int]()
         writer.start(profile="ros2", library="test")
         schema = writer.register_schema("lab/msg/Thing", schema_encoding, definition) if definition else 0
-        channel = writer.register_channel("/foreign", encoding, schema)
+        channel = writer.register_channel(topic, encoding, schema)
         writer.add_message(channel, 0, data, 0)
         for kind, own, message in reader.iter_messages():
             assert kind is not None
@@ -55,3 +57,11 @@ def test_a_type_of_another_package_is_a_table_with_units(tmp_path: Path) -> None
     assert (room["temperature"].item(), room["temperature"].attrs["units"]) == (293.15, "K")
     assert room["names"].item() == '["x"]'
     assert tree.attrs["missing"] == []
+
+
+@pytest.mark.parametrize(("topic", "place"), [("/sensors", "sensors/messages"), ("/../x", "_/x"), ("/", "_")])
+def test_a_topic_above_others_or_with_no_name_has_its_place(topic: str, place: str, tmp_path: Path) -> None:
+    tree = open_bag(with_topic(tmp_path / "run", "cdr", "ros2msg", OWN, b"\0\1\0\0" + bytes(12), topic))
+    assert tree[place]["temperature"].item() == 0.0
+    assert tree["sensors/laser"].sizes["time"] > 1
+    assert set(frames(tmp_path / "run")) == {node.path.strip("/") for node in tree.leaves}

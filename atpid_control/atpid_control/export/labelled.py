@@ -27,8 +27,9 @@ def open_bag(path: Path | str, topics: Sequence[str] = ()) -> xr.DataTree:
     """
     source = Source(path, topics)
     kept = _arrays(source)
+    places = _places([table.name for table in source.tables])
     found = {
-        f"/{table.name}": _dataset(table, [kept[table.name][column.name] for column in table.columns])
+        places[table.name]: _dataset(table, [kept[table.name][column.name] for column in table.columns])
         for table in source.tables
         if table.name in kept
     }
@@ -54,6 +55,21 @@ def frames(path: Path | str, topics: Sequence[str] = ()) -> dict[str, pd.DataFra
         frame.attrs = {**node.attrs, "units": units, "missing": tree.attrs["missing"]}
         made[node.path.strip("/")] = frame
     return made
+
+
+def _places(names: Sequence[str]) -> dict[str, str]:
+    """Return each table's place in the tree, by its name.
+
+    A topic that others stand under is `messages` beside them: a Dataset would have to have the times of those below.
+    """
+    paths = {name: "/" + "/".join("_" if set(part) <= {"."} else part for part in name.split("/")) for name in names}
+    places: dict[str, str] = {}
+    for name, path in paths.items():
+        place = f"{path}/messages" if any(other.startswith(f"{path}/") for other in paths.values()) else path
+        while place in places.values():
+            place += "_"
+        places[name] = place
+    return places
 
 
 def _arrays(source: Source) -> dict[str, dict[str, Any]]:

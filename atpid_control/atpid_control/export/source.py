@@ -179,13 +179,19 @@ class Source:
 
     def _rows(self, topic: _Topic, message: Any, log_ns: int) -> Iterator[Piece]:
         reason = check_as(topic.kind, message) if topic.kind in CHECKS else ""
+        row: tuple[Any, ...] = ()
+        if not reason:
+            try:
+                row = tuple(leaf.value(message) for leaf in topic.leaves)
+            except AttributeError:  # the bag defines the type twice
+                reason = "they lack a field of their type"
         if reason:
             topic.table.left_out[reason] = topic.table.left_out.get(reason, 0) + 1
             return
         stamp = stamp_of(message) if topic.stamped else log_ns
         times = ((stamp - self.start_ns) * 1e-9, stamp, (log_ns - self.start_ns) * 1e-9)
         scans = (scans_of(message),) if topic.samples else ()
-        topic.waiting.append((*times, *scans, *(leaf.value(message) for leaf in topic.leaves)))
+        topic.waiting.append((*times, *scans, *row))
         topic.table.rows += 1
         if topic.samples:
             yield from topic.samples.rows(message)
