@@ -5,6 +5,8 @@ import ctypes
 import os
 from contextlib import suppress
 
+#: Priority of the loop's nodes by default: above every program without one.
+LOOP_PRIORITY = 10
 #: sys/mman.h of Linux: pages there are, pages to come, each locked when it is first touched.
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 #: What gives the right to either.

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from atpid_common.arguments import file_path, positive, whole
 from atpid_common.output import writing
-from atpid_common.real_time import refusal
+from atpid_common.real_time import LOOP_PRIORITY, refusal
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.bench import live_page, outdir
 from atpid_control.bench.emulated import commands_emulated, missing_tools, parameters_emulated
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     emulated = "real time, with LabJack's own package on a stand-in device and the real firmware on an emulated board"
     add("--emulated-stand", action="store_true", help=emulated)
     priority = "real time: SCHED_FIFO priority of every node where that is allowed, with its memory locked; 0: neither"
-    add("--priority", type=whole(0, 99), help=f"{priority}; default: the nodes' parameter files (10)")
+    add("--priority", type=whole(0, 99), help=f"{priority}; default: {LOOP_PRIORITY}, with no memory locked")
     restarts = "real time: how often, in all, a killed identifier or selector is started again; default: the run ends"
     add("--restarts", type=whole(0, 100), default=0, help=restarts)
     move = (
@@ -123,7 +123,7 @@ def _run_nodes(
         try:
             if paced:
                 print(f"ROS domain {domain}: listen with ROS_DOMAIN_ID={domain}", file=sys.stderr)
-                if refused := refusal(parameters["identifier_node"].get("real_time_priority", 0)):
+                if refused := refusal(LOOP_PRIORITY if args.priority is None else args.priority):
                     print(f"{refused}; other programs may delay the loop", file=sys.stderr)
                 page = [live_page.command(parameter_file)] if "live_node" in parameters else []
                 run_realtime([*commands(parameter_file), *page], out / "log", progress, restarts=args.restarts)

@@ -25,6 +25,7 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import Supervision
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.identification.identifier import last_stamp_ns
@@ -256,7 +257,7 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
 
 
 #: Runs the identifier as a process of its own; returns the exit status.
-main = partial(run_node, IdentifierNode)
+main = partial(run_node, IdentifierNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

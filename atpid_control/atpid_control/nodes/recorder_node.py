@@ -30,6 +30,7 @@ from atpid_common.nodes.messages import STATUS, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_control.bags import BagError, Qos, check_new, new_run
 from atpid_control.bags.errors import MessageError
 from atpid_control.bags.faulty_sink import DiskWatch, FaultySink
@@ -277,7 +278,7 @@ class RecorderNode(Node):
 
 
 #: Runs the recorder as a process of its own; returns the exit status.
-main = partial(run_node, RecorderNode)
+main = partial(run_node, RecorderNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -32,6 +32,7 @@ from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.stale_monitor import MISSING
 from atpid_common.nodes.supervision import Supervision
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
@@ -283,7 +284,7 @@ class SelectorNode(Node):
 
 
 #: Runs the selector as a process of its own; returns the exit status.
-main = partial(run_node, SelectorNode)
+main = partial(run_node, SelectorNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -25,6 +25,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_control.nodes.loop_checker import LoopChecker
 from atpid_control.nodes.node_questions import NodeQuestions
 from atpid_control.nodes.parameter_tables import SUPERVISOR
@@ -207,7 +208,7 @@ class SupervisorNode(Node):
 
 
 #: Runs the supervisor as a process of its own; returns the exit status.
-main = partial(run_node, SupervisorNode)
+main = partial(run_node, SupervisorNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -27,6 +27,7 @@ from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
 from atpid_common.nodes.messages import BLOCKS, STATES, doubles, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.recorder_watch import RecorderWatch
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver.acquisition import Identity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
 from atpid_driver.acquisition.registry import create
@@ -231,7 +232,7 @@ class AcquisitionNode(DeviceNode):
         super().destroy_node()
 
 
-main = partial(run_node, AcquisitionNode)
+main = partial(run_node, AcquisitionNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -5,6 +5,7 @@ import sys
 from functools import partial
 
 from atpid_common.nodes.node_main import run_node
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
 
 
@@ -15,7 +16,7 @@ class LabJackNode(AcquisitionNode):
     USUAL = ("labjack", "sensors/laser", True, 0.2)
 
 
-main = partial(run_node, LabJackNode)
+main = partial(run_node, LabJackNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

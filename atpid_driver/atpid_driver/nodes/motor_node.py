@@ -34,6 +34,7 @@ from atpid_common.nodes.messages import EVENTS, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Publish
 from atpid_common.nodes.supervision import Supervision
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import ActsFaults, Mode, Reading
 from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
@@ -417,7 +418,7 @@ class MotorNode(DeviceNode):
         return self._stamp if self.settings.lockstep else time.monotonic_ns()
 
 
-main = partial(run_node, MotorNode)
+main = partial(run_node, MotorNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

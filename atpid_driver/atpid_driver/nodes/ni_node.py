@@ -5,6 +5,7 @@ import sys
 from functools import partial
 
 from atpid_common.nodes.node_main import run_node
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
 
 
@@ -15,7 +16,7 @@ class NiNode(AcquisitionNode):
     USUAL = ("nidaqmx", "sensors/accelerometer", False, 0.0)
 
 
-main = partial(run_node, NiNode)
+main = partial(run_node, NiNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from types import FrameType
 from typing import TypeVar, cast
 
@@ -25,21 +26,23 @@ from atpid_common.loopback import confine
 from atpid_common.nodes.clock_step import ClockStepWatch
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.single_instance import claim
-from atpid_common.real_time import request
+from atpid_common.real_time import LOOP_PRIORITY, request
 
 N = TypeVar("N", bound=Node)
 #: How soon a signal is noticed at the latest [s].
 TURN = 0.1
+_PRIORITY = f"priority of the process, SCHED_FIFO; 0: as any other program; the loop's nodes: {LOOP_PRIORITY}"
 #: Of every node that is a process of its own.
 PARAMETERS = (
-    Row("real_time_priority", 0, "priority of the process, SCHED_FIFO; 0: as any other program", "", 0, 99),
+    Row("real_time_priority", 0, _PRIORITY, "", 0, 99),
     Row("lock_memory", False, "keep the process in memory, so that no page has to be fetched"),
 )
 
 
-def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run_node(make: Callable[[], Node], args: Sequence[str] | None = None, *, priority: int = 0) -> int:
     """Run the node that `make` returns until it is done or interrupted; return the exit status.
 
+    `priority`: its real-time priority by default, except in lockstep, where nothing depends on a clock.
     A node that may end by itself has `done`, a Future of its exit status; one that publishes something before it is
     destroyed does so in `close`.
 
@@ -57,7 +60,8 @@ def run_node(make: Callable[[], Node], args: Sequence[str] | None = None) -> int
                 )
             node = make()
             interrupt.defer()
-            wanted = declare(node, PARAMETERS)
+            lockstep = node.has_parameter("lockstep") and node.get_parameter("lockstep").value
+            wanted = declare(node, (replace(PARAMETERS[0], default=0 if lockstep else priority), *PARAMETERS[1:]))
             with claim(node.get_fully_qualified_name()):
                 for line in request(wanted["real_time_priority"], wanted["lock_memory"]):
                     node.get_logger().info(line)

@@ -27,6 +27,7 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Row, Value
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import is_alone, started_twice
+from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
 from atpid_sim.nodes.messages import handshake_truth, sample_block, truth_message
 from atpid_sim.nodes.scene_parameter import scene_given
@@ -305,7 +306,7 @@ class PlantNode(Node):
         self._diagnostics.cancel()
 
 
-main = partial(run_node, PlantNode)
+main = partial(run_node, PlantNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())
