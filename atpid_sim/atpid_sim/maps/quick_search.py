@@ -33,7 +33,7 @@ _NOTABLE = 4e-3
 #: other may be as well.
 _NEAR = 0.002
 #: Heights rated at most, and below resonance: where every one of many depends on the approach, the best is taken.
-_MOST_RATED, _MOST_BELOW = 10, 20
+_MOST_RATED, _MOST_BELOW = 14, 20
 #: Share of a clearance below which a height that is as good belongs to a plateau.
 _PLATEAU = 0.97
 #: Below resonance the best height lies at a cliff's edge, where instabilities grow slowly: how many times as long as a
