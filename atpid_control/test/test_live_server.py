@@ -197,7 +197,7 @@ def test_with_a_token_nothing_is_given_without_it(guarded: LiveServer) -> None:
     run(look())
 
 
-def test_a_browser_that_does_not_read_delays_nobody_and_is_sent_everything_later(server: LiveServer) -> None:
+def test_a_browser_that_does_not_read_delays_no_other_and_is_sent_everything_later(server: LiveServer) -> None:
     for number in range(200):
         server.view.on_event(event(f"{number} {30_000 * 'x'}"), 0.0)  # more than a connection takes unread
 

@@ -185,7 +185,7 @@ class Session:
 
     @property
     def trigger_line(self) -> str:
-        """What the recording waits for, or with which sample it began, in words; empty: it waits for nothing."""
+        """What the recording waits for, or with which sample it began, in words; empty: there is no trigger."""
         if self.waiting is None:
             return ""
         trigger, fired = self.waiting.trigger, self.waiting.fired
