@@ -359,7 +359,7 @@ def test_a_node_started_twice_is_refused_with_status_2(bench: Bench) -> None:
 def test_interrupted_the_process_leaves_cleanly(bench: Bench) -> None:
     shipped = Path(__file__).parents[1] / "config" / "labjack.yaml"
     command = [sys.executable, "-m", "atpid_driver.nodes.labjack_node", "--ros-args", "--params-file", str(shipped)]
-    command += ["-p", "backend:=simulated", "-p", "handshake:=false"]
+    command += ["-p", "backend:=simulated", "-p", "handshake:=false", "-p", "real_time_priority:=0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     bench.until(lambda: bench.blocks)
     for _ in range(2):  # as `ros2 launch` does
