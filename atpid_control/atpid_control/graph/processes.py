@@ -58,12 +58,17 @@ class NodeProcess:
         return self.process.poll()
 
     def reason(self) -> str:
-        """Return why it ended: the error in its log or, where there is none, its last lines as one."""
+        """Return why it ended: the error in its log or, where there is none, the signal and its last lines as one."""
         if self.log is None:
             return "see its output above"
         lines = [line.strip() for line in self.log.read_text(errors="replace").splitlines() if line.strip()]
         errors = [line.removeprefix(_ERROR) for line in lines if line.startswith(_ERROR)]
-        return errors[-1] if errors else " / ".join(lines[-_LAST_LINES:]) or "its log is empty"
+        if errors:
+            return errors[-1]
+        if self.status is not None and self.status < 0:  # what it logged in order is no reason
+            unusual = [line for line in lines if not line.startswith("[INFO]")]
+            return " / ".join([f"by {signal.Signals(-self.status).name}", *unusual[-_LAST_LINES:]])
+        return " / ".join(lines[-_LAST_LINES:]) or "its log is empty"
 
     def stop(self) -> None:
         """Stop it: by SIGINT, then SIGTERM, then SIGKILL."""
