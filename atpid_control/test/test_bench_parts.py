@@ -175,8 +175,9 @@ def test_nodes_are_interrupted_before_they_are_killed(tmp_path: Path) -> None:
 
 
 def test_a_killed_node_is_reported_with_its_signal_and_what_is_unusual(tmp_path: Path) -> None:
-    text = "print('[INFO] [1.0] [plant_node]: begun\\n[WARN] [2.0] [plant_node]: odd', flush=True)\nos.kill(os.getpid(), 9)"
-    with Processes([("plant_node", script("import os\n" + text))], tmp_path) as nodes:
+    log = "[INFO] [1.0] [plant_node]: begun\n[WARN] [2.0] [plant_node]: odd"
+    text = f"import os\nprint({log!r}, flush=True)\nos.kill(os.getpid(), 9)"
+    with Processes([("plant_node", script(text))], tmp_path) as nodes:
         nodes["plant_node"].process.wait()
         expected = r"plant_node ended with status -9: by SIGKILL / \[WARN\] \[2.0\] \[plant_node\]: odd \(whole log"
         with pytest.raises(NodeDiedError, match=expected):
