@@ -196,7 +196,8 @@ def test_the_arguments_are_shown(name: str) -> None:
     command = ["ros2", "launch", "atpid_control", f"{name}.launch.py", "--show-args"]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert re.findall(r"^    '(.*)':$", shown, flags=re.MULTILINE) == [item.name for item in ARGUMENTS[name]]
-    assert ("Valid choices are: ['false', 'true']" in shown) == (name == "stand")
+    choices = [item.choices for item in ARGUMENTS[name] if item.choices]
+    assert re.findall(r"Valid choices are: \[(.*)\]", shown) == [str(list(found))[1:-1] for found in choices]
 
 
 @needs_launch
