@@ -23,11 +23,11 @@ setup: ## set up what is missing (PYTHON=python3.12 names the interpreter)
 
 .PHONY: bench
 bench: setup ## the adaptive bench of thesis section 4.3: table, bag and report in out/bench
-	@$(IN_WORKSPACE) python -m atpid_control bench scenes/thesis_4_3.yaml --out out/bench
+	@$(IN_WORKSPACE) atpid bench scenes/thesis_4_3.yaml --out out/bench
 
 .PHONY: stand-emulated
 stand-emulated: setup ## the whole stand without hardware: LabJack's package, real firmware, simulated physics
-	@$(IN_WORKSPACE) python -m atpid_control bench scenes/thesis_4_3.yaml --out out/stand --emulated-stand
+	@$(IN_WORKSPACE) atpid bench scenes/thesis_4_3.yaml --out out/stand --emulated-stand
 
 # The checks that run nothing, then the tests on every core; a file stays on one of them, since its tests share fixtures.
 # One worker more than there are cores, since tests of processes wait for half of their time.
@@ -51,6 +51,14 @@ test-fast: setup ## the same without the slow tests, while working
 fuzz: setup ## 10^4 hostile files to each parser and command lines, 10^5 messages to each node, 10^6 requests (hours)
 	@$(IN_WORKSPACE) exec $(PYTEST) --hypothesis-profile=long --timeout 14400 --dist load tests/fuzz tests/test_hostile_messages.py
 
+.PHONY: mutations
+mutations: setup ## make each listed change of the safety path in a copy and run the tests that must fail (ONLY=, JOBS=)
+	@$(IN_WORKSPACE) exec python tests/mutations/run.py --only "$(or $(ONLY),*)" --jobs $(or $(JOBS),2)
+
+.PHONY: fresh
+fresh: setup ## property tests with fresh examples for SECONDS (600); what fails is kept in tests/examples
+	@$(IN_WORKSPACE) exec python tests/fresh.py $(or $(SECONDS),600)
+
 .PHONY: benchmark
 benchmark: setup ## how fast the parts are that run with the stand
 	@$(IN_WORKSPACE) python tests/benchmark.py
@@ -70,35 +78,35 @@ coverage: setup ## run the tests with coverage.py: table on the screen, pages in
 .PHONY: figures
 figures: setup ## make every picture of README and docs again (a few minutes)
 	@. ros2_ws/activate || exit 2; set -e; \
-	python -m atpid_control bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
-	python -m atpid_sim.studies.figures.free_decay --out docs/figures; \
-	python -m atpid_sim.studies.figures.contact --out docs/figures; \
-	python -m atpid_sim.studies.figures.speed --out docs/figures; \
+	atpid bench scenes/thesis_4_3.yaml --out out/figures; cp out/figures/overview.png docs/figures/bench.png; \
+	python -m studies figures free_decay --out docs/figures; \
+	python -m studies figures contact --out docs/figures; \
+	python -m studies figures speed --out docs/figures; \
 	python tests/tutorial.py; \
-	python -m atpid_control figures identification --out docs/figures; \
-	python -m atpid_control figures selection --out docs/figures; \
-	python -m atpid_control figures frequency --out docs/figures; \
-	python -m atpid_control design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 \
-	    --max-mass-fraction 0.2 --target-reduction 0.75 --out out/design; cp out/design/design.png docs/figures/design.png; \
-	python -m atpid_control study all --out out/study --page docs/thesis.md; \
-	python -m atpid_control compare scenes/thesis_4_3.yaml scenes/stepped_4_8_phi_0_3.yaml scenes/stiff_beam.yaml \
+	python -m studies figures identification --out docs/figures; \
+	python -m studies figures selection --out docs/figures; \
+	python -m studies figures frequency --out docs/figures; \
+	atpid design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 \
+	    --max-mass-fraction 0.2 --target-efficiency 0.75 --out out/design; cp out/design/design.png docs/figures/design.png; \
+	python -m studies thesis all --out out/study --page docs/thesis.md; \
+	python -m studies methods scenes/thesis_4_3.yaml scenes/stepped_4_8_phi_0_3.yaml scenes/stiff_beam.yaml \
 	    --out out/methods --page docs/methods.md; \
-	python -m atpid_sim atlas --out out/atlas; cp out/atlas/atlas.png out/atlas/atlas_stability.png docs/figures; \
+	python -m studies atlas --out out/atlas; cp out/atlas/atlas.png out/atlas/atlas_stability.png docs/figures; \
 	for scene in standard sticking irregular; do \
-	    python -m atpid_sim tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
+	    python -m studies tradeoff scenes/$$scene.yaml --out out/tradeoff/$$scene; \
 	done; \
-	python -m atpid_sim.studies.tradeoff_page --out docs \
+	python -m studies tradeoff-page --out docs \
 	    --regular out/tradeoff/standard --sticking out/tradeoff/sticking --irregular out/tradeoff/irregular
 
 .PHONY: audit
 audit: setup ## licences of what is installed, and known vulnerabilities of what is locked (asks PyPI)
-	@$(IN_WORKSPACE) python requirements/licences.py && python -m venv out/audit && \
-	out/audit/bin/python -m pip install -q --require-hashes -r requirements/audit.txt && \
-	out/audit/bin/pip-audit --disable-pip --require-hashes -r requirements/wheels.txt
+	@$(IN_WORKSPACE) python ros2_ws/requirements/licences.py && python -m venv out/audit && \
+	out/audit/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/audit.txt && \
+	out/audit/bin/pip-audit --disable-pip --require-hashes -r ros2_ws/requirements/wheels.txt
 
 .PHONY: policy
-policy: setup ## make the SROS 2 policy of the stand again, from its nodes (security/stand.policy.xml)
-	@$(IN_WORKSPACE) python -m atpid_control.nodes.policy scenes/stand_realtime.yaml --out security/stand.policy.xml
+policy: setup ## make the SROS 2 policy of the stand again, from its nodes (atpid_control/config/security/stand.policy.xml)
+	@$(IN_WORKSPACE) atpid policy scenes/stand_realtime.yaml --out atpid_control/config/security/stand.policy.xml
 
 .PHONY: firmware
 firmware: ## build the motor's firmware (needs the AVR tools)
@@ -106,8 +114,8 @@ firmware: ## build the motor's firmware (needs the AVR tools)
 	@$(MAKE) --no-print-directory -C atpid_driver/firmware
 
 .PHONY: lock
-lock: ## resolve requirements/*.in again (UPGRADE=--upgrade for the newest of everything)
-	@requirements/lock
+lock: ## resolve ros2_ws/requirements/*.in again (UPGRADE=--upgrade for the newest of everything)
+	@ros2_ws/requirements/lock
 
 .PHONY: avr-tools
 avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root)
@@ -116,14 +124,14 @@ avr-tools: ## install the AVR compiler and simulator (Debian, Ubuntu; needs root
 	    gcc-avr avr-libc binutils-avr arduino-core-avr libsimavr-dev libelf-dev
 
 .PHONY: parquet
-parquet: setup ## install what `export --format parquet` needs, 170 MB (docs/reading.md)
-	@.venv/bin/python -m pip install -q --require-hashes -r requirements/parquet.txt
+parquet: setup ## install what `atpid bag export --format parquet` needs, 170 MB (docs/reading.md)
+	@.venv/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/parquet.txt
 
 .PHONY: browser
 browser: setup ## install Chromium and what drives it, for the tests of the live page (Debian; needs root)
 	apt-get update -q
 	DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends chromium
-	.venv/bin/python -m pip install -q --require-hashes -r requirements/browser.txt
+	.venv/bin/python -m pip install -q --require-hashes -r ros2_ws/requirements/browser.txt
 
 .PHONY: clean
 clean: ## remove all that set-up and runs made

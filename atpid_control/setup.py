@@ -6,12 +6,11 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "atpid_control"
-NODES = [
+EXECUTABLES = [
     "foxglove_node",
     "identifier_node",
     "live_node",
     "recorder_node",
-    "replay_files",
     "replay_node",
     "selector_node",
     "supervisor_node",
@@ -35,6 +34,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["LICENSE", "package.xml"]),
+        ("bin", ["bin/atpid"]),  # on the path of every shell that reads the workspace
         *shared_files("config", "launch"),
     ],
     zip_safe=False,
@@ -43,5 +43,5 @@ setup(
     maintainer_email="atpid@example.org",
     description="Identification, height selection, recording and replay for the tuned particle impact damper.",
     license="Apache-2.0",
-    entry_points={"console_scripts": [f"{node} = {NAME}.executables:{node}" for node in NODES]},
+    entry_points={"console_scripts": [f"{node} = {NAME}.executables:{node}" for node in EXECUTABLES]},
 )

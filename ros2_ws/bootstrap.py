@@ -40,7 +40,9 @@ from machine import (
 )
 from progress import step
 
-PACKAGES = ("atpid_interfaces", "atpid_sim", "atpid_driver", "atpid_control")
+PACKAGES = (
+    "atpid_interfaces/atpid_interfaces", "atpid_interfaces/atpid_common", "atpid_sim", "atpid_driver", "atpid_control",
+)  # fmt: skip
 LOG = WORKSPACE / "setup.log"
 
 UNREACHABLE = re.compile(
@@ -124,8 +126,8 @@ def make_environment(python: Interpreter, ros: Ros) -> None:
     install: list[str | Path] = [VENV / "bin/python", "-m", "pip", "install", "--require-hashes", "-r"]
     with step("installing the locked packages (a minute or two the first time)"):
         # the first is small, so a missing index is noticed soon
-        run([*install, "requirements/backend.txt", "--retries=1"], "pip", environment)
-        run([*install, f"requirements/{ros.source}.txt", "--no-build-isolation"], "pip", environment)
+        run([*install, "ros2_ws/requirements/backend.txt", "--retries=1"], "pip", environment)
+        run([*install, f"ros2_ws/requirements/{ros.source}.txt", "--no-build-isolation"], "pip", environment)
     if ros.source == "wheels":
         repair_wheels(VENV)
 
@@ -145,7 +147,7 @@ def repair_wheels(venv: Path) -> None:
 
 
 def build_workspace(ros: Ros, fresh: bool) -> None:
-    """Build the four packages with colcon, where `fresh` from nothing."""
+    """Build the packages with colcon, where `fresh` from nothing."""
     if fresh:
         for folder in ("build", "install", "log"):
             shutil.rmtree(WORKSPACE / folder, ignore_errors=True)

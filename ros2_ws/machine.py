@@ -25,7 +25,7 @@ HEADER_PROBE = "import os, sysconfig; print(os.path.exists(os.path.join(sysconfi
 
 # What decides how a package is built: contents of these, and names of those that are only installed as links.
 BUILD_FILES = ("package.xml", "setup.py", "setup.cfg", "CMakeLists.txt", "msg/*", "srv/*", "action/*")
-LINKED_FILES = ("launch/**/*", "config/**/*", "resource/*", "firmware/**/*", "atpid_common/**/*.py")
+LINKED_FILES = ("launch/**/*", "config/**/*", "resource/*", "firmware/**/*", "bin/*")
 
 
 class SetupError(Exception):
@@ -47,7 +47,7 @@ class Interpreter(NamedTuple):
 class Ros(NamedTuple):
     """Where ROS 2 comes from."""
 
-    source: str  # "wheels" or "sourced": also the lock in requirements/ that fits
+    source: str  # "wheels" or "sourced": also the lock in ros2_ws/requirements/ that fits
     rclpy: str  # the sourced installation's rclpy, "" for the wheels
 
 
@@ -173,7 +173,7 @@ def files_of(package: Path, patterns: Iterable[str]) -> Iterator[Path]:
 def environment_key(root: Path, python: Interpreter, ros: Ros) -> str:
     """Key of `.venv`: it is made anew when the folder, the Python, the ROS, the lock or set-up itself changes."""
     scripts = sorted((root / "ros2_ws").glob("*.py"))
-    locks = [root / "requirements" / name for name in ("backend.txt", f"{ros.source}.txt")]
+    locks = [root / "ros2_ws/requirements" / name for name in ("backend.txt", f"{ros.source}.txt")]
     return digest([str(root), python.version, python.prefix, *ros, *(path.read_bytes() for path in (*scripts, *locks))])
 
 

@@ -15,9 +15,10 @@ from graph_runs import in_lockstep, scene_file
 
 from atpid_control.identification import Identifier
 from atpid_control.selection.pca import PcaSelector
-from atpid_control.studies.identification import SETTINGS
-from atpid_driver.nodes.load_command import measure
+from atpid_control.selection.protocol import Excitation
 from atpid_sim.scene import load_scene
+from studies.identification.measure import SETTINGS
+from studies.load.command import measure
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 BLOCK, RATE = 0.05, 1000.0  # of the stand's laser [s], [1/s]
@@ -65,7 +66,7 @@ def selection() -> Part:
     selector, spent = PcaSelector(load_scene(SCENES / "standard.yaml")), []
     for amplitude in (0.01, 0.03, 0.07):
         begun = time.process_time()
-        selector.select(amplitude)
+        selector.select(Excitation(amplitude))
         spent.append(time.process_time() - begun)
     return Part("height by pca, in one block", BLOCK, float(np.median(spent)))
 

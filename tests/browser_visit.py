@@ -2,6 +2,7 @@
 """Visits the live page with Chromium and prints what was seen, as JSON: a program, so that no browser is left behind.
 
 python tests/browser_visit.py URL CHROMIUM FOLDER [SECONDS]; screenshots go to FOLDER, pictures are counted for SECONDS.
+Without FOLDER: of a run that has ended.
 """
 
 import json
@@ -45,7 +46,7 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         desktop.on("pageerror", lambda error: errors.append(str(error)))
         desktop.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
         desktop.goto(url)
-        until(desktop, "live.pictures > 0 && live.rows.efficiency.length > 5 && live.spectrum")
+        until(desktop, "live.pictures > 0 && live.rows.efficiency.length > 5 && live.spectrum.frequency.length")
         phone = browser.new_page(viewport=PHONE, has_touch=True, is_mobile=True)
         phone.goto(url)
         until(phone, "live.pictures > 10")
@@ -66,10 +67,47 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         seen["serious"] = [one["id"] for one in found if one["impact"] in ("serious", "critical")]
         seen["texts"] = {name: desktop.text_content(f"#{name}") for name in TEXTS}
         desktop.screenshot(path=folder / "desktop.png", full_page=True)
+        dark = browser.new_page(viewport=DESKTOP, color_scheme="dark")
+        dark.goto(url)
+        until(dark, "live.pictures > 0")
+        found = Axe().run(dark).response["violations"]
+        seen["serious"] += [f"dark: {one['id']}" for one in found if one["impact"] in ("serious", "critical")]
+        dark.screenshot(path=folder / "dark.png", full_page=True)
+        seen["running"] = look(dark)
+        dark.click("#stop")
+        until(dark, "live.answer && live.state.motor.mode === 'disarmed'")
+        seen["stopped"] = look(dark) | {"answer": dark.text_content("#answer")}
         browser.close()
         return seen
 
 
+def look(page: Any) -> dict[str, Any]:
+    """Return what the page shows of its connection, and which buttons may be pressed."""
+    buttons = (
+        "[...document.querySelectorAll('button')].filter((each) => !each.disabled).map((each) => each.textContent)"
+    )
+    return {
+        "link": page.text_content("#link"), "class": page.get_attribute("#link", "class"),
+        "buttons": page.evaluate(buttons), "over": page.evaluate("document.body.classList.contains('over')"),
+        "weight": page.evaluate("getComputedStyle(document.getElementById('beam')).fontWeight"),
+    }  # fmt: skip
+
+
+def ended(url: str, chromium: str) -> dict[str, Any]:
+    """Return what a page shows of a run that has ended."""
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page(viewport=DESKTOP)
+        page.goto(url)
+        until(page, "live.state && live.state.finished && document.body.dataset.open === 'true'")
+        shown = look(page)
+        browser.close()
+        return shown
+
+
 if __name__ == "__main__":
     given = sys.argv[1:]
+    if len(given) == 2:
+        print(json.dumps(ended(*given)))
+        sys.exit()
     print(json.dumps(visit(given[0], given[1], Path(given[2]), float(given[3]) if len(given) > 3 else 1.0)))

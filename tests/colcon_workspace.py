@@ -9,12 +9,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("atpid_interfaces", "atpid_sim", "atpid_driver", "atpid_control")
+#: Folder of each package.
+PACKAGES = {
+    "atpid_interfaces": "atpid_interfaces/atpid_interfaces",
+    "atpid_common": "atpid_interfaces/atpid_common",
+    "atpid_sim": "atpid_sim",
+    "atpid_driver": "atpid_driver",
+    "atpid_control": "atpid_control",
+}
 
 #: What of a package is for those who read, build or test it, and is not installed.
 NOT_INSTALLED = (
-    "CHANGELOG.rst", "CMakeLists.txt", "QUALITY_DECLARATION.md", "README.md", "__main__.py", "pytest.ini", "setup.cfg",
-    "setup.py",
+    "CHANGELOG.rst", "CMakeLists.txt", "QUALITY_DECLARATION.md", "README.md", "pytest.ini", "setup.cfg", "setup.py",
 )  # fmt: skip
 #: Variables of pytest, of coverage.py and of a colcon workspace that this shell has sourced begin so.
 UNWANTED = ("PYTEST_", "COVERAGE_", "COLCON_")
@@ -39,12 +45,22 @@ def clone(folder: Path) -> Path:
     return folder
 
 
+def package_of(path: Path) -> str | None:
+    """Return the package in whose folder a file is, by its path relative to the root; None: in none."""
+    return next((name for name, folder in PACKAGES.items() if path.is_relative_to(folder)), None)
+
+
 def installed_place(path: Path) -> str | None:
     """Return where a file of a package belongs below its installation prefix, None if it is not installed.
 
     `path` is relative to the root; KeyError for a file that fits no rule.
     """
-    package, first, *rest = path.parts
+    package = package_of(path)
+    if package is None:
+        return None
+    first, *rest = path.relative_to(PACKAGES[package]).parts
+    if first == "bin":
+        return path.relative_to(PACKAGES[package]).as_posix()
     if first in _MODULES:
         return f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages/" + "/".join([first, *rest])
     if first in _SHARED:
@@ -62,7 +78,7 @@ def differences(package: str, prefix: Path) -> list[str]:
     """Return the package's files that are missing or different in the installation at `prefix`."""
     found = []
     for path in sources():
-        place = installed_place(path) if path.parts[0] == package else None
+        place = installed_place(path) if package_of(path) == package else None
         if place is None:
             continue
         if not (prefix / place).is_file():

@@ -4,6 +4,9 @@
 from pathlib import Path
 
 import pytest
+from left_out import pytest_sessionfinish
+
+__all__ = ["pytest_sessionfinish"]  # a hook
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("bags/*.md"))]
 MADE = {"build", "install", "log", "out", "src", "__pycache__"}
 
-_COMMAND = re.compile(r"(?:sudo )?(?:make(?!\()|python -m|ros2|\. ros2_ws/activate)\b.*")
+_COMMAND = re.compile(r"(?:sudo )?(?:make(?!\()|python -m|ros2|atpid(?= [a-z-])|\. ros2_ws/activate)\b.*")
 _LINK = re.compile(r"\[[^]]*\]\(([^)\s]+)\)")
 
 

@@ -3,7 +3,6 @@
 
 import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -12,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bench.running import commands_of, run_lockstep, run_realtime
-from atpid_control.graph.domain import own_domain
-from atpid_control.graph.parts import parameters_for, write_parameters
+from atpid_control.runs.read import Bag, open_bag
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.parts import parameters_for
+from atpid_control.stand.running import commands_of, run_lockstep, run_realtime
 from atpid_sim.scene import Scene, load_scene
 
 
@@ -44,10 +44,10 @@ def in_lockstep(path: Path, out: Path, progress: Callable[[float], None] = lambd
 
 def in_real_time(path: Path, out: Path) -> Bag:
     """Run the graph as processes; return its bag."""
-    _, started = parameters(path, out, lockstep=False)
+    scene, started = parameters(path, out, lockstep=False)
     write_parameters(started, out / "parameters.yaml")
     with own_domain():
-        run_realtime(commands_of(out / "parameters.yaml"), out, lambda _: None)
+        run_realtime(commands_of(out / "parameters.yaml"), out, lambda _: None, faults=scene.injected)
     return open_bag(out / "bag")
 
 
@@ -67,8 +67,8 @@ def _plain(value: Any) -> Any:
 
 
 def started(*arguments: str) -> subprocess.Popen[str]:
-    """Start `python -m atpid_control` with these arguments."""
-    command = [sys.executable, "-m", "atpid_control", *arguments]
+    """Start `atpid` with these arguments."""
+    command = ["atpid", *arguments]
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=without_domain()
     )  # fmt: skip

@@ -12,8 +12,9 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.bags.read import open_bag
-from atpid_control.bags.verify import find_file, records
+from atpid_control.runs.parts import find_parts
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.records import records
 
 Change = Callable[[str], str]
 
@@ -26,12 +27,12 @@ def without_handshake(definition: str) -> str:
 def older(bag: Path, folder: Path, change: Change = without_handshake, files: dict[str, bytes] | None = None) -> Path:
     """Write `bag` to `folder` with the definitions that `change` returns; `files` replaces those kept in it."""
     shutil.copytree(bag, folder)
-    file, opened = find_file(bag), open_bag(bag)
+    file, opened = find_parts(bag)[0], open_bag(bag)
     store = get_typestore(Stores.EMPTY)
     names: dict[int, str] = {}
     channels: dict[int, Channel] = {}
     made: dict[int, int] = {}
-    with find_file(folder).open("wb") as stream:
+    with find_parts(folder)[0].open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         for record in records(file):
             if isinstance(record, Header):

@@ -13,9 +13,9 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.messages import EVENTS_KEPT, STATES
-from atpid_control.bench.running import commands_of
-from atpid_control.graph.parts import write_parameters
-from atpid_control.graph.processes import Processes
+from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.processes import Processes
+from atpid_control.stand.running import commands_of
 
 
 class Watch(Node):
@@ -60,7 +60,7 @@ class Supervised:
         self.executor, self.watch = SingleThreadedExecutor(), Watch()
         self.executor.add_node(self.watch)
 
-    def until(self, happened: Callable[[], object], timeout: float = 60.0) -> None:
+    def until(self, happened: Callable[[], object], timeout: float = 100.0) -> None:
         """Spin until it has happened."""
         deadline = time.monotonic() + timeout
         while not happened():

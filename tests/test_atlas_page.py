@@ -7,7 +7,7 @@ import pytest
 from documented import ROOT
 
 from atpid_sim.scene import standard_bench
-from atpid_sim.studies.atlas.column import column_of
+from studies.atlas.column import column_of
 
 ROW = re.compile(r"^\| (\d+) % \| (\d+) \| (.+) \|$", re.MULTILINE)
 ROWS = ROW.findall((ROOT / "docs/atlas.md").read_text(encoding="utf-8"))

@@ -37,10 +37,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / package / "msg").mkdir(parents=True)
         (tmp_path / package / "package.xml").write_text("<package/>")
         (tmp_path / package / "msg" / "A.msg").write_text("float64 a # [m]\n")
-    (tmp_path / "requirements").mkdir()
+    (tmp_path / "ros2_ws/requirements").mkdir(parents=True)
     for lock in ("backend", "wheels", "sourced"):
-        (tmp_path / "requirements" / f"{lock}.txt").write_text(f"{lock}==1\n")
-    (tmp_path / "ros2_ws").mkdir()
+        (tmp_path / "ros2_ws/requirements" / f"{lock}.txt").write_text(f"{lock}==1\n")
     for module in (bootstrap, machine):
         monkeypatch.setattr(module, "ROOT", tmp_path)
         monkeypatch.setattr(module, "VENV", tmp_path / ".venv")
@@ -82,7 +81,7 @@ def steps(project: Path, monkeypatch: pytest.MonkeyPatch) -> Steps:
     return recorder
 
 
-FULL = ["venv alone", "requirements/backend.txt", "requirements/wheels.txt", "repair", "colcon build"]
+FULL = ["venv alone", "ros2_ws/requirements/backend.txt", "ros2_ws/requirements/wheels.txt", "repair", "colcon build"]
 
 
 def test_a_second_run_does_nothing(steps: Steps) -> None:
@@ -107,7 +106,7 @@ def test_changed_messages_are_built_from_nothing(steps: Steps, project: Path) ->
     bootstrap.set_up(None)
     left = project / "ros2_ws/install/left-by-the-old-message"
     left.write_text("")
-    (project / "atpid_interfaces/msg/A.msg").write_text("float64 b # [m]\n")
+    (project / "atpid_interfaces/atpid_interfaces/msg/A.msg").write_text("float64 b # [m]\n")
     bootstrap.set_up(None)
     assert steps.done == [*FULL, "colcon build"]
     assert not left.exists()
@@ -142,7 +141,7 @@ def test_built_firmware_is_no_change(steps: Steps, project: Path) -> None:
 
 def test_a_new_lock_makes_a_new_environment(steps: Steps, project: Path) -> None:
     bootstrap.set_up(None)
-    (project / "requirements/wheels.txt").write_text("wheels==2\n")
+    (project / "ros2_ws/requirements/wheels.txt").write_text("wheels==2\n")
     bootstrap.set_up(None)
     assert steps.done == FULL * 2
 
@@ -151,7 +150,12 @@ def test_a_sourced_jazzy_is_shared_and_gets_no_wheels(steps: Steps, monkeypatch:
     sourced = machine.Ros("sourced", "/opt/ros/jazzy/rclpy/__init__.py")
     monkeypatch.setattr(bootstrap, "choose", lambda requested, environment: (PYTHON, sourced))
     bootstrap.set_up(None)
-    assert steps.done == ["venv shared", "requirements/backend.txt", "requirements/sourced.txt", "colcon build"]
+    assert steps.done == [
+        "venv shared",
+        "ros2_ws/requirements/backend.txt",
+        "ros2_ws/requirements/sourced.txt",
+        "colcon build",
+    ]
 
 
 def test_a_folder_with_a_space_is_refused(steps: Steps, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -309,7 +313,7 @@ def test_the_wheels_get_this_machines_paths(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("lock", ["backend.txt", "parquet.txt", "wheels.txt", "sourced.txt"])
 def test_every_locked_package_has_hashes_and_no_address(root: Path, lock: str) -> None:
-    text = (root / "requirements" / lock).read_text()
+    text = (root / "ros2_ws/requirements" / lock).read_text()
     entries = [entry for entry in re.split(r"\n(?=\S)", text) if not entry.startswith("#")]
     assert entries
     for entry in entries:

@@ -19,12 +19,12 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parent.parent
 READINGS = "position,volts\n-0.1,1.7\n0.0,3.0\n0.05,3.7\n0.1,4.3\n"
 COMMANDS = {
-    "plain": "atpid_sim simulate scenes/standard.yaml --fidelity impact --json",
-    "rich": "atpid_sim simulate scenes/standard.yaml --fidelity impact",
-    "control": "atpid_control select scenes/thesis_4_3.yaml --method pca --json",
-    "driver": "atpid_driver calibrate {0}/readings.csv --channel x --sensor x --serial x --out {0}/made.yaml",
-    "help": "atpid_sim --help",
-    "help of the driver": "atpid_driver calibrate --help",
+    "plain": "atpid simulate scenes/standard.yaml --fidelity impact --json",
+    "rich": "atpid simulate scenes/standard.yaml --fidelity impact",
+    "control": "atpid select scenes/thesis_4_3.yaml --method pca --json",
+    "driver": "atpid calibrate sensor {0}/readings.csv --channel x --sensor x --serial x --out {0}/made.yaml",
+    "help": "atpid --help",
+    "help of the driver": "atpid calibrate sensor --help",
 }
 
 
@@ -32,11 +32,11 @@ UNBUFFERED = [None, "1"]
 
 
 def run(command: str, unbuffered: str | None, **streams: Any) -> subprocess.CompletedProcess[str]:
-    """Run `python -m command`, with PYTHONUNBUFFERED as given or not set."""
+    """Run `command`, with PYTHONUNBUFFERED as given or not set."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     if unbuffered:
         environment["PYTHONUNBUFFERED"] = unbuffered
-    words = [sys.executable, "-m", *command.split()]
+    words = command.split()
     return subprocess.run(words, cwd=ROOT, env=environment, text=True, check=False, **streams)
 
 
@@ -62,7 +62,7 @@ def test_a_command_whose_reader_left_ends_quietly(
 
 
 @pytest.mark.parametrize("unbuffered", UNBUFFERED)
-@pytest.mark.parametrize("command", ["atpid_sim simulate none.yaml", "atpid_sim nothing", "atpid_driver calibrate"])
+@pytest.mark.parametrize("command", ["atpid simulate none.yaml", "atpid nothing", "atpid calibrate sensor"])
 def test_an_error_line_into_a_closed_pipe_ends_the_same_way(command: str, unbuffered: str | None, closed: int) -> None:
     assert run(command, unbuffered, stdout=closed, stderr=closed).returncode == 1
     done = run(command, unbuffered, stdout=subprocess.PIPE, stderr=closed)
@@ -92,9 +92,9 @@ def test_a_reader_that_leaves_with_everything_has_missed_nothing() -> None:
         assert process.wait() == 0
 
 
-@pytest.mark.parametrize(("command", "status"), [("atpid_sim --help", 0), ("atpid_sim simulate none.yaml", 2)])
+@pytest.mark.parametrize(("command", "status"), [("atpid --help", 0), ("atpid simulate none.yaml", 2)])
 def test_without_standard_output_and_error_the_status_is_the_same(command: str, status: int) -> None:
-    shell = ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", sys.executable, "-m", *command.split()]
+    shell = ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", *command.split()]
     assert subprocess.run(shell, cwd=ROOT, check=False).returncode == status
 
 

@@ -12,13 +12,13 @@ import distributed
 import numpy as np
 import pytest
 
-from atpid_control.thesis.run import finished
-from atpid_sim.cli import main
 from atpid_sim.maps import build_map
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.cluster import ClusterError
-from atpid_sim.studies.sweep import standard_task, sweep
+from studies.cli import main
+from studies.sweep.measure import standard_task, sweep
+from studies.thesis.run import finished
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENE = ROOT / "scenes/standard.yaml"

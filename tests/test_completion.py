@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 from colcon_workspace import ROOT
 
-from atpid_common.completion import SHELLS, main, script
+from atpid_control.cli import main
+from atpid_control.completion import SHELLS, script
 
 LIMIT = 120.0  # for what takes 2 s on a quiet machine [s]
 PROMPT = b"ready> "
@@ -72,19 +73,19 @@ def terminal() -> Iterator[Terminal]:
 @pytest.mark.parametrize(
     ("typed", "added"),
     [
-        ("python -m atpid_s", "im "),
-        ("python -m atpid_control ben", "ch "),
-        ("python -m atpid_control bench scenes/thesis_4_3.ya", "ml "),
-        ("python -m atpid_control bench --real", "-time "),
-        ("python -m atpid_control select scenes/thesis_4_3.yaml --meth", "od "),
-        ("python -m atpid_control select scenes/thesis_4_3.yaml --method loo", "kup "),
-        ("python -m atpid_sim simulate scenes/standard.yaml --fidelity fin", "ite "),
-        ("python -m atpid_control export bags/rumble --format parq", "uet "),
-        ("python -m atpid_control compare-bags bags/rumble bags/cut", "_off/"),
-        ("python -m atpid_sim simulate scen", "es/"),
-        ("python -m atpid_control report bags/thesis_4_3_short/meta", "data.yaml "),
-        ("python3 -m atpid_driver cal", "ibrate "),
-        ("python -m atpid_control.recording ver", "ify "),
+        ("atp", "id "),
+        ("atpid ben", "ch "),
+        ("atpid bench scenes/thesis_4_3.ya", "ml "),
+        ("atpid bench --real", "-time "),
+        ("atpid select scenes/thesis_4_3.yaml --meth", "od "),
+        ("atpid select scenes/thesis_4_3.yaml --method loo", "kup "),
+        ("atpid simulate scenes/standard.yaml --fidelity fin", "ite "),
+        ("atpid bag export bags/rumble --format parq", "uet "),
+        ("atpid bag compare bags/rumble bags/cut", "_off/"),
+        ("atpid simulate scen", "es/"),
+        ("atpid bag report bags/thesis_4_3_short/meta", "data.yaml "),
+        ("atpid cal", "ibrate "),
+        ("atpid bag ver", "ify "),
         ("python ros2_ws/boot", "strap.py "),  # what is not ours, as before
         ("python -m json.tool scenes/thesis_4_3.ya", "ml "),
     ],
@@ -100,8 +101,8 @@ def test_tab_completes(terminal: Terminal, typed: str, added: str) -> None:
 
 @pytest.mark.slow
 def test_tab_twice_lists_the_commands(terminal: Terminal) -> None:
-    terminal.send(b"python -m atpid_sim \t\t")
-    shown = terminal.until(b"tradeoff")
+    terminal.send(b"atpid \t\t")
+    shown = terminal.until(b"stand")
     assert b"simulate" in shown
     terminal.send(CLEAR + b"\r")
     terminal.until(PROMPT)
@@ -114,7 +115,8 @@ def test_a_script_that_activates_has_no_completion() -> None:
 
 
 def test_the_commands_start_without_it() -> None:
-    program = "import sys; from atpid_sim.cli import main; main(['sweep', '--help']); assert 'shtab' not in sys.modules"
+    program = "import sys; from atpid_control.cli import main; main(['simulate', '--help'])"
+    program += "; assert 'shtab' not in sys.modules"
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=LIMIT)
     assert ran.returncode == 0, ran.stderr
 
@@ -122,9 +124,9 @@ def test_the_commands_start_without_it() -> None:
 @pytest.mark.parametrize("shell", SHELLS)
 def test_the_functions_are_those_of_the_parsers(shell: str, tmp_path: Path) -> None:
     file = tmp_path / "made" / shell
-    assert main([shell, "atpid_sim", "--out", str(file)]) == 0
+    assert main(["completion", shell, "--out", str(file)]) == 0
     text = file.read_text()
-    assert text == script(shell, "atpid_sim") + "\n"
+    assert text == script(shell) + "\n"
     for word in ("simulate", "--fidelity", "finite", "--mass-fractions"):
         assert word in text
     found = shutil.which(shell)

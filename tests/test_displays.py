@@ -5,7 +5,6 @@ import json
 import os
 import pty
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,14 +12,14 @@ import pytest
 pytestmark = pytest.mark.slow
 
 COMMANDS = {
-    "heights": ["atpid_sim", "sweep", "--points", "2"],
-    "simulating": ["atpid_sim", "simulate", "scenes/standard.yaml", "--json"],
-    "repeating its stages": ["atpid_control", "report", "bags/thesis_4_3_short", "--out", "OUT"],
+    "heights": ["python", "-m", "studies", "sweep", "--points", "2"],
+    "simulating": ["atpid", "simulate", "scenes/standard.yaml", "--json"],
+    "repeating its stages": ["atpid", "bag", "report", "bags/thesis_4_3_short", "--out", "OUT"],
 }
 
 
 def run(command: list[str], out: Path, root: Path, stderr: int) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", *(str(out) if word == "OUT" else word for word in command)]
+    words = [str(out) if word == "OUT" else word for word in command]
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
     return subprocess.Popen(words, cwd=root, stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment)
 

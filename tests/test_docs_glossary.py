@@ -38,7 +38,9 @@ def unit_in_code(name: str) -> str | None:
     if field is not None:
         text = field.description
     elif name.startswith("atpid_interfaces.msg."):
-        definition = (ROOT / "atpid_interfaces/msg" / f"{name.split('.')[2]}.msg").read_text(encoding="utf-8")
+        definition = (ROOT / "atpid_interfaces/atpid_interfaces/msg" / f"{name.split('.')[2]}.msg").read_text(
+            encoding="utf-8"
+        )
         (text,) = re.findall(rf"^\S+ {last} +#(.*)$", definition, flags=re.MULTILINE)
     else:
         return None

@@ -4,14 +4,13 @@
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 from graph_runs import scene_file, without_domain
 
-from atpid_control.bench.emulated import missing_tools
+from atpid_driver.emulator import missing_tools
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +23,7 @@ SCENE = {
 
 def bench(scene: Path, out: Path, *more: str) -> tuple[dict[str, Any], str]:
     """Run the bench as a user would; return its summary and what it printed."""
-    command = [sys.executable, "-m", "atpid_control", "bench", str(scene), "--out", str(out), *more]
+    command = ["atpid", "bench", str(scene), "--out", str(out), *more]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500.0, env=without_domain())
     assert done.returncode == 0, done.stderr
     return json.loads((out / "summary.json").read_text()), done.stdout + done.stderr

@@ -9,19 +9,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from graph_runs import in_real_time
 
-from atpid_common.injected_faults import KINDS, LOCKSTEP, MEANINGS, PARTS, FaultError, Injected, overlapping, parsed
-from atpid_control.cli import main
-from atpid_control.fault_matrix import paced
-from atpid_control.fault_matrix.journal import Journal
-from atpid_control.fault_matrix.paced import Look, Paced, PacedRow
-from atpid_control.fault_matrix.page import page, remarks
-from atpid_control.fault_matrix.run import BEGIN, END, Finished, Row, Seen, problems, reference_of, row_of, rows, run
-from atpid_control.fault_matrix.sequences import EARLIEST, LATEST, drawn
-from atpid_control.graph.domain import own_domain
-from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalState, SignalWatch
+from atpid_common.channel_monitor import ChannelState
+from atpid_common.injected_faults import FAULT_KINDS, KINDS, LOCKSTEP, PARTS, FaultError, Injected, overlapping, parsed
+from atpid_control.cli import main as control
+from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalWatch
+from atpid_control.runs.recover import recover
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.errors import NodeDiedError
 from atpid_sim.plant.sensor_faults import ChannelFaults, StampFaults
 from atpid_sim.scene import SceneError, standard_bench
+from studies.cli import main
+from studies.fault_matrix import paced
+from studies.fault_matrix.journal import Journal
+from studies.fault_matrix.paced import Paced, PacedRow, Sample
+from studies.fault_matrix.page import page, remarks
+from studies.fault_matrix.run import BEGIN, END, Finished, Row, Seen, problems, reference_of, row_of, rows, run
+from studies.fault_matrix.sequences import EARLIEST, LATEST, drawn
 
 #: How faults are detected, where that is more than the matrix itself requires: part, kind, event, latest [s].
 ROWS = [
@@ -143,7 +149,7 @@ def test_what_cannot_be_acted_is_refused_by_name(
     ceiling = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
     scene = standard_bench(ceiling=ceiling, duration=4.0, faults=faults)
     (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
-    assert main(["bench", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "out"), *more]) == 2
+    assert control(["bench", str(tmp_path / "scene.yaml"), "--out", str(tmp_path / "out"), *more]) == 2
     assert way in capsys.readouterr().err.splitlines()[-1]
 
 
@@ -224,12 +230,12 @@ def test_stamps_of_a_faulty_clock() -> None:
     assert stamps.shift([Injected("clock", "slow", 1.0, 2.0, 0.1)], 1.5, 1_500_000_000) == -50_000_000
 
 
-def states(readings: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[tuple[int, SignalState]]:
+def states(readings: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[tuple[int, ChannelState]]:
     watch, found = SignalWatch(SETTINGS), []
     for first in range(0, readings.size, 50):
         changed = watch.push(RATE, readings[first : first + 50])
         if changed is not None:
-            found.append((first + 50, changed))
+            found.append((first + 50, changed.state))
     return found
 
 
@@ -246,9 +252,9 @@ def test_a_stop_in_mid_motion_is_found_whatever_its_phase(phase: int) -> None:
     stuck = TONE.copy()
     stuck[phase:4000] = TONE[phase]
     (at, found), (again, ended) = states(stuck)
-    assert found is SignalState.FROZEN
+    assert found is ChannelState.FROZEN
     assert at <= phase + 250
-    assert ended is SignalState.PLAUSIBLE
+    assert ended is ChannelState.PLAUSIBLE
     assert 4500 <= again <= 4600
 
 
@@ -257,9 +263,9 @@ def test_dead_impossible_and_intermittent_channels() -> None:
     dead[2000:3000] = np.nan
     jumping[2000:3000] = np.random.default_rng(1).uniform(-0.15, 0.15, 1000)
     gaps[2000:4000].reshape(-1, 100)[:, 50:] = np.nan
-    assert [state for _, state in states(dead)] == [SignalState.DEAD, SignalState.PLAUSIBLE]
-    assert [state for _, state in states(jumping)] == [SignalState.IMPOSSIBLE, SignalState.PLAUSIBLE]
-    assert [state for _, state in states(gaps)] == [SignalState.INTERMITTENT, SignalState.PLAUSIBLE]
+    assert [state for _, state in states(dead)] == [ChannelState.INVALID, ChannelState.PLAUSIBLE]
+    assert [state for _, state in states(jumping)] == [ChannelState.IMPOSSIBLE, ChannelState.PLAUSIBLE]
+    assert [state for _, state in states(gaps)] == [ChannelState.INTERMITTENT, ChannelState.PLAUSIBLE]
 
 
 def test_stamps_and_indices_count_the_same_time() -> None:
@@ -277,7 +283,7 @@ def test_the_page_names_all_56_rows_and_what_bounds_the_undetected_ones() -> Non
         for kind in KINDS:
             assert kind in section, f"{part} {kind}"
     assert "is not detected: not detected" not in text
-    assert set(remarks()) - {"undetected"} == set(PARTS) == set(MEANINGS)
+    assert set(remarks()) - {"undetected"} == set(PARTS) == set(FAULT_KINDS)
 
 
 def test_a_page_is_made_of_rows() -> None:
@@ -292,16 +298,30 @@ def test_a_page_is_made_of_rows() -> None:
 def test_the_stand_refuses_injected_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = standard_bench(faults=[{"part": "support_laser", "kind": "off", "from": 1.0, "to": 2.0}])
     (tmp_path / "scene.yaml").write_text(scene.to_yaml(), encoding="utf-8")
-    assert main(["stand", str(tmp_path / "scene.yaml")]) == 2
+    assert control(["stand", str(tmp_path / "scene.yaml")]) == 2
     assert "the stand cannot act faults of support_laser" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_bench_spoils_the_recorders_disk_and_kills_it_from_outside(tmp_path: Path) -> None:
+    of_disk, death = ({"part": "recorder", "kind": kind, "from": begin, "to": begin + 1.0}
+                      for kind, begin in (("garbage", 0.5), ("off", 1.5)))  # fmt: skip
+    (tmp_path / "scene.yaml").write_text(standard_bench(faults=[of_disk, death]).to_yaml(), encoding="utf-8")
+    with pytest.raises(NodeDiedError, match="recorder_node ended with status -9: by SIGKILL"):
+        in_real_time(tmp_path / "scene.yaml", tmp_path / "out")
+    recovered = recover(tmp_path / "out" / "bag", tmp_path / "recovered")
+    assert len(recovered.lost) > 3, recovered.lost
+    # and the recorder itself has no such parameter
+    parameters = yaml.safe_load((tmp_path / "out" / "parameters.yaml").read_text(encoding="utf-8"))
+    assert not [name for name in parameters["/**/recorder_node"]["ros__parameters"] if "fault" in name]
 
 
 def link_run(gap: float, bag: Path) -> Paced:
     """Return a run whose board heard nothing for `gap` from 1.5 s on; its motor ran until 2 s, or without it 2.5 s."""
     off = 100 if gap > 0.5 else 125
-    looks = [Look(0.02 * k, 100 * k, int(k < off), 0.3, 0.01) for k in range(400)]
-    for look in looks:
-        look.silent = min(gap, look.time - 1.5) if look.time > 1.5 else 0.01
+    looks = [Sample(0.02 * k, 100 * k, int(k < off), 0.3, 0.01) for k in range(400)]
+    for sample in looks:
+        sample.silent = min(gap, sample.time - 1.5) if sample.time > 1.5 else 0.01
     return Paced(bag, [Seen(0.0, 0, "started", "x")], looks, [(8.0, 0.3)])
 
 

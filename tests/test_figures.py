@@ -7,17 +7,16 @@ are drawn again and compared; the whole set is made by `make figures`.
 
 import re
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from atpid_control.studies import figures_identification as identification
-from atpid_control.studies import figures_selection as selection
 from atpid_sim.figure_numbers import Numbers, numbers_in, numbers_of
 from atpid_sim.maps import HeightMap
-from atpid_sim.studies.figures import contact, free_decay
+from studies.figures import contact, free_decay
+from studies.figures import identification as identification
+from studies.figures import selection as selection
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = sorted(ROOT.glob("docs/**/*.png"))
@@ -33,7 +32,7 @@ def shown() -> dict[Path, Path]:
 
 
 def bench_again(folder: Path) -> Numbers:
-    command = [sys.executable, "-m", "atpid_control", "bench", "scenes/thesis_4_3.yaml", "--out", str(folder)]
+    command = ["atpid", "bench", "scenes/thesis_4_3.yaml", "--out", str(folder)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300.0)
     assert done.returncode == 0, done.stderr
     return numbers_in(folder / "overview.png")

@@ -21,10 +21,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosbags.typesys import Stores, get_typestore
 
-from atpid_control.graph.domain import own_domain
 from atpid_control.nodes.foxglove_node import FoxgloveNode
-from atpid_control.traces.records import NUMBER, TEXT
-from atpid_control.traces.server import Server, ServerError
+from atpid_control.stand.domain import own_domain
+from atpid_control.views.traces.records import NUMBER, TEXT
+from atpid_control.views.traces.server import Server, ServerError
 
 LIMIT = 60.0  # for what takes a second on a quiet machine [s]
 START_NS = 5_000_000_000

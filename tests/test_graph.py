@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from graph_runs import decoded, in_lockstep, scene_file
 
-from atpid_control.bags.read import Bag
-from atpid_control.bench.summary import lost_scans, unanswered_blocks
+from atpid_control.runs.read import Bag
+from atpid_control.runs.run import open_run
 from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.summary import lost_scans, unanswered_blocks
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
 
@@ -37,8 +38,8 @@ def test_two_runs_with_the_same_seed_give_the_same_messages(scenes: Path, tmp_pa
 @pytest.mark.slow
 def test_every_block_is_there_and_answered(adaptive: Bag) -> None:
     assert float(adaptive.result["data_s"]) == 20.0
-    assert lost_scans(adaptive) == 0
-    assert unanswered_blocks(adaptive) == 0
+    assert lost_scans(open_run(adaptive.path)) == 0
+    assert unanswered_blocks(open_run(adaptive.path)) == 0
     assert {topic: len(decoded(adaptive, topic)) for topic in LOOP[:-1]} == dict.fromkeys(LOOP[:-1], 400)
 
 
@@ -118,4 +119,4 @@ def test_a_second_sensor_is_recorded_at_its_own_rate(scenes: Path, tmp_path: Pat
     bag = in_lockstep(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes), tmp_path / "run")
     blocks = [message for _, message in bag.messages("/sensors/accelerometer")]
     assert [len(message.data) for message in blocks] == [80] * 20
-    assert lost_scans(bag) == 0
+    assert lost_scans(open_run(bag.path)) == 0

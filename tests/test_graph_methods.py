@@ -14,8 +14,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.nodes.messages import EVENTS, STATES, time_of
-from atpid_control.bench.summary import unanswered_blocks
 from atpid_control.nodes.selector_node import SelectorNode
+from atpid_control.runs.run import open_run
+from atpid_control.stand.summary import unanswered_blocks
 from atpid_sim.scene import load_scene
 
 CEILING = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3}
@@ -30,7 +31,7 @@ def test_a_method_that_computes_runs_on_the_bench(scenes: Path, tmp_path: Path, 
     assert {message.method for message in commands} == {method}
     # `direct` keeps its margin for an error of mass, frequency and restitution, too
     assert commands[-1].height == pytest.approx(0.57, rel=0.1 if method == "direct" else 0.05)
-    assert unanswered_blocks(bag) == 0
+    assert unanswered_blocks(open_run(bag.path)) == 0
     assert not [event for _, event in bag.messages("/events") if event.severity == Event.ALARM]
 
 

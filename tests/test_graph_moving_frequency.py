@@ -9,9 +9,10 @@ import pytest
 from atpid_interfaces.msg import Excitation
 from graph_runs import in_lockstep, scene_file
 
-from atpid_control.bags.read import Bag
-from atpid_control.bench.summary import unanswered_blocks
-from atpid_control.report.stages import stages
+from atpid_control.runs.read import Bag
+from atpid_control.runs.run import open_run
+from atpid_control.stand.summary import unanswered_blocks
+from atpid_control.views.report.stages import stages
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import load_scene
 
@@ -31,7 +32,7 @@ def test_a_drift_of_one_per_cent_a_second_is_followed_without_rumble(scenes: Pat
     changes = {"duration": 10.0, "steady_window": [9.0, 10.0]}
     path = scene_file(scenes / "drifting_frequency.yaml", tmp_path, **changes, frequency=[[5.0, 5.3], [8.2, 5.47]])
     bag = in_lockstep(path, tmp_path / "run")
-    assert unanswered_blocks(bag) == 0
+    assert unanswered_blocks(open_run(bag.path)) == 0
     assert not {"excitation_changed", "rumble", "step_back", "drift", "refused"} & set(kinds(bag, since=5.0))
     estimates = [message for _, message in bag.messages("/excitation")]
     assert all(message.quality == Excitation.STEADY for message in estimates[100:])
@@ -56,7 +57,7 @@ def test_a_frequency_that_steps_is_selected_for_and_closed_where_the_damper_is_o
     changes = {"duration": 17.0, "steady_window": [16.0, 17.0], "frequency": frequency}
     path = scene_file(scenes / "stepping_frequency.yaml", tmp_path, **changes)
     bag = in_lockstep(path, tmp_path / "run")
-    found = stages(bag)
+    found = stages(open_run(bag.path))
     assert [round(stage.identified_frequency, 2) for stage in found] == [5.25, 5.47, 3.2]
     assert [(stage.t0, stage.t1) for stage in found] == [(1.0, 5.0), (5.01, 10.0), (10.01, 17.0)]
     assert found[0].efficiency > 0.55
@@ -79,7 +80,7 @@ def test_two_tones_are_refused_with_a_sentence_and_the_ceiling_stays(scenes: Pat
     changes = {"excitation": {"series": {"file": str(tmp_path / "support.csv")}}, "duration": 6.0}
     path = scene_file(scenes / "drifting_frequency.yaml", tmp_path, **changes, steady_window=[5.0, 6.0])
     bag = in_lockstep(path, tmp_path / "run")
-    assert unanswered_blocks(bag) == 0
+    assert unanswered_blocks(open_run(bag.path)) == 0
     (event,) = [event for _, event in bag.messages("/events") if event.kind == "two_tones"]
     assert event.header.frame_id == "identifier_node"
     assert "two tones excite the structure" in event.text

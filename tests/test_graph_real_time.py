@@ -12,11 +12,13 @@ import pytest
 from graph_runs import in_real_time, scene_file, started, wait_until
 
 from atpid_common.nodes.messages import nanoseconds_of
-from atpid_control.bags.verify import verify
-from atpid_control.bench.summary import lost_scans, unanswered_blocks
-from atpid_control.graph import segments
-from atpid_control.graph.domain import own_domain
-from atpid_control.graph.parts import PARTS, REAL_TIME_PARTS, write_parameters
+from atpid_control.runs.run import open_run
+from atpid_control.runs.verify import verify
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.parts import PARTS, REAL_TIME_PARTS
+from atpid_control.stand.summary import lost_scans, unanswered_blocks
+from studies.soak import segments
 
 pytestmark = pytest.mark.slow
 
@@ -56,8 +58,8 @@ def running(scenes: Path, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str
 
 def test_nothing_is_lost_in_real_time(scenes: Path, tmp_path: Path) -> None:
     bag = in_real_time(scene_file(scenes / "thesis_4_3.yaml", tmp_path, **CHANGES), tmp_path / "run")
-    assert lost_scans(bag) == 0
-    assert unanswered_blocks(bag) == 0
+    assert lost_scans(open_run(bag.path)) == 0
+    assert unanswered_blocks(open_run(bag.path)) == 0
     blocks = list(bag.messages("/sensors/laser"))
     assert len(blocks) == 80
     assert all(received_ns >= nanoseconds_of(block.header.stamp) + 49_000_000 for received_ns, block in blocks)

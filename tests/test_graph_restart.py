@@ -16,11 +16,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
-from atpid_control.bags.recover import repair
-from atpid_control.bench.running import commands_of
-from atpid_control.graph.domain import own_domain
-from atpid_control.graph.parts import write_parameters
-from atpid_control.graph.processes import NodeProcess, Processes
+from atpid_control.runs.recover import repair
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.processes import NodeProcess, Processes
+from atpid_control.stand.running import commands_of
 
 pytestmark = pytest.mark.slow
 

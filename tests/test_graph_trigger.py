@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from graph_runs import parameters, scene_file
 
-from atpid_control.bags import open_bag, verify
-from atpid_control.bags.check import check
-from atpid_control.bench.running import run_lockstep
-from atpid_control.graph.domain import own_domain
+from atpid_control.runs.check import check
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.verify import verify
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.running import run_lockstep
 
 LASER = "/sensors/laser"
 
@@ -28,7 +29,7 @@ def test_the_bench_is_recorded_from_before_the_level_on(scenes: Path, tmp_path: 
     folder = tmp_path / "run" / "bag"
     bag = open_bag(folder)
     assert [path.name for path in sorted(folder.glob("*.mcap"))] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
-    blocks = list(bag.stream(LASER))
+    blocks = [block for _, block in bag.messages(LASER)]
     first, last = int(blocks[0].first_index), int(blocks[-1].first_index) + 50
     column = list(blocks[0].channels).index("beam_displacement")
     beam = np.concatenate([np.asarray(one.data).reshape(-1, len(one.channels))[:, column] for one in blocks])

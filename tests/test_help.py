@@ -1,48 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
 """The help of every command ends with an example, which is run or read by the real parser; a mistyped word is named."""
 
-import importlib
 import shlex
 from pathlib import Path
 
 import pytest
 from colcon_workspace import ROOT
 
-from atpid_common.cli import Commands, Parser, full_parser
-from atpid_common.suggestion import did_you_mean
+from atpid_common.cli import Parser, full_parser, load
+from atpid_common.errors import did_you_mean
+from atpid_control.cli import COMMANDS as ATPID
+from atpid_control.cli import main as atpid
+from studies.cli import COMMANDS as STUDIES
+from studies.cli import main as studies
 
-PROGRAMS = ("atpid_control", "atpid_driver", "atpid_sim")
-#: Modules with one command each, which parses what follows their name.
-SINGLE = (
-    "atpid_common.nodes.echo", "atpid_common.nodes.lifecycle", "atpid_common.nodes.param",
-    "atpid_control.nodes.policy", "atpid_control.recording", "atpid_driver.emulator.__main__",
-)  # fmt: skip
+PROGRAMS = {"atpid": ATPID, "python -m studies": STUDIES}
+MAIN = {"atpid": atpid, "python -m studies": studies}
 #: Examples that take seconds, and a line of what they print. Those of the others are in the documentation too, whose
 #: commands tests run with smaller numbers (tests/test_docs.py).
 QUICK = {
-    ("atpid_sim", "simulate"): "efficiency",
-    ("atpid_sim", "sweep"): "500",
-    ("atpid_control", "select"): "pca at 0.03 m",
-    ("atpid_control", "study"): "free_decay",
-    ("atpid_control", "report"): "report.html",
+    ("atpid", "simulate"): "efficiency",
+    ("python -m studies", "sweep"): "500",
+    ("atpid", "select"): "pca at 0.03 m",
+    ("python -m studies", "thesis"): "free_decay",
+    ("atpid", "bag report"): "report.html",
+    ("atpid", "bag verify"): "every one read and decoded",
+    ("atpid", "bag check"): "160 blocks answered",
 }
+COMMANDS = [(program, name) for program, groups in PROGRAMS.items() for group in groups.values() for name in group]
 
 
-def commands_of(program: str) -> Commands:
-    commands: Commands = importlib.import_module(f"{program}.cli").COMMANDS
-    return commands
-
-
-COMMANDS = [(program, command) for program in PROGRAMS for command in commands_of(program)]
-
-
-def example(program: str, command: str) -> list[str]:
-    return shlex.split(importlib.import_module(commands_of(program)[command][0]).EXAMPLE)
+def example(program: str, name: str) -> list[str]:
+    (place,) = (group[name][0] for group in PROGRAMS[program].values() if name in group)
+    return shlex.split(load(place).EXAMPLE)
 
 
 @pytest.fixture(scope="module")
 def parsers() -> dict[str, Parser]:
-    return {program: full_parser(program, commands_of(program)) for program in PROGRAMS}
+    return {program: full_parser(program, groups) for program, groups in PROGRAMS.items()}
 
 
 @pytest.fixture
@@ -59,11 +54,12 @@ def test_the_example_is_in_the_help_and_is_parsed(
     parsers: dict[str, Parser], program: str, command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = example(program, command)
-    assert parsers[program].parse_args([command, *words]).run
+    assert parsers[program].parse_args([*command.split(), *words]).run
     with pytest.raises(SystemExit, match="0"):
-        parsers[program].parse_args([command, "--help"])
+        parsers[program].parse_args([*command.split(), "--help"])
     printed = capsys.readouterr().out
-    assert printed.endswith(f"\nexample:\n  python -m {program} {command} {shlex.join(words)}\n")
+    if words:
+        assert printed.endswith(f"\nexample:\n  {program} {command} {shlex.join(words)}\n")
     named = [word for word in words if word.startswith(("scenes/", "bags/"))]
     assert [word for word in named if not (ROOT / word).exists()] == []
 
@@ -71,53 +67,36 @@ def test_the_example_is_in_the_help_and_is_parsed(
 @pytest.mark.slow
 @pytest.mark.parametrize(("program", "command"), QUICK)
 def test_the_example_runs(program: str, command: str, in_a_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main = importlib.import_module(f"{program}.cli").main
-    assert main([command, *example(program, command)]) == 0
+    assert MAIN[program]([*command.split(), *example(program, command)]) == 0
     assert QUICK[program, command] in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("module", SINGLE)
-def test_a_program_of_one_command_shows_an_example(module: str, capsys: pytest.CaptureFixture[str]) -> None:
-    loaded = importlib.import_module(module)
-    assert loaded.main(["--help"]) == 0
-    program = module.removesuffix(".__main__")
-    assert capsys.readouterr().out.endswith(f"\nexample:\n  python -m {program} {loaded.EXAMPLE}\n")
-
-
-def test_the_example_of_recording_runs(in_a_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from atpid_control.recording import EXAMPLE, main
-
-    assert main(shlex.split(EXAMPLE)) == 0
-    assert "every one read and decoded" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("program", "words", "line"),
     [
-        ("atpid_control", "benhc", "COMMAND: given benhc; did you mean bench?; allowed: bench, "),
-        ("atpid_sim", "similate", "COMMAND: given similate; did you mean simulate?; allowed: simulate, "),
-        ("atpid_sim", "zzz", "COMMAND: given zzz; allowed: simulate, "),
+        ("atpid", "benhc", "COMMAND: given benhc; did you mean bench?; allowed: simulate, "),
+        ("atpid", "similate", "COMMAND: given similate; did you mean simulate?; allowed: simulate, "),
+        ("atpid", "zzz", "COMMAND: given zzz; allowed: simulate, "),
         (
-            "atpid_control", "bench scenes/standard.yaml --out x --realtime",
+            "atpid", "bench scenes/standard.yaml --out x --realtime",
             "given --realtime, which is no argument of it; did you mean --real-time?; what it takes: "
-            "python -m atpid_control bench --help",
+            "atpid bench --help",
         ),
         (
-            "atpid_sim", "simulate scenes/standard.yaml --hieght=0.1",
+            "atpid", "simulate scenes/standard.yaml --hieght=0.1",
             "given --hieght=0.1, which is no argument of it; did you mean --height?; ",
         ),
-        ("atpid_sim", "simulate a.yaml b.yaml", "given b.yaml, which is no argument of it; what it takes: "),
-        ("atpid_control", "select a.yaml --method dirct", "--method: given dirct; did you mean direct?; allowed: "),
-        ("atpid_sim", "simulate a.yaml --fidelity sofd", "--fidelity: given sofd; did you mean soft?; allowed: auto"),
-        ("atpid_control", "study freedecay --out x", "study 'freedecay': there is none; did you mean free_decay?; "),
-        ("atpid_control", "figures selektion --out x", "NAME: given selektion; did you mean selection?; allowed: "),
+        ("atpid", "simulate a.yaml b.yaml", "given b.yaml, which is no argument of it; what it takes: "),
+        ("atpid", "select a.yaml --method dirct", "--method: given dirct; did you mean direct?; allowed: "),
+        ("atpid", "simulate a.yaml --fidelity sofd", "--fidelity: given sofd; did you mean soft?; allowed: auto"),
+        ("python -m studies", "thesis freedecay --out x", "study 'freedecay': there is none; did you mean free_decay?"),
+        ("python -m studies", "figures selektion --out x", "NAME: given selektion; did you mean selection?; allowed: "),
     ],
 )  # fmt: skip
 def test_a_mistyped_word_is_named_with_the_nearest(
     program: str, words: str, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main = importlib.import_module(f"{program}.cli").main
-    assert main(words.split()) == 2
+    assert MAIN[program](words.split()) == 2
     printed = capsys.readouterr().err
     assert printed.startswith(f"error: {line}")
     assert printed.count("\n") == 1

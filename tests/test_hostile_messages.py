@@ -30,7 +30,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 
 from atpid_common.message_checks import CHECKS, check
-from atpid_common.nodes.dropped import Dropped
+from atpid_common.nodes.checked import Dropped
 from atpid_control.nodes.foxglove_node import FoxgloveNode
 from atpid_control.nodes.identifier_node import IdentifierNode
 from atpid_control.nodes.recorder_node import RecorderNode
@@ -130,7 +130,7 @@ def test_a_node_outlives_what_cannot_be(node: Node) -> None:
         assert counted == refused
 
 
-BLOCK = {"rate": 1000.0, "channels": ["a", "b"], "units": ["m", "m"], "skew": [0.0, 0.0]}
+BLOCK: dict[str, Any] = {"rate": 1000.0, "channels": ["a", "b"], "units": ["m", "m"], "skew": [0.0, 0.0]}
 
 
 @pytest.mark.parametrize(

@@ -35,10 +35,11 @@ def package(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(command: str, folder: Path) -> str:
+    program, *arguments = shlex.split(command)
     places = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))
     own = {"PYTHONPATH": places, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     done = subprocess.run(
-        [sys.executable, *shlex.split(command)[1:]], cwd=folder, env={**os.environ, **own},
+        [sys.executable if program == "python" else program, *arguments], cwd=folder, env={**os.environ, **own},
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
@@ -46,7 +47,7 @@ def run(command: str, folder: Path) -> str:
 
 
 def test_the_steps_of_the_page_run(root: Path, package: Path) -> None:
-    test, select, bench = re.findall(r"^    (python .*)$", (root / PAGE).read_text(), re.MULTILINE)
+    test, select, bench = re.findall(r"^    ((?:python|atpid) .*)$", (root / PAGE).read_text(), re.MULTILINE)
     assert "1 passed" in run(f"{test} -p no:cacheprovider", package)
     chosen = json.loads(run(f"{select} --json", package))
     assert (chosen["method"], chosen["height"]) == ("proportional", pytest.approx(0.017 + 18.0 * 0.015))

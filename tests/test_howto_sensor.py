@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,14 +12,14 @@ import pytest
 import yaml
 from documented import ROOT
 
-from atpid_control.graph.domain import own_domain
+from atpid_control.stand.domain import own_domain
 
 pytestmark = pytest.mark.slow
 
 PAGE = (ROOT / "docs" / "howto_sensor.md").read_text(encoding="utf-8")
 #: A block of code, and the last file named before it.
 FILE = re.compile(r"`([\w.]+\.(?:py|toml|yaml))`(?:(?!```).)*?^```\w+\n(.*?)^```", re.DOTALL | re.MULTILINE)
-COMMANDS = [line.split()[2:] for line in PAGE.splitlines() if line.startswith("    python -m ")]
+COMMANDS = [line.split() for line in PAGE.splitlines() if line.startswith(("    python -m ", "    atpid "))]
 TEST, INSTALL, NODE, ECHO = COMMANDS
 
 
@@ -54,8 +53,7 @@ def domain() -> Iterator[int]:
 
 
 def run(arguments: list[str], folder: Path, environment: dict[str, str]) -> str:
-    command = [sys.executable, "-m", *arguments]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -69,7 +67,7 @@ def test_the_sensor_passes_the_contract(folder: Path) -> None:
 def test_its_samples_arrive(folder: Path, installed: dict[str, str], domain: int) -> None:
     environment = {**installed, "ROS_DOMAIN_ID": str(domain)}
     node = subprocess.Popen(
-        [sys.executable, "-m", *NODE], cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        NODE, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         text=True,
     )  # fmt: skip
     try:

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from atpid_control.graph.domain import own_domain
-from atpid_control.graph.processes import START_NODE
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.processes import START_NODE
 
 pytestmark = pytest.mark.slow
 

@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 from graph_runs import parameters, scene_file, wait_until
 
-from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bench.running import commands_of, run_realtime
 from atpid_control.cli import main
-from atpid_control.graph import NodeDiedError
-from atpid_control.graph.domain import own_domain
-from atpid_control.graph.parts import NODES, write_parameters
-from atpid_control.graph.processes import Processes
+from atpid_control.runs.read import Bag, open_bag
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.errors import NodeDiedError
+from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.parts import NODES
+from atpid_control.stand.processes import Processes
+from atpid_control.stand.running import commands_of, run_realtime
 
 SHORT = {"duration": 1.0, "steady_window": [0.5, 1.0], "amplitude": [[0.0, 0.0], [0.5, 0.015]]}
 

@@ -21,11 +21,15 @@ from graph_runs import scene_file, wait_until, without_domain
 from test_without_ros2 import Running
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from atpid_control.bags.read import open_bag, stamp_of
-from atpid_control.bench.summary import lost_scans, unanswered_blocks
-from atpid_control.graph.domain import own_domain
-from atpid_control.live.address import Address, listening
-from atpid_control.report.latency import laser_blocks
+from atpid_control.runs.losses import stamp_of
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.run import open_run
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.summary import lost_scans, unanswered_blocks
+from atpid_control.views.live.address import Address, listening
+from atpid_control.views.live.server import LiveServer
+from atpid_control.views.live.view import LiveView
+from atpid_control.views.report.latency import laser_blocks
 
 pytestmark = pytest.mark.slow
 T = TypeVar("T")
@@ -122,7 +126,7 @@ def bench(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Be
     folder = tmp_path_factory.mktemp("live")
     scene, port = scene_file(scenes / "thesis_4_3.yaml", folder, **SCENE), free_port()
     arguments = ("bench", scene, "--out", folder / "out", "--live", "--live-port", port)
-    command = Running("atpid_control", *arguments, name="session-reader", environment=without_domain())
+    command = Running("atpid", *arguments, name="session-reader", environment=without_domain())
     try:
         command.wait_for("live page: ")
         wait_until(lambda: answers(port), command.process)
@@ -179,23 +183,40 @@ def test_the_operator_marks_holds_chooses_stops_and_arms(bench: Bench) -> None:
 
 def test_a_browser_draws_it_without_an_accessibility_finding(bench: Bench, tmp_path: Path) -> None:
     """Chromium draws; two at once, at the width of a desktop and of a phone, one of which comes late and leaves."""
-    if not CHROMIUM or importlib.util.find_spec("playwright") is None:
-        pytest.skip("left out: a browser draws the page; Chromium or playwright is missing: sudo make browser")
-    done = subprocess.run(
-        [sys.executable, Path(__file__).with_name("browser_visit.py"), bench.url, CHROMIUM, tmp_path],
-        capture_output=True, text=True, check=False, timeout=300.0,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    seen = json.loads(done.stdout)
+    seen = visited(bench.url, tmp_path)
     assert seen["errors"] == []
     assert seen["serious"] == []
     assert seen["phone_width"] <= 390
     assert seen["first_focus"] == "stop"
     assert seen["note"] == "noted: seen in a browser"
-    assert seen["texts"]["excitation"].startswith("15.0")
+    assert float(seen["texts"]["excitation"].split()[0]) == pytest.approx(15.0, abs=0.1)
     assert seen["texts"]["grain"] == "Grain and ceiling as simulated."
     assert min(seen["pictures"]) > 0
     print("pictures a second:", seen["pictures"])
+    assert (seen["running"]["link"], seen["running"]["class"]) == ("Connected", "good")
+    assert seen["stopped"]["link"] == "Connected; motor off: disarmed"
+    assert seen["stopped"]["class"] != "good"
+    assert "Arm again" in seen["stopped"]["answer"]
+    assert "Arm again" in seen["stopped"]["buttons"]
+    assert not seen["stopped"]["over"]
+
+
+@pytest.mark.parametrize("motor", ["in the graph", "gone"])
+def test_after_a_run_the_values_are_grey_and_only_a_motor_that_is_there_can_be_stopped(motor: str) -> None:
+    view = LiveView(None)
+    begun = time.monotonic()
+    state = CeilingState(mode=CeilingState.HOLDING, homed=True)
+    # one that is there is heard of until after the visit
+    view.on_state("ceiling/state", state, begun + (1e6 if motor == "in the graph" else -10.0))
+    view.on_event(Event(kind=Event.FINISHED, severity=Event.INFO, text="20 s simulated"), begun)
+    server = LiveServer(view, lambda _request, _answer: None, Address(port=0), ("lookup",))
+    try:
+        seen = visited(server.address.url)
+    finally:
+        server.close()
+    assert seen["over"]
+    assert int(seen["weight"]) < 600
+    assert seen["buttons"] == (["Stop the motor"] if motor == "in the graph" else [])
 
 
 def test_a_page_that_is_killed_ends_nothing_and_ctrl_c_ends_everything(bench: Bench) -> None:
@@ -209,10 +230,12 @@ def test_a_page_that_is_killed_ends_nothing_and_ctrl_c_ends_everything(bench: Be
     assert bench.command.end(signal.SIGINT) == 130
     assert not answers(bench.port)
     bag = open_bag(bench.out / "bag")
-    assert lost_scans(bag) == 0
+    assert lost_scans(open_run(bag.path)) == 0
     # Ctrl-C ends the nodes one by one: blocks on their way have no answer; none before them lacks one
     last = max(stamp_of(command) for _, command in bag.of_kind("CeilingCommand"))
-    assert unanswered_blocks(bag) <= sum(1 for _, block in laser_blocks(bag) if stamp_of(block) > last)
+    assert unanswered_blocks(open_run(bag.path)) <= sum(
+        1 for stamp, _, _ in laser_blocks(open_run(bag.path)) if stamp > last
+    )
     events = [event for _, event in bag.messages("/events")]
     assert any("live_node ended" in event.text for event in events)
     notes = [event.text for event in events if event.kind == Event.NOTE]
@@ -220,6 +243,18 @@ def test_a_page_that_is_killed_ends_nothing_and_ctrl_c_ends_everything(bench: Be
         assert "set screw tightened" in notes
         assert any(event.kind == Event.STOPPED for event in events)
         assert any(message.mode == CeilingState.DISARMED for _, message in bag.messages("/ceiling/state"))
+
+
+def visited(url: str, *further: object) -> Any:
+    """Return what Chromium saw of a page: see browser_visit.py."""
+    if not CHROMIUM or importlib.util.find_spec("playwright") is None:
+        pytest.skip("left out: a browser draws the page; Chromium or playwright is missing: sudo make browser")
+    done = subprocess.run(
+        [sys.executable, Path(__file__).with_name("browser_visit.py"), url, CHROMIUM, *map(str, further)],
+        capture_output=True, text=True, check=False, timeout=300.0,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(done.stdout)
 
 
 def is_page(process: Path, out: Path) -> bool:
@@ -243,7 +278,7 @@ def test_a_port_that_is_taken_is_one_line_before_anything_starts(scenes: Path, t
             port,
         ]
         done = subprocess.run(
-            [sys.executable, "-m", "atpid_control", *command], capture_output=True, text=True, check=False,
+            ["atpid", *command], capture_output=True, text=True, check=False,
             env=without_domain(),
         )  # fmt: skip
         node = subprocess.run(
@@ -270,16 +305,24 @@ def test_without_the_library_the_run_goes_on_and_the_node_ends_with_a_line(scene
     changes = {"duration": 1.0, "steady_window": [0.5, 1.0]}
     scene = scene_file(scenes / "thesis_4_3.yaml", tmp_path, **changes)
     run = subprocess.run(
-        [sys.executable, "-m", "atpid_control", "bench", str(scene), "--out", str(tmp_path / "out"), "--live"],
+        ["atpid", "bench", str(scene), "--out", str(tmp_path / "out"), "--live"],
         capture_output=True, text=True, check=False, env=environment,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     assert "left out: live page: it needs tornado" in run.stderr
 
 
-def test_a_page_alone_shows_that_there_is_no_graph() -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        (sys.executable, "-m", "atpid_control.nodes.live_node", "--ros-args", "-p", "port:=0"),
+        ("atpid", "live", "--port", "0", "--namespace", "lab1"),
+    ],
+    ids=["the node", "the command"],
+)
+def test_a_page_alone_shows_that_there_is_no_graph(words: tuple[str, ...]) -> None:
     with own_domain():
-        node = Running("atpid_control.nodes.live_node", "--ros-args", "-p", "port:=0")
+        node = Running(*words)
         try:
             node.wait_for("live page: http://127.0.0.1:")
             (line,) = (line for line in node.lines if line.startswith("live page: "))

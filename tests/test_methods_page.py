@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from atpid_control.cli import main
-from atpid_control.comparison import page
-from atpid_control.comparison.picture import TIMES
-from atpid_control.comparison.run import PASSIVE, SELECTED
-from atpid_control.comparison.structures import levels, structures, with_restitution
 from atpid_sim.figure_numbers import numbers_in
+from atpid_sim.robust.box import restitution
 from atpid_sim.scene import load_scene
+from studies.cli import main
+from studies.methods import page
+from studies.methods.picture import TIMES
+from studies.methods.run import PASSIVE, SELECTED
+from studies.methods.structures import levels, structures, with_restitution
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/methods.md"
@@ -29,7 +30,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     folder = tmp_path_factory.mktemp("methods")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "SCENES", (SCENE.stem,))  # the others take twice as long
-        made = main(["compare", str(SCENE), "--out", str(folder), "--page", str(folder / "methods.md")])
+        made = main(["methods", str(SCENE), "--out", str(folder), "--page", str(folder / "methods.md")])
     assert made == 0
     (one,) = json.loads((folder / "methods.json").read_text(encoding="utf-8"))
     return folder, one
@@ -112,8 +113,6 @@ def test_structures_differ_in_one_value_and_keep_the_grain() -> None:
 
 @pytest.mark.parametrize("factor", [0.95, 1.05])
 def test_a_restitution_is_changed_by_the_contact_s_own_value(factor: float) -> None:
-    from atpid_control.comparison.structures import restitution
-
     for name in ("thesis_4_3", "stiff_beam"):
         scene = load_scene(ROOT / f"scenes/{name}.yaml")
         changed = with_restitution(scene, factor)
@@ -136,7 +135,7 @@ def test_what_cannot_be_compared_is_one_line(
     path = ROOT / f"scenes/{change}.yaml" if isinstance(change, str) else tmp_path / "scene.yaml"
     if isinstance(change, dict):
         path.write_text(load_scene(SCENE).with_(ceiling={"height": 0.2}, **change).to_yaml(), encoding="utf-8")
-    assert main(["compare", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert main(["methods", str(path), "--out", str(tmp_path / "out")]) == 2
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
     assert words in captured.err
@@ -153,7 +152,7 @@ def test_what_cannot_be_compared_is_one_line(
 def test_arguments_that_do_not_fit_are_one_line(
     arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["compare", *arguments, "--out", str(tmp_path)]) == 2
+    assert main(["methods", *arguments, "--out", str(tmp_path)]) == 2
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
     assert words in captured.err

@@ -2,19 +2,15 @@
 """What cannot be written is one line and status 2, for every user, and before the work."""
 
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from atpid_common.output import OutputError, file, folder, writing
-from atpid_control.cli import main as control
-from atpid_driver.cli import main as driver
-from atpid_sim.cli import main as sim
+from atpid_control.cli import main as atpid
 from atpid_sim.maps import HeightMap
-from atpid_sim.studies.figures import contact, free_decay
+from studies.cli import main as studies
 
 #: A folder in which no user can make anything, root included.
 NOWHERE = "/proc/nowhere"
@@ -27,27 +23,29 @@ SENSOR = ["--channel", "support_displacement", "--sensor", "X", "--serial", "A"]
 @pytest.mark.parametrize(
     ("main", "arguments"),
     [
-        (sim, ["tradeoff", "scenes/standard.yaml", "--out", NOWHERE]),
-        (sim, ["extremes", "--systems", "1", "--out", NOWHERE]),
-        (sim, ["atlas", "--quick", "--out", NOWHERE]),
-        (sim, ["simulate", "scenes/standard.yaml", "--series", f"{NOWHERE}/run.csv"]),
-        (sim, ["simulate", "scenes/standard.yaml", "--picture", f"{NOWHERE}/run.png"]),
+        (studies, ["tradeoff", "scenes/standard.yaml", "--out", NOWHERE]),
+        (studies, ["extremes", "--systems", "1", "--out", NOWHERE]),
+        (studies, ["atlas", "--quick", "--out", NOWHERE]),
+        (atpid, ["simulate", "scenes/standard.yaml", "--series", f"{NOWHERE}/run.csv"]),
+        (atpid, ["simulate", "scenes/standard.yaml", "--picture", f"{NOWHERE}/run.png"]),
         (
-            sim,
+            atpid,
             [*MAP, "--out", "MAP", "--header", f"{NOWHERE}/table.h"],
         ),
-        (control, ["figures", "identification", "--out", NOWHERE]),
-        (control, ["figures", "selection", "--out", NOWHERE]),
-        (control, ["bench", "scenes/standard.yaml", "--out", NOWHERE]),
-        (control, ["report", "bags/thesis_4_3_short", "--out", NOWHERE]),
-        (control, ["design", *STRUCTURE, "--out", NOWHERE]),
+        (studies, ["figures", "contact", "--out", NOWHERE]),
+        (studies, ["figures", "free_decay", "--out", NOWHERE]),
+        (studies, ["figures", "identification", "--out", NOWHERE]),
+        (studies, ["figures", "selection", "--out", NOWHERE]),
+        (atpid, ["bench", "scenes/standard.yaml", "--out", NOWHERE]),
+        (atpid, ["bag", "report", "bags/thesis_4_3_short", "--out", NOWHERE]),
+        (atpid, ["design", *STRUCTURE, "--out", NOWHERE]),
         (
-            control,
-            ["calibrate-beam", "bags/thesis_4_3_short", "--moving-mass", "0.36", "--out", f"{NOWHERE}/beam.yaml"],
+            atpid,
+            ["calibrate", "beam", "bags/thesis_4_3_short", "--moving-mass", "0.36", "--out", f"{NOWHERE}/beam.yaml"],
         ),
-        (driver, ["calibrate", "READINGS", *SENSOR, "--out", f"{NOWHERE}/laser.yaml"]),
-        (driver, ["calibrate", "READINGS", *SENSOR, "--out", "OUT", "--picture", f"{NOWHERE}/laser.png"]),
-        (driver, ["reading", f"{NOWHERE}/readings.csv", "--position", "0.1", "--terminal", "AIN0"]),
+        (atpid, ["calibrate", "sensor", "READINGS", *SENSOR, "--out", f"{NOWHERE}/laser.yaml"]),
+        (atpid, ["calibrate", "sensor", "READINGS", *SENSOR, "--out", "OUT", "--picture", f"{NOWHERE}/laser.png"]),
+        (atpid, ["calibrate", "reading", f"{NOWHERE}/readings.csv", "--position", "0.1", "--terminal", "AIN0"]),
     ],
     ids=lambda value: " ".join(value[:2]) if isinstance(value, list) else "",
 )
@@ -71,20 +69,13 @@ def test_a_place_that_cannot_be_written_is_one_line(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["readings.csv"]
 
 
-@pytest.mark.parametrize("figure", [contact, free_decay], ids=lambda module: module.__name__)
-def test_the_figures_of_their_own_commands_too(
-    figure: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["figure", "--out", NOWHERE])
-    assert figure.main() == 2
-    assert capsys.readouterr().err.startswith(f"error: {NOWHERE}: cannot be written")
-
-
 def test_a_new_folder_is_made_for_the_beam_s_parameters(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "new" / "beam.yaml"
-    found = control(["calibrate-beam", str(root / "bags/thesis_4_3_short"), "--moving-mass", "0.36", "--out", str(out)])
+    found = atpid(
+        ["calibrate", "beam", str(root / "bags/thesis_4_3_short"), "--moving-mass", "0.36", "--out", str(out)]
+    )
     printed = capsys.readouterr().err
     assert out.parent.is_dir()
     assert "Traceback" not in printed
@@ -95,7 +86,7 @@ def test_a_new_folder_is_made_for_the_beam_s_parameters(
 def test_a_disk_that_fills_up_costs_no_point_of_a_map(root: Path, tmp_path: Path) -> None:
     """A file that may not grow stands for the full disk: the same command goes on from what is in the journal."""
     out = tmp_path / "map.npz"
-    command = [sys.executable, "-m", "atpid_sim", "map", str(root / "scenes/standard.yaml")]
+    command = ["atpid", "map", str(root / "scenes/standard.yaml")]
     command += ["--amplitudes", "0.01:0.012:12", "--mass-fractions", "0.1", "--out", str(out)]
     full = subprocess.run(["sh", "-c", 'ulimit -f 2; exec "$@"', "sh", *command], capture_output=True, text=True)
     assert full.returncode == 2

@@ -6,9 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from atpid_control.bags import BagError, open_bag, recover, verify
-from atpid_control.bags.check import check
-from atpid_control.report import read_run, report
+from atpid_control.runs.check import check
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.recover import recover
+from atpid_control.runs.run import open_run
+from atpid_control.runs.verify import verify
+from atpid_control.views.report import report
 
 BAGS = Path(__file__).resolve().parent.parent / "bags"
 WHOLE = ("thesis_4_3_short", "rumble", "laser_stuck")
@@ -43,7 +47,7 @@ def test_the_regular_record_has_no_rumble() -> None:
 def test_the_rumble_begins_after_the_step_and_ends_when_the_ceiling_has_come_down() -> None:
     (begin,), (end,) = times("rumble", "rumble"), times("rumble", "calm")
     assert 3.05 < begin < end < 6.0
-    motion = read_run(open_bag(BAGS / "rumble")).motion
+    motion = open_run(BAGS / "rumble").motion
     ceiling = motion.ceiling[(motion.time > 3.0)]
     assert ceiling[-1] < 0.75 * ceiling[0]
 
@@ -68,7 +72,7 @@ def test_the_record_that_is_cut_off_is_refused_and_recovered(tmp_path: Path) -> 
     made = recover(BAGS / "cut_off", tmp_path / "whole")
     whole, left = open_bag(BAGS / "thesis_4_3_short"), open_bag(tmp_path / "whole")
     assert [raw.data for raw in left.raw] == [raw.data for raw in whole.raw[: len(left.raw)]]
-    last = list(left.stream(LASER))[-1]
+    last = [block for _, block in left.messages(LASER)][-1]
     assert f"{LASER}: ends with scan {last.first_index + 49}" in made.lost
     assert any(line.startswith("bag_0.mcap, bytes ") for line in made.lost)
 

@@ -4,6 +4,7 @@
 import math
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -21,11 +22,17 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
-from atpid_control.bags import BagError, BagWriter, new_run, verify
-from atpid_control.bags.read import Bag, open_bag
-from atpid_control.graph.parts import PARTS, parameters_for, parameters_in
-from atpid_control.nodes.composition import node_class, run_lockstep
+from atpid_control.identification.linear import LEAST_PIVOT
 from atpid_control.nodes.replay_node import ReplayNode
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.playback import ABSOLUTE, RELATIVE
+from atpid_control.runs.read import Bag, open_bag
+from atpid_control.runs.verify import verify
+from atpid_control.runs.writer import BagWriter
+from atpid_control.stand.nodes.composition import node_class, run_lockstep
+from atpid_control.stand.parameters import parameters_in
+from atpid_control.stand.parts import PARTS, parameters_for
 
 ROOT = Path(__file__).resolve().parent.parent
 HEIGHT_MAP = ROOT / "atpid_control/config/maps/standard.npz"
@@ -138,11 +145,11 @@ def answers(bag: Bag, topic: str) -> list[dict[str, Any]]:
 
 
 def close(one: Any, other: Any) -> bool:
-    """Equal but for what another processor rounds otherwise."""
+    """Equal but for what another processor rounds otherwise, also where a fit is as near to singular as is accepted."""
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(close(one[key], other[key]) for key in one)
     if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-9)
+        return math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     return bool(one == other)
 
 
@@ -161,6 +168,10 @@ def test_a_replay_gives_the_recorded_estimates_and_commands(
             assert answers(before, topic) == answers(after, topic)
     heights = {message.height for _, message in after.messages("/ceiling/command")}
     assert len({height for height in heights if not math.isnan(height)}) >= 2, "the ceiling never moved in this run"
+
+
+def test_the_tolerance_of_a_replay_is_that_of_the_arithmetic() -> None:
+    assert sys.float_info.epsilon / LEAST_PIVOT == RELATIVE
 
 
 @pytest.mark.slow
@@ -261,7 +272,7 @@ def bad_bags(folder: Path) -> dict[str, tuple[Path, str]]:
     return {
         "a file of text": (folder / "note.txt", "not a bag"),
         "text under a bag's name": (folder / "text", "not a bag"),
-        "an empty folder": (folder / "empty", "no .mcap file"),
+        "an empty folder": (folder / "empty", "no .mcap or .db3 file"),
         "a missing folder": (folder / "missing", "no such bag"),
         "a bag never closed": (folder / "open", "metadata.yaml is missing"),
         "a bag without sensors": (folder / "silent", "no topic fits"),

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control replay`: the bag's own parameters, older definitions converted, and what differs listed."""
+"""`atpid replay`: the bag's own parameters, older definitions converted, and what differs listed."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,16 @@ import yaml
 from older_bags import older, with_parameters, without_handshake
 from rclpy.serialization import deserialize_message
 
-from atpid_control.bags import BagError, verify
-from atpid_control.bags.playback import compare, load_playback
-from atpid_control.bags.read import open_bag
-from atpid_control.bags.replay_files import write_replay_files
 from atpid_control.cli import main
 from atpid_control.commands.replay import namespace_of
-from atpid_control.graph.parts import parameters_in
-from atpid_control.nodes.wire import class_of
+from atpid_control.nodes.bag_qos import class_of
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.playback import compare, load_playback
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.run import open_run
+from atpid_control.runs.verify import verify
+from atpid_control.stand.parameters import parameters_in
+from atpid_control.stand.replay_files import write_replay_files
 
 pytestmark = pytest.mark.slow
 
@@ -110,8 +113,8 @@ def test_every_parameter_of_the_nodes_is_one_the_replay_can_name(tmp_path: Path)
     import rclpy
     from rclpy.parameter import Parameter
 
-    from atpid_control.bags.replay_files import IDENTIFIER, SELECTOR
-    from atpid_control.nodes.composition import node_class
+    from atpid_control.stand.nodes.composition import node_class
+    from atpid_control.stand.replay_files import IDENTIFIER, SELECTOR
 
     files = write_replay_files(BAG, tmp_path / "kept")
     rclpy.init()
@@ -157,16 +160,14 @@ def test_a_message_that_cannot_be_converted_is_refused_in_one_line(
 def test_everything_that_reads_bags_reads_older_ones(
     old: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from atpid_control.recording import main as recording
-
     assert verify(old).by_topic[BLOCKS] == 160
-    assert recording(["extract", str(old), "--out", str(tmp_path / "kept")]) == 0
-    assert recording(["extract", str(old), "--out", str(tmp_path / "kept"), "--support", "1:2"]) == 0
-    assert main(["report", str(old), "--out", str(tmp_path / "report")]) == 0
+    assert main(["bag", "extract", str(old), "--out", str(tmp_path / "kept")]) == 0
+    assert main(["bag", "extract", str(old), "--out", str(tmp_path / "kept"), "--support", "1:2"]) == 0
+    assert main(["bag", "report", str(old), "--out", str(tmp_path / "report")]) == 0
     assert (tmp_path / "report" / "report.html").is_file()
-    command = ["calibrate-beam", str(old), "--moving-mass", "0.362", "--grain-mass", "0.0362"]
+    command = ["calibrate", "beam", str(old), "--moving-mass", "0.362", "--grain-mass", "0.0362"]
     status = main(command)
-    assert status == main([command[0], str(BAG), *command[2:]])
+    assert status == main([*command[:2], str(BAG), *command[3:]])
     before, after = (next(bag.messages(BLOCKS))[1] for bag in map(open_bag, (old, BAG)))
     assert not hasattr(before, "handshake")
     assert after.handshake is False
@@ -198,10 +199,9 @@ def test_fields_in_another_order_are_converted_too(tmp_path: Path) -> None:
 
 
 def test_the_comparison_finds_what_differs(tmp_path: Path) -> None:
-    before = open_bag(BAG)
+    before = open_run(BAG)
     assert [(found.agreeing, found.first_difference) for found in compare(before, before)] == [(160, ""), (160, "")]
-    after = open_bag(BAG)
-    after.raw = [raw for raw in after.raw if raw.topic != "/ceiling/command"]
+    after = replace(before, tables={name: one for name, one in before.tables.items() if name != "ceiling/command"})
     commands = next(found for found in compare(before, after) if found.topic == "/ceiling/command")
     assert (commands.recorded, commands.agreeing) == (160, 0)
     assert commands.first_difference == "0.000 s after the first, no answer"

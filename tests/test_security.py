@@ -18,13 +18,14 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from atpid_control.bags.read import Bag, open_bag
-from atpid_control.bench.running import commands_of, run_realtime
-from atpid_control.graph.domain import own_domain
-from atpid_control.graph.parts import write_parameters
-from atpid_control.nodes import policy
-from atpid_control.security import OPERATOR, Rights, read_policy
-from atpid_control.soak.measure import family
+from atpid_control.cli import main
+from atpid_control.runs.read import Bag, open_bag
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.nodes import policy
+from atpid_control.stand.parameters import write_parameters
+from atpid_control.stand.running import commands_of, run_realtime
+from atpid_control.stand.security import OPERATOR, Rights
+from studies.soak.measure import family
 
 #: Height the intruder commands [m]; the scene's own heights are others.
 FOREIGN = 0.95
@@ -59,13 +60,13 @@ FORM = {
 @pytest.fixture(scope="module")
 def kept(root: Path) -> str:
     """The policy in the repository."""
-    return (root / "security" / "stand.policy.xml").read_text()
+    return (root / "atpid_control/config/security/stand.policy.xml").read_text()
 
 
 @pytest.mark.slow
 def test_the_policy_is_that_of_the_nodes(kept: str, scenes: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """After a change of the nodes: `make policy`."""
-    assert policy.main([str(scenes / "stand_realtime.yaml")]) == 0
+    assert main(["policy", str(scenes / "stand_realtime.yaml")]) == 0
     assert capsys.readouterr().out == kept
 
 
@@ -83,6 +84,17 @@ def test_the_policy_has_the_form_that_sros2_reads(kept: str) -> None:
             assert not set("*?[") & set(str(element.text))
 
 
+def read_policy(text: str) -> dict[str, Rights]:
+    """Return the rights in a policy, by node."""
+    found: dict[str, Rights] = {}
+    for profile in ElementTree.fromstring(text).iter("profile"):
+        rights = found.setdefault(str(profile.get("node")), Rights())
+        for element in profile:
+            for kind in element.attrib:
+                getattr(rights, kind).update(str(item.text) for item in element)
+    return found
+
+
 def who(rights: dict[str, Rights], kind: str, name: str) -> set[str]:
     return {node for node, one in rights.items() if name in getattr(one, kind)}
 
@@ -98,7 +110,8 @@ def test_only_the_selector_commands_and_an_operator_or_the_supervisor_for_him_ar
         assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR, "supervisor_node"}
     for service in ("set_parameters", "set_parameters_atomically"):
         assert who(rights, "request", f"/motor_node/{service}") == {OPERATOR}
-    for service in ("/motor_node/stop", "/supervisor_node/stop", "/supervisor_node/rearm"):
+    assert who(rights, "request", "/motor_node/stop") == {OPERATOR, "live_node", "supervisor_node"}
+    for service in ("/supervisor_node/stop", "/supervisor_node/rearm"):
         assert who(rights, "request", service) == {OPERATOR, "live_node"}  # whose page an operator uses
     assert rights[OPERATOR].publish == {"/rosout", "/parameter_events"}
     assert {name.rpartition("/")[2] for name in rights["recorder_node"].request} == {
@@ -236,10 +249,10 @@ def licences(table: str) -> dict[str, str]:
 
 
 def test_every_licence_is_known_and_fits_and_those_of_the_page_are_so(root: Path) -> None:
-    command = [sys.executable, str(root / "requirements" / "licences.py")]
+    command = [sys.executable, str(root / "ros2_ws/requirements" / "licences.py")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     page, now = licences((root / "docs" / "security.md").read_text()), licences(done.stdout)
-    given = (root / "requirements" / "runtime.in").read_text().splitlines()
+    given = (root / "ros2_ws/requirements" / "runtime.in").read_text().splitlines()
     imported = [re.split(r"[<=\[]", line)[0] for line in given if not line.startswith("#")]
     assert {name: page[name] for name in imported} == {name: now[name] for name in imported}

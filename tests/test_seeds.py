@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from graph_runs import in_lockstep, scene_file
 
-from atpid_control.cli import main
 from atpid_control.selection.map_cache import map_for
-from atpid_control.studies.pure_loop import run_loop
-from atpid_control.studies.seeds import configured, longest_rumble, measured, noisy, run_seed
 from atpid_sim.maps import HeightMap
 from atpid_sim.scene import load_scene
+from studies.cli import main
+from studies.pure_loop import run_loop
+from studies.seeds.measure import configured, longest_rumble, measured, noisy, run_seed
 
 # brute force allows 79.5, 85 and 86.9 % at 0.01 m
 STEPPED = [("stepped_4_8", 0.76), ("stepped_4_8_phi_0_2", 0.82), ("stepped_4_8_phi_0_3", 0.86)]

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from atpid_common.channel_monitor import ChannelState
 from atpid_control.identification import Identifier, Quality, Settings
 from atpid_control.loop.hold import Hold, HoldSettings
-from atpid_driver.calibration.channel_state import ChannelMonitor, ChannelState, Thresholds
+from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
 from atpid_driver.calibration.convert import si_of, volts_of
 from atpid_driver.calibration.model import load
 
@@ -38,7 +39,7 @@ def run(root: Path, phase: float, gives: float | None) -> tuple[ChannelState, li
     volts = volts_of(laser, AMPLITUDE * np.sin(2.0 * np.pi * FREQUENCY * t + phase))
     volts += np.random.default_rng(0).normal(0.0, 2.7e-4, t.size)
     volts[FAILS:] = volts[FAILS] if gives is None else gives
-    monitor, identifier, hold = ChannelMonitor(laser, THRESHOLDS), Identifier(IDENTIFIER), Hold(HOLD)
+    monitor, identifier, hold = VoltageMonitor(laser, THRESHOLDS), Identifier(IDENTIFIER), Hold(HOLD)
     acted = []
     for first in range(0, t.size, BLOCK):
         part = volts[first : first + BLOCK]

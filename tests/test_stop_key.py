@@ -2,10 +2,7 @@
 """The operator at the keyboard of a running stand: Enter and Ctrl-C, the real firmware on the emulated board."""
 
 import os
-import pty
 import signal
-import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,45 +11,11 @@ import yaml
 from graph_runs import wait_until
 from test_without_ros2 import WIRING, parameter_file
 
-from atpid_control.graph.domain import own_domain
+from atpid_control.stand.domain import own_domain
 from atpid_driver.emulator import Emulator, missing_tools
+from studies.watched_stand import Terminal
 
 pytestmark = pytest.mark.slow
-
-
-class Terminal:
-    """A command at a terminal of its own: what is typed reaches it, what it prints is kept."""
-
-    def __init__(self, *words: object) -> None:
-        self.pid, self._file = pty.fork()
-        if self.pid == 0:
-            os.execv(sys.executable, [sys.executable, "-m", *map(str, words)])
-        self.printed = ""
-        self.status: int | None = None
-        self._reader = threading.Thread(target=self._read, name="reader")
-        self._reader.start()
-
-    def _read(self) -> None:
-        while True:
-            try:
-                data = os.read(self._file, 4096)
-            except OSError:  # the command has ended
-                return
-            self.printed += data.decode(errors="replace")
-
-    def type(self, text: str) -> None:
-        os.write(self._file, text.encode())
-
-    def wait_for(self, words: str) -> None:
-        wait_until(lambda: words in self.printed)
-
-    def end(self) -> int:
-        """Wait for its end; return the exit status."""
-        if self.status is None:
-            self.status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
-            self._reader.join()
-            os.close(self._file)
-        return self.status
 
 
 @pytest.fixture
@@ -72,7 +35,7 @@ def stand(emulator: Emulator, root: Path, scenes: Path, tmp_path: Path) -> Itera
     motor = parameter_file(tmp_path / "motor.yaml", "motor_node", **serial)
     with own_domain():
         made = Terminal(
-            "atpid_control", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path / "bag",
+            "atpid", "stand", scenes / "stand_realtime.yaml", "--bag", tmp_path / "bag",
             "--map", root / "atpid_control/config/maps/standard.npz", "--labjack-config", labjack,
             "--motor-config", motor,
         )  # fmt: skip
@@ -93,12 +56,12 @@ def off_after(emulator: Emulator, terminal: Terminal, key: str) -> float:
 
 @pytest.mark.timeout(300)
 def test_enter_switches_the_motor_off_and_so_does_ctrl_c(stand: Terminal, emulator: Emulator, tmp_path: Path) -> None:
-    stand.wait_for("Enter stops the motor")
-    stand.wait_for("[supervisor_node]: ready")  # all nodes have loaded their libraries
+    wait_until(lambda: "Enter stops the motor" in stand.printed)
+    wait_until(lambda: "[supervisor_node]: ready" in stand.printed)  # all nodes have loaded their libraries
     taken = off_after(emulator, stand, "\n")
     print(f"Enter: motor off after {taken * 1e3:.0f} ms")
     assert taken <= 0.22
-    stand.wait_for("motor off")
+    wait_until(lambda: "motor off" in stand.printed)
     stand.type("\x03")
     assert stand.end() == 0
     assert "Traceback" not in stand.printed

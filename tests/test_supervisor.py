@@ -14,9 +14,9 @@ from graph_runs import scene_file
 from std_srvs.srv import Trigger
 from supervised_graph import Supervised
 
-from atpid_control.bags.read import open_bag
-from atpid_control.graph import NodeDiedError
-from atpid_control.graph.domain import own_domain
+from atpid_control.runs.read import open_bag
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.errors import NodeDiedError
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +35,8 @@ def start(scenes: Path, tmp_path: Path) -> Iterator[Start]:
         made[-1].nodes.__enter__()
         if moving:
             made[-1].until(lambda: made[-1].watch.state.state == SupervisorState.READY)
-            made[-1].until(lambda: made[-1].watch.mode == CeilingState.MOVING)
+            made[-1].arm()  # where a busy machine missed a beat while the nodes were starting
+            made[-1].until(lambda: made[-1].watch.mode in (CeilingState.MOVING, CeilingState.HOLDING))
         return made[-1]
 
     with own_domain():
@@ -83,14 +84,16 @@ def killed_and_started_again(running: Supervised, name: str) -> None:
     running.nodes[name].process.kill()
     running.until(lambda: running.nodes[name].status is not None)
     lines = running.nodes.check("")
-    assert lines == [f"{name} ended with status -9 and is started again; 0 restarts are left"]
+    assert lines == [f"{name} ended with status -9 and is started again, which may take 60 s; 0 restarts are left"]
     running.until(lambda: watch.when(Event.RESUMED, f"{name} answers again") > killed)
     running.until(lambda: watch.state.state == SupervisorState.READY)
     assert watch.when(Event.STALE, f"{name} has ended") > killed
     assert watch.mode == CeilingState.FAULT
-    height = watch.ceiling[-1].height
+    height, seen = watch.ceiling[-1].height, len(watch.ceiling)
     running.arm()
-    assert watch.ceiling[-1].height == pytest.approx(height, abs=0.05)
+    # where it stands as it is armed: what the controller commands next moves it by 0.3 m in each second
+    armed = next(state for state in watch.ceiling[seen:] if state.mode in (CeilingState.MOVING, CeilingState.HOLDING))
+    assert armed.height == pytest.approx(height, abs=0.05)
     running.nodes[name].process.kill()
     running.until(lambda: running.nodes[name].status is not None)
     with pytest.raises(NodeDiedError, match=f"{name} ended with status -9"):
@@ -126,6 +129,35 @@ def test_a_needed_node_that_stays_away_ends_the_run_with_its_name(start: Start) 
     running.nodes["selector_node"].process.send_signal(signal.SIGCONT)
 
 
+def test_a_node_that_is_started_again_may_take_longer_than_one_that_hangs(start: Start) -> None:
+    """Its replacement is stopped while it loads, as on a busy machine, for longer than a node may hang.
+
+    That time counts again from when it has loaded, in which discovery alone takes seconds on a busy machine.
+    """
+    running = start(give_up=5.0, restart_time=60.0)
+    watch, name = running.watch, "selector_node"
+    killed = time.monotonic()
+    running.nodes[name].process.kill()
+    running.until(lambda: running.nodes[name].status is not None)
+    running.nodes.check("")
+    running.nodes[name].process.send_signal(signal.SIGSTOP)
+    running.until(lambda: watch.state.state == SupervisorState.FAULT)
+    place = list(watch.state.nodes).index(name)
+    running.until(lambda: watch.state.silence[place] > 6.0)
+    assert running.nodes["supervisor_node"].status is None
+    running.nodes[name].process.send_signal(signal.SIGCONT)
+    running.until(lambda: watch.when(Event.RESUMED, f"{name} answers again") > killed)
+    assert running.nodes["supervisor_node"].status is None
+
+
+def test_a_node_whose_replacement_does_not_come_ends_the_run_with_its_name(start: Start) -> None:
+    running = start(give_up=1.0, restart_time=3.0)
+    running.nodes["selector_node"].process.kill()
+    supervisor = running.nodes["supervisor_node"]
+    running.until(lambda: supervisor.status is not None)
+    assert supervisor.reason() == "selector_node has not answered for 3 s: the run ends"
+
+
 def test_a_loop_that_fails_its_check_is_refused_with_what_failed(scenes: Path, tmp_path: Path, start: Start) -> None:
     (tmp_path / "other").mkdir()
     other = scene_file(scenes / "thesis_4_3.yaml", tmp_path / "other", ceiling=WIDER)
@@ -135,6 +167,6 @@ def test_a_loop_that_fails_its_check_is_refused_with_what_failed(scenes: Path, t
     assert supervisor.status == 2
     expected = "loop check: ceiling: scene 0.017 to 1.4 m, motor node 0.017 to 1 m; allowed: a scene inside the motor's"
     assert supervisor.reason().startswith(expected)
-    assert any(event.kind == Event.ABORT and event.text.startswith(expected) for _, event in running.watch.events)
+    running.until(lambda: running.watch.when(Event.ABORT, expected))
     # off, or never on where the check failed before the motor was armed
     running.until(lambda: running.watch.mode not in (CeilingState.MOVING, CeilingState.HOLDING))

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from atpid_sim.maps import DamperResponse, best_height
+from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.batch import on_all_cores
 from atpid_sim.simulation.simulate import simulate, trajectory
+from studies.thorough_search import thorough_best
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -93,7 +94,7 @@ def test_two_decays_in_which_one_impact_decides_are_missed(
 
 @pytest.mark.parametrize(("phi", "amplitude", "measured", "model"), TABLE_3_7)
 def test_efficiencies_measured_at_the_best_height(phi: float, amplitude: float, measured: float, model: float) -> None:
-    best = best_height(DamperResponse(standard(mass_fraction=phi), 1e-5), amplitude)
+    best = thorough_best(DamperResponse(standard(mass_fraction=phi), 1e-5), amplitude)
     assert 100.0 * best.efficiency == pytest.approx(measured, abs=3.0)
     assert 100.0 * best.efficiency == pytest.approx(model, abs=0.2)
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from atpid_control.cli import main
-from atpid_control.thesis import page, run
-from atpid_control.thesis.rows import IRREGULAR, Row, rows_of
-from atpid_control.thesis.study import load, names, not_computed
+from studies.cli import main
+from studies.thesis import page, run
+from studies.thesis.rows import IRREGULAR, Row, rows_of
+from studies.thesis.study import load, names, not_computed
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs/thesis.md"
@@ -44,7 +44,7 @@ def alike(one: str, other: str) -> bool:
 def test_the_page_shows_what_is_computed_now(name: str) -> None:
     rows, shown = computed(name), printed(name)
     assert [cells[:2] for cells in shown] == [page.cells(row)[:2] for row in rows]
-    again = "run `python -m atpid_control study all --out out/study --page docs/thesis.md`"
+    again = "run `python -m studies thesis all --out out/study --page docs/thesis.md`"
     for row, there in zip(rows, shown, strict=True):
         now = page.cells(row)
         assert there[3] == now[3], again
@@ -89,7 +89,7 @@ def test_the_page_is_wrapped_at_100_columns() -> None:
 def test_a_finished_study_is_kept_until_its_inputs_change(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command = ["study", "constants", "--out", str(tmp_path), "--scenes", str(ROOT / "scenes")]
+    command = ["thesis", "constants", "--out", str(tmp_path), "--scenes", str(ROOT / "scenes")]
     assert main(command) == 0
     assert "Table 3.2" in capsys.readouterr().out
     rows = tmp_path / "constants/rows.json"
@@ -106,7 +106,7 @@ def test_a_finished_study_is_kept_until_its_inputs_change(
 
 
 def test_the_names_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["study", "list"]) == 0
+    assert main(["thesis", "list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == names()
 
 
@@ -120,7 +120,7 @@ def test_the_names_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["study", *arguments]) == 2
+    assert main(["thesis", *arguments]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.strip().splitlines()) == 1

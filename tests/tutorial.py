@@ -4,7 +4,6 @@
 import re
 import shutil
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -21,8 +20,8 @@ def blocks(language: str) -> list[str]:
 
 
 def typed() -> list[str]:
-    """Return the commands of the page that stand on lines of their own, after set-up."""
-    return [line for line in code(PAGE) if line.startswith("python -m ") and " " in line.removeprefix("python -m ")]
+    """Return the page's commands of `atpid`, in its order."""
+    return [line for line in code(PAGE) if line.startswith("atpid ")]
 
 
 def type_all(folder: Path) -> dict[str, str]:
@@ -33,8 +32,7 @@ def type_all(folder: Path) -> dict[str, str]:
     (folder / "my_beam.yaml").write_text(scene, encoding="utf-8")
     printed = {}
     for command in typed():
-        words = [sys.executable, *command.split()[1:]]
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False, timeout=300.0)
+        done = subprocess.run(command.split(), cwd=folder, capture_output=True, text=True, check=False, timeout=300.0)
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
         printed[command] = done.stdout + done.stderr
     return printed

@@ -1,41 +1,59 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of `python -m atpid_control COMMAND`."""
+"""The program `atpid`: every command, by what one wants to do."""
 
-from collections.abc import Sequence
+from functools import partial
 
-from atpid_common.cli import run_commands
+from atpid_common.cli import Commands, run_commands
 
-#: Command: (module, what it does).
-COMMANDS = {
-    "bench": ("atpid_control.commands.bench", "run a scene through the whole node graph: bag, summary and report"),
-    "soak": ("atpid_control.commands.soak", "run the bench for hours: what grows, what is lost, which rule is broken"),
-    "stand": ("atpid_control.commands.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
-    "seeds": ("atpid_control.commands.seeds", "run scenes through the loop with many noises, without the node graph"),
-    "replay": ("atpid_control.commands.replay", "play a bag through identifier and selector again, and compare"),
-    "traces": ("atpid_control.commands.traces", "write a bag as Foxglove and PlotJuggler plot it"),
-    "report": ("atpid_control.commands.report", "make the report of a bag: an HTML page and pictures"),
-    "export": ("atpid_control.commands.export", "write a bag as CSV, UFF 58, MATLAB or Parquet"),
-    "analyse": ("atpid_control.commands.analyse", "frequency response, spectra, decrement and orders of a bag"),
-    "select": ("atpid_control.commands.select", "select the ceiling height for a scene's excitation"),
-    "compare": ("atpid_control.commands.compare", "compare the methods with passive dampers on the same scenes"),
-    "compare-bags": ("atpid_control.commands.compare_bags", "two bags overlaid, their differences in a table"),
-    "off-resonance": (
-        "atpid_control.commands.off_resonance",
-        "compare selection off resonance with brute force, in random systems",
-    ),
-    "learn": ("atpid_control.commands.learn", "train the method `learned` from simulated systems"),
-    "design": ("atpid_control.commands.design", "design a damper for a structure: grain, heights, motor, reduction"),
-    "calibrate-beam": (
-        "atpid_control.commands.calibrate_beam",
-        "find a beam's stiffness, damping and mass from a recording",
-    ),
-    "validate": ("atpid_control.commands.validate", "simulate a recording with its measured support, and compare"),
-    "study": ("atpid_control.commands.study", "compute the figures and tables of the thesis beside its own numbers"),
-    "faults": ("atpid_control.commands.faults", "run the fault matrix through the graph, and make its page"),
-    "figures": ("atpid_control.commands.figures", "make the figures of the documentation"),
+_SIM, _CONTROL, _DRIVER, _ROS = (
+    "atpid_sim.commands", "atpid_control.commands", "atpid_driver", "atpid_common.nodes"
+)  # fmt: skip
+
+COMMANDS: Commands = {
+    "Simulate, choose a height, design": {
+        "simulate": (f"{_SIM}.simulate", "run one scene: amplitude, error estimate, energy"),
+        "select": (f"{_CONTROL}.select", "select the ceiling height for a scene's excitation"),
+        "map": (f"{_SIM}.map", "compute the best height over support amplitudes and grain masses"),
+        "learn": (f"{_CONTROL}.learn", "train the method `learned` from simulated systems"),
+        "design": (f"{_CONTROL}.design", "design a damper for a structure: grain, heights, motor, reduction"),
+    },
+    "Run the nodes": {
+        "bench": (f"{_CONTROL}.bench", "run a scene through the whole node graph: bag, summary and report"),
+        "stand": (f"{_CONTROL}.stand", "run the test stand: hardware nodes, identifier, selector and recorder"),
+        "replay": (f"{_CONTROL}.replay", "play a bag through identifier and selector again, and compare"),
+        "live": (f"{_CONTROL}.stand:LIVE", "serve the live page of nodes that run already"),
+    },
+    "Read, check and mend bags": {
+        "bag report": (f"{_CONTROL}.bag_views:REPORT", "make the report of a bag: an HTML page and pictures"),
+        "bag analyse": (f"{_CONTROL}.analyse", "frequency response, spectra, decrement and orders of a bag"),
+        "bag compare": (f"{_CONTROL}.compare_bags", "two bags overlaid, their differences in a table"),
+        "bag validate": (f"{_CONTROL}.validate", "simulate a recording with its measured support, and compare"),
+        "bag export": (f"{_CONTROL}.bag_views:EXPORT", "write a bag as CSV, UFF 58, MATLAB or Parquet"),
+        "bag traces": (f"{_CONTROL}.bag_views:TRACES", "write a bag as Foxglove and PlotJuggler plot it"),
+        "bag check": (f"{_CONTROL}.bag_files:CHECK", "whether the run in a bag kept its rules"),
+        "bag verify": (f"{_CONTROL}.bag_files:VERIFY", "whether the file is whole: messages by topic, what is lost"),
+        "bag recover": (f"{_CONTROL}.bag_files:RECOVER", "make a whole bag of one that is cut off or damaged"),
+        "bag repair": (f"{_CONTROL}.bag_files:REPAIR", "the same in its place"),
+        "bag extract": (f"{_CONTROL}.bag_files:EXTRACT", "write scene, parameters and map kept in a bag as files"),
+    },
+    "Calibrate": {
+        "calibrate sensor": (f"{_DRIVER}.calibration.command", "a calibration file from readings at known positions"),
+        "calibrate reading": (f"{_DRIVER}.calibration.reading", "one reading at a known position, a row for `sensor`"),
+        "calibrate beam": (f"{_CONTROL}.calibrate_beam", "a beam's stiffness, damping and mass from a recording"),
+        "calibrate contact": (f"{_CONTROL}.calibrate_contact", "restitution and modulus of a contact from a drop test"),
+    },
+    "Without hardware, without `ros2`": {
+        "emulator": (f"{_DRIVER}.emulator.command", "serve the emulated motor board at a serial port"),
+        "standin": (f"{_DRIVER}.standins.command", "build the stand-in libraries, or inject a fault into one"),
+        "ros echo": (f"{_ROS}.echo", "print messages, as `ros2 topic echo` does"),
+        "ros lifecycle": (f"{_ROS}.lifecycle", "change a node's state, as `ros2 lifecycle set` does"),
+        "ros param": (f"{_ROS}.param", "read and set parameters, as `ros2 param` does"),
+    },
+    "For this machine": {
+        "policy": ("atpid_control.stand.nodes.policy", "make the SROS 2 policy of a stand from its nodes"),
+        "completion": ("atpid_control.completion", "write what completes the commands in a shell"),
+    },
 }
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit status (`atpid_common.cli.guarded`)."""
-    return run_commands("atpid_control", "Control of the tuned particle impact damper.", COMMANDS, argv)
+#: Runs one command, by default that of the process's arguments; returns its exit status (`run_commands`).
+main = partial(run_commands, "atpid", "The tuned particle impact damper: simulation, control, recordings.", COMMANDS)

@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 from recorded import block, make
 
-from atpid_control.bags import BagWriter, new_run
 from atpid_control.cli import main
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.writer import BagWriter
 
 ROOT = Path(__file__).resolve().parents[2]
 BAG = ROOT / "bags/thesis_4_3_short"
@@ -63,5 +64,5 @@ def expected(channel: int) -> Any:
 
 def run(bag: Path, form: str, out: Path, *more: str) -> str:
     """Export and return the path as text."""
-    assert main(["export", str(bag), "--format", form, "--out", str(out), *more]) == 0
+    assert main(["bag", "export", str(bag), "--format", form, "--out", str(out), *more]) == 0
     return str(out)

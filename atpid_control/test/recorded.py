@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.bags import Qos, new_run
-from atpid_control.bags.definitions import message_type
-from atpid_control.bags.session import Session
-from atpid_control.bags.topics import DEFAULT, parse
+from atpid_control.recording.session import Session
+from atpid_control.runs.definitions import message_type
+from atpid_control.runs.metadata import Qos, new_run
+from atpid_control.runs.topics import DEFAULT, parse
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.stream import laser_of
 from atpid_sim.scene import Scene, load_scene
@@ -79,7 +79,7 @@ def bench(scene: Scene, heights: list[tuple[float, float, float]], start_ns: int
     """Yield (topic, message) of a run in which a perfect controller sends the ceiling to (time, height, amplitude)."""
     plant, laser = Plant(scene), laser_of(scene)
     rate, count = scene.sensors.laser.rate, round(scene.recording.block * scene.sensors.laser.rate)
-    speed = getattr(scene.ceiling, "speed", 0.3)
+    speed = scene.ceiling.speed if scene.ceiling.controlled else 0.3
     target, sequence, amplitude = plant.height, 0, float("nan")
     times = [time for time, _, _ in heights]
     for number in range(round(scene.duration * rate) // count):

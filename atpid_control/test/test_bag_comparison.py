@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from recorded import SHORT, block, make, record
 
-from atpid_control.bag_comparison.compare import BagComparisonError, compare_bags
-from atpid_control.bags import BagWriter, new_run
 from atpid_control.cli import main
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.writer import BagWriter
+from atpid_control.views.comparison.compare import BagComparisonError, compare_bags
 
 RATE = 1000.0
 START = 1_000_000_000
@@ -56,7 +57,7 @@ def test_runs_are_aligned_by_an_event_or_by_the_clock(tmp_path: Path) -> None:
     assert value(compare_bags(first, late), "beam, second less first, root mean square")[1] > 0.05
     for other, align in ((late, "moved"), (elsewhere, "clock")):
         found = compare_bags(first, other, align)
-        assert found.sides[1].shift == pytest.approx(-0.25)
+        assert found.runs[1].shift == pytest.approx(-0.25)
         assert value(found, "beam, second less first, root mean square")[1] < 1e-12
         assert (found.time[0], found.time[-1]) == pytest.approx((0.0, 3.749), abs=2e-3)
 
@@ -77,7 +78,7 @@ def test_the_command_compares_stages_and_writes_numbers_and_picture(
     scene = tmp_path / "short.yaml"
     scene.write_text(SHORT.replace("duration:   8.0", "duration:   4.0").replace("[7.0, 8.0]", "[3.0, 4.0]"))
     bags = [str(record(tmp_path / name, scene, [(0.8, height, 0.01)])) for name, height in (("a", 0.15), ("b", 0.2))]
-    assert main(["compare-bags", *bags, "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert main(["bag", "compare", *bags, "--out", str(tmp_path / "out"), "--json"]) == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
     assert rows["stage 1: ceiling height"]["difference"] == pytest.approx(0.05, abs=1e-3)
     assert rows["stage 1: efficiency"]["difference"] > 0.02
@@ -88,5 +89,5 @@ def test_the_command_compares_stages_and_writes_numbers_and_picture(
 
 def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = written(tmp_path / "a", 0.1)
-    assert main(["compare-bags", str(first), str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert main(["bag", "compare", str(first), str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     assert "not a bag" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from atpid_control.beam_calibration.fit import BeamFit, fit_beam, forced, free_columns
-from atpid_control.beam_calibration.masses import from_added_mass, from_known_mass
-from atpid_control.beam_calibration.recording import CalibrationError, Recording, read_recording
+from atpid_common.errors import InputError
+from atpid_control.analysis.beam.fit import BeamFit, CalibrationError, fit_beam, forced, free_columns
+from atpid_control.analysis.beam.masses import from_added_mass, from_known_mass
+from atpid_control.analysis.signals import Signals
 from atpid_control.commands import calibrate_beam as command
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.simulate import trajectory
@@ -27,11 +29,11 @@ SWEEP = CLOSED.with_(
 )
 
 
-def recorded(scene: Scene, seed: int = 0, noise: float = LASER) -> Recording:
+def recorded(scene: Scene, seed: int = 0, noise: float = LASER) -> Signals:
     """Return what the laser reads of a simulated run."""
     rng, motion = np.random.default_rng(seed), trajectory(scene, RATE)
     support, beam = (series + rng.normal(0.0, noise, series.size) for series in (motion.support, motion.beam))
-    return Recording(beam, support, RATE)
+    return Signals(RATE, support, beam)
 
 
 def with_mass(scene: Scene, added: float) -> Scene:
@@ -40,8 +42,13 @@ def with_mass(scene: Scene, added: float) -> Scene:
     return scene.with_(beam=beam, mass_fraction=scene.grain_mass / (scene.total_mass + added))
 
 
-def fitted(recording: Recording) -> BeamFit:
-    return fit_beam(recording.beam, recording.support, recording.rate)
+def alone(beam: NDArray[np.float64]) -> Signals:
+    """Return a beam whose support was not measured."""
+    return Signals(RATE, np.full(beam.size, np.nan), beam)
+
+
+def fitted(recording: Signals) -> BeamFit:
+    return fit_beam(recording)
 
 
 @pytest.mark.slow
@@ -74,7 +81,7 @@ def test_error_bars_cover_the_error(noise: float) -> None:
     motion = 0.1 * free_columns(6000, 1.0 / RATE, stiffness, damping)[0]
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        fit = fit_beam(motion + rng.normal(0.0, noise, motion.size), None, RATE)
+        fit = fit_beam(alone(motion + rng.normal(0.0, noise, motion.size)))
         std = np.sqrt(np.diag(fit.covariance))
         off.append([(fit.stiffness - stiffness) / std[0], (fit.damping - damping) / std[1]])
     assert np.all(np.abs(np.std(off, axis=0) - 1.0) < 0.35)
@@ -92,9 +99,9 @@ def test_the_driven_response_is_exact_for_a_straight_input() -> None:
 
 def test_lost_samples_of_the_beam_do_no_harm() -> None:
     recording = recorded(DECAY)
-    beam = np.where(np.random.default_rng(3).random(recording.beam.size) < 0.1, np.nan, recording.beam)
+    beam = np.where(np.random.default_rng(3).random(recording.response.size) < 0.1, np.nan, recording.response)
     beam[2000:2300] = np.nan
-    fit = fit_beam(beam, recording.support, RATE)
+    fit = fit_beam(replace(recording, response=beam))
     assert fit.stiffness * MOVING == pytest.approx(427.6, rel=0.001)
 
 
@@ -109,9 +116,9 @@ def test_what_is_no_beam_of_one_mass_is_refused() -> None:
         (np.sin(40.0 * t)[:20], "20 valid samples"),
     ):
         with pytest.raises(CalibrationError, match=text):
-            fit_beam(beam, None, RATE)
+            fit_beam(alone(beam))
     with pytest.raises(CalibrationError, match="support: given a recording with gaps"):
-        fit_beam(np.sin(40.0 * t), np.full(5000, np.nan), RATE)
+        fit_beam(Signals(RATE, np.where(t > 1.0, 0.0, np.nan), np.sin(40.0 * t)))
 
 
 def test_impossible_masses_are_refused() -> None:
@@ -126,10 +133,10 @@ def test_impossible_masses_are_refused() -> None:
         from_known_mass(fit, 0.0)
 
 
-def write_table(recording: Recording, path: Path) -> Path:
-    time = np.arange(recording.beam.size) / recording.rate
-    support = np.zeros_like(time) if recording.support is None else recording.support
-    table = np.stack([time, support, recording.beam], axis=1)
+def write_table(recording: Signals, path: Path) -> Path:
+    time = np.arange(recording.response.size) / recording.rate
+    support = recording.excitation
+    table = np.stack([time, support, recording.response], axis=1)
     np.savetxt(path, table, delimiter=",", header="time,support_displacement,beam_displacement", comments="")
     return path
 
@@ -180,20 +187,20 @@ def test_bad_recordings_and_arguments_are_refused(tmp_path: Path) -> None:
     bad = tmp_path / "bad.csv"
     for content, text in (
         ("", "needed: time"),
-        ("time,x\n0,1\n", "needed: beam_displacement"),
+        ("time,x\n0,1\n1,2\n", "no samples of beam_displacement; channels in it: x"),
         ("time,beam_displacement\n0,1\nx,2\n", "not a table of numbers"),
         ("time,beam_displacement\n0,1\n1,2\n5,3\n", "not evenly sampled"),
         ("time,beam_displacement\n0,1\n", "at least two"),
     ):
         bad.write_text(content, encoding="utf-8")
-        with pytest.raises(CalibrationError, match=text):
-            read_recording(bad, "support_displacement", "beam_displacement")
+        with pytest.raises(InputError, match=text):
+            run(str(bad))
     for arguments, text in (
         ([str(tmp_path / "none.csv")], "no such file"),
         ([str(table), "--added-mass", "0.1"], "--added-mass and --with-added"),
         ([str(table), "--from", "20"], "--from 20"),
         ([str(table), "--from", "3", "--to", "2"], "--from 3 --to 2"),
     ):
-        with pytest.raises(CalibrationError, match=text) as refused:
+        with pytest.raises(InputError, match=text) as refused:
             run(*arguments)
         assert "\n" not in str(refused.value)

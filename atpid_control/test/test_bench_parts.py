@@ -9,15 +9,18 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from atpid_common.nodes.messages import time_of
-from atpid_control.bench import outdir
-from atpid_control.bench.summary import real_time_factor
+from atpid_common.middleware import DomainError, named_domain
 from atpid_control.commands.bench import stopped
-from atpid_control.graph import BenchError, NodeDiedError, parts
-from atpid_control.graph.domain import is_quiet, named_domain, own_domain
-from atpid_control.graph.processes import Processes
+from atpid_control.runs.topics import BLOCK
+from atpid_control.stand import outdir, parts
+from atpid_control.stand.domain import is_quiet, own_domain
+from atpid_control.stand.errors import BenchError, NodeDiedError
+from atpid_control.stand.parameters import parameters_in, write_parameters
+from atpid_control.stand.processes import Processes
+from atpid_control.stand.summary import real_time_factor
 from atpid_sim.scene import scene_from_mapping
 
 SCENE = {
@@ -65,7 +68,7 @@ def test_the_domain_the_user_has_set_is_taken() -> None:
     assert named_domain({"ROS_DOMAIN_ID": "0"}) == 0
     assert named_domain({"ROS_DOMAIN_ID": "77"}) == 77
     for text in ("lab", "-1", "233", "1.5"):
-        with pytest.raises(BenchError, match=f"ROS_DOMAIN_ID: given '{text}'; allowed: 0 to 232"):
+        with pytest.raises(DomainError, match=f"ROS_DOMAIN_ID: given '{text}'; allowed: 0 to 232"):
             named_domain({"ROS_DOMAIN_ID": text})
 
 
@@ -73,7 +76,7 @@ def test_the_domain_the_user_has_set_is_taken() -> None:
     ("files", "text"),
     [
         ([], "stopped before the recording began; there is no bag"),
-        (["bag_0.mcap"], "the bag is not closed: python -m atpid_control.recording repair "),
+        (["bag_0.mcap"], "the bag is not closed: atpid bag repair "),
         (["bag_0.mcap", "metadata.yaml"], "the bag is closed: "),
     ],
 )
@@ -132,13 +135,15 @@ def test_a_closed_damper_gets_a_range_with_some_width() -> None:
 
 def test_parameters_of_a_node_are_found_under_each_way_to_name_it() -> None:
     document = {"/**/a_node": {"ros__parameters": {"x": 1}}, "/**": {"ros__parameters": {"y": 2}}, "b_node": {}}
-    assert parts.parameters_in(document, "a_node") == {"x": 1, "y": 2}
+    assert parameters_in(document, "a_node") == {"x": 1, "y": 2}
 
 
 def test_a_list_that_stands_twice_is_written_twice(tmp_path: Path) -> None:
     both = ["a.yaml", "b.yaml"]  # an anchor is what rcl cannot read
-    parts.write_parameters({"a_node": {"files": both}, "b_node": {"files": both}}, tmp_path / "parameters.yaml")
-    assert not {"&", "*"} & set((tmp_path / "parameters.yaml").read_text())
+    write_parameters({"a_node": {"files": both}, "b_node": {"files": both}}, tmp_path / "parameters.yaml")
+    text = (tmp_path / "parameters.yaml").read_text()
+    assert "&" not in text
+    assert text.count("b.yaml") == 2
 
 
 def script(text: str) -> list[str]:
@@ -174,6 +179,17 @@ def test_nodes_are_interrupted_before_they_are_killed(tmp_path: Path) -> None:
     assert nodes["recorder_node"].status == 0
 
 
+def test_the_motor_is_interrupted_before_anything_else_is_ended(tmp_path: Path) -> None:
+    motor = "signal.signal(signal.SIGINT, lambda *_: exit(0))\n"
+    motor += "signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])\nprint('up', flush=True)\nsignal.pause()"
+    with Processes([("motor_node", script(motor)), ("other", script("signal.pause()"))], tmp_path) as nodes:
+        with nodes.motor_first():
+            while "up" not in (tmp_path / "motor_node.log").read_text():
+                assert nodes["motor_node"].status is None
+        assert nodes["motor_node"].process.wait(60.0) == 0
+        assert nodes["other"].status is None
+
+
 def test_a_killed_node_is_reported_with_its_signal_and_what_is_unusual(tmp_path: Path) -> None:
     log = "[INFO] [1.0] [plant_node]: begun\n[WARN] [2.0] [plant_node]: odd"
     text = f"import os\nprint({log!r}, flush=True)\nos.kill(os.getpid(), 9)"
@@ -202,10 +218,10 @@ def test_stopping_is_not_cut_short_by_a_second_interrupt(tmp_path: Path) -> None
 
 
 def test_the_real_time_factor_is_data_over_wall_time() -> None:
-    blocks = [(wall, SimpleNamespace(header=SimpleNamespace(stamp=time_of(stamp)))) for wall, stamp in [(3, 0), (5, 4)]]
-    bag: Any = SimpleNamespace(
-        result={"real_time_factor": "12.5"}, topics_of=lambda _kind: ["/sensors/laser"], messages=lambda _topic: blocks
-    )
+    table = SimpleNamespace(rate=None, type=BLOCK, topic="/sensors/laser")
+    fields = {"stamp": [0, 4], "first_index": [0, 1], "scans": [1, 1], "rate": [1e9, 1e9], "received": [3e-9, 5e-9]}
+    arrays = {name: np.array(values) for name, values in fields.items()}
+    bag: Any = SimpleNamespace(result={"real_time_factor": "12.5"}, start_ns=0, tables={"blocks": (table, arrays)})
     assert real_time_factor(bag, "real time") == 2.0
     assert real_time_factor(bag, "lockstep") == 12.5
 

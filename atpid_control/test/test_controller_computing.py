@@ -9,14 +9,15 @@ from typing import Any
 
 import pytest
 
+from atpid_common.vocabulary import Severity
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
 from atpid_control.loop.controller import SelectingController
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.protocol import WARNING, Command, ControlSettings
+from atpid_control.loop.protocol import Command, ControlSettings
 from atpid_control.loop.step_back import StepBack
-from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 
 HOLD = HoldSettings(
     dead_band=0.01,
@@ -59,16 +60,9 @@ class Linear:
         self.asked: list[float] = []
         self.error: Exception | None = None
 
-    def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:
-        del amplitude_std, frequency, height
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
+        del height
+        amplitude = excitation.amplitude
         self.asked.append(amplitude)
         if self.error is not None:
             raise self.error
@@ -135,8 +129,8 @@ def test_a_height_that_is_only_looked_up_is_in_the_answer_that_asks_for_it() -> 
 class Late(Linear):
     """Ends after its deadline."""
 
-    def select(self, *excitation: float, margin: float = 0.0, height: float = math.nan) -> Selection:
-        found = super().select(*excitation, margin=margin, height=height)
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
+        found = super().select(excitation, margin, height)
         return replace(found, wall_s=0.21, late=True, note="in 3 of 49 sampled systems; late: 0.210 s of 0.15 s")
 
 
@@ -146,7 +140,7 @@ def test_what_a_height_holds_for_is_its_reason_and_a_missed_deadline_an_event() 
     answers = [machine.answer(0.05 * k, estimate, 0.017) for k in range(6)]
     (event,) = [answer for answer in answers if answer.kind]
     assert event.command.reason == "selected (in 3 of 49 sampled systems; late: 0.210 s of 0.15 s)"
-    assert (event.kind, event.severity, event.value) == ("slow", WARNING, 0.21)
+    assert (event.kind, event.severity, event.value) == ("slow", Severity.WARNING, 0.21)
     assert event.text == "direct: in 3 of 49 sampled systems; late: 0.210 s of 0.15 s"
     assert answers[-1].command.reason == "inside dead band"
 
@@ -295,8 +289,8 @@ class Looked(Linear):
 
     method, simulates = "lookup", False
 
-    def select(self, amplitude: float, *args: float, **kwargs: float) -> Selection:
-        given = super().select(amplitude, *args, **kwargs)
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
+        given = super().select(excitation, margin, height)
         return Selection(0.9 * given.height, given.beam_amplitude, given.efficiency, self.method)
 
 

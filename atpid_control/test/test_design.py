@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from atpid_control.cli import main
-from atpid_control.design.cases import adverse, case, corners, deviation, inside
 from atpid_control.design.check import Check, interval_at, widened
 from atpid_control.design.forces import contact_time, forces, law_force
+from atpid_control.design.grain_choice import Candidate, fractions, preferred
 from atpid_control.design.limits import warnings_of
 from atpid_control.design.motor import motor
 from atpid_control.design.problem import (
@@ -22,6 +22,8 @@ from atpid_control.design.problem import (
     Deviation,
     Problem,
     Uncertainty,
+    case,
+    deviation,
     grain_mass,
     grain_radius,
     mapping_of,
@@ -30,14 +32,16 @@ from atpid_control.design.problem import (
     scene_of,
     time_constant,
 )
-from atpid_control.design.promise import Answer, Interval, Point
-from atpid_control.design.trade import Candidate, fractions, preferred
+from atpid_control.design.worst_case import Interval, Point, Tone
 from atpid_sim.contact import tsuji
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import NumericalFailure
+from atpid_sim.robust import Response, adverse, corners, inside
 from atpid_sim.system import System, reduced_mass
 
-PIPE = {"mass": 2.0, "frequency": 15.0, "damping": 0.02, "amplitudes": (0.001, 0.004)}
+PIPE = {
+    "mass": 2.0, "frequency": 15.0, "damping": 0.02, "amplitudes": (0.001, 0.004), "young_modulus": 2.1e11,
+}  # fmt: skip
 OPTIONS = ["--mass", "2", "--frequency", "15", "--damping", "0.02", "--amplitudes", "0.001:0.004"]
 
 
@@ -48,8 +52,13 @@ def pipe(**changes: object) -> Problem:
 def a_point(amplitude: float, height: float, **changes: object) -> Point:
     """Return a point whose other numbers are unremarkable."""
     made = Point(
-        amplitude, height, height - 0.05, Interval(0.85, 0.80, 0.90), Interval(0.01, 0.008, 0.012), 0.06, height, 0.87,
-        True, 1e-6, Interval(100.0, 80.0, 120.0), 150.0, 0.02, 1.0, 0.5, 13.0, 6.0, 20.0, 70,
+        amplitude=amplitude, height=height, clearance=height - 0.05, frequency=13.0,
+        over_frequency=[Tone(13.0, 0.002, 0.004, 0.5)], efficiency=Interval(0.85, 0.80, 0.90),
+        reduction=Interval(0.5, 0.45, 0.55), beam_amplitude=Interval(0.002, 0.0018, 0.0025),
+        bare_amplitude=Interval(0.004, 0.0038, 0.0042), closed_amplitude=0.013, best_height=height,
+        best_efficiency=0.87, regular=True, numerical_error=1e-6, ceiling_force=Interval(100.0, 80.0, 120.0),
+        floor_force=150.0, overlap=0.02, speed=1.0, impulse=0.5, rate=13.0, mean_force=6.0, acceleration=9.0,
+        height_error=0.001, structures=70,
     )  # fmt: skip
     return replace(made, **changes)  # type: ignore[arg-type]
 
@@ -102,7 +111,7 @@ def test_the_largest_force_is_that_of_one_impact_at_the_closing_speed() -> None:
 
 
 def test_corners_are_a_fractional_factorial_design_of_resolution_four() -> None:
-    box = corners()
+    box = corners(8)
     assert box.shape == (16, len(Deviation._fields))
     assert np.array_equal(box.T @ box, 16.0 * np.eye(8))
     products = np.array([box[:, i] * box[:, k] for i in range(8) for k in range(i)])
@@ -111,7 +120,7 @@ def test_corners_are_a_fractional_factorial_design_of_resolution_four() -> None:
 
 @given(st.lists(st.floats(-1.0, 1.0).filter(lambda slope: abs(slope) > 1e-3), min_size=8, max_size=8))
 def test_the_adverse_corner_of_a_linear_response_is_exact(slopes: list[float]) -> None:
-    assert np.array_equal(adverse(corners(), corners() @ np.array(slopes)), np.sign(slopes))
+    assert np.array_equal(adverse(corners(8), corners(8) @ np.array(slopes)), np.sign(slopes))
 
 
 def test_speed_force_and_torque_of_the_motor() -> None:
@@ -163,9 +172,9 @@ def test_the_scene_is_that_of_the_options() -> None:
 
 
 def test_random_structures_lie_in_the_box_and_are_the_same_again() -> None:
-    box = inside(500, 3)
+    box = inside(500, 8, 3)
     assert np.abs(box).max() <= 1.0
-    assert np.array_equal(box, inside(500, 3))
+    assert np.array_equal(box, inside(500, 8, 3))
     assert np.abs(box.mean(axis=0)).max() < 0.1
 
 
@@ -179,9 +188,9 @@ def grains(*lows: float) -> list[Candidate]:
 
 
 def test_the_smallest_grain_that_keeps_the_target_comes_first_and_the_best_last() -> None:
-    found = preferred(pipe(target_reduction=0.7), grains(0.5, 0.72, 0.69, 0.8, 0.75))
+    found = preferred(pipe(target_efficiency=0.7), grains(0.5, 0.72, 0.69, 0.8, 0.75))
     assert [one.efficiency.low for one in found] == [0.72, 0.75, 0.8]
-    assert [one.efficiency.low for one in preferred(pipe(target_reduction=0.9), grains(0.5, 0.8, 0.7))] == [0.8]
+    assert [one.efficiency.low for one in preferred(pipe(target_efficiency=0.9), grains(0.5, 0.8, 0.7))] == [0.8]
 
 
 def test_without_a_target_the_smallest_that_is_nearly_as_good_as_the_best() -> None:
@@ -199,13 +208,16 @@ def test_fractions_end_with_the_largest_allowed() -> None:
 
 
 def test_an_answer_outside_widens_both_neighbours() -> None:
-    points = [a_point(0.001, 0.06), a_point(0.004, 0.08)]
-    answers = [Answer(0.02, 0.77, True), Answer(0.01, 0.85, True), Answer(0.01, 0.91, True)]
+    points = [a_point(0.001, 0.06), a_point(0.004, 0.08, beam_amplitude=Interval(0.008, 0.0072, 0.01))]
+    # amplitudes within those of the points, 1.8 to 2.5 of the support's 1 mm, but for the first; all reduced by half
+    answers = [Response(x, e, True, 2.0 * x) for x, e in ((0.006, 0.77), (0.004, 0.85), (0.0038, 0.91))]
     wide, found = widened(points, [answers])
     assert (found.structures, found.outside) == (3, 2)
     assert found.excess == pytest.approx(0.03)
     assert interval_at(wide, 0.002) == pytest.approx((0.85, 0.77, 0.91))
-    assert wide[0].beam_amplitude.high == pytest.approx(0.012 + 0.03 * 0.06)
+    assert [one.beam_amplitude.high for one in wide] == pytest.approx([0.003, 0.012])
+    assert [one.beam_amplitude.low for one in wide] == pytest.approx([0.0018, 0.0072])
+    assert interval_at(wide, 0.002, "beam_amplitude") == pytest.approx((0.004, 0.0036, 0.006))
 
 
 # limits
@@ -219,12 +231,17 @@ def test_a_design_within_all_limits_has_no_warning() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"overlap": 0.2}, ["contact: ", "0.20 of its radius", "1.2e+09 Pa"]),  # 2.1e8 * 2^2.5
-        ({"acceleration": 0.8}, ["gravity: up to 0.001 m", "no reduction below"]),
+        ({"overlap": 0.2}, ["contact: ", "0.20 of its radius", "1.2e+12 Pa"]),  # 2.1e11 * 2^2.5
+        ({"acceleration": 0.8}, ["gravity: up to ±1 mm", "does nothing below"]),
         ({"rate": 0.0}, ["does not reach the ceiling"]),
-        ({"regular": False}, ["irregular motion", "0.001 m"]),
+        ({"regular": False}, ["irregular motion", "±1 mm"]),
         ({"efficiency": Interval(0.8, 0.6, 0.9)}, ["sensitive", "15 points"]),
-        ({"height": 1.4, "best_height": 3.0}, ["container: the ceiling reaches 1.40 m", "--max-mass-fraction"]),
+        (
+            {"over_frequency": [Tone(13.0, 0.005, 0.004, -0.2)], "reduction": Interval(-0.2, -0.3, 0.1)},
+            ["reduction below 0: the damper makes it worse at 13 Hz and ±1 mm", "--excitation-frequency"],
+        ),
+        ({"reduction": Interval(0.2, -0.1, 0.3)}, ["reduction below 0 in some of the cases at ±1 mm, down to -10 %"]),
+        ({"height": 1.4, "best_height": 3.0}, ["container: the ceiling reaches 1400 mm", "--max-mass-fraction"]),
     ],
 )
 def test_each_limit_is_one_line(changes: dict[str, object], words: list[str]) -> None:
@@ -248,7 +265,12 @@ def test_a_target_that_no_grain_keeps_is_named() -> None:
     ("given", "line"),
     [
         (["--mass", "-2"], "--mass: given -2.0; allowed: from 1e-06 to 1e+06"),
-        (["--damping", "2"], "--damping: given 2.0; allowed: from 0.0005 to 0.2"),
+        (["--damping", "0.8"], "--damping: given 0.8; allowed: from 0.0005 to 0.2 (a ratio: 0.8 % is 0.008)"),
+        (["--mass", "0,45"], "--mass: given 0,45; allowed: a number with a decimal point: 0.45"),
+        (["--amplitudes", "1:4"], "--amplitudes[1]: given 4.0; allowed: from 1e-06 to 1 (in metres: 1 mm is 0.001)"),
+        (["--excitation-frequency", "fast"], "--excitation-frequency: given fast:fast; allowed: LO:HI, or HZ, such"),
+        (["--excitation-frequency", "16:14"], "--excitation-frequency: given 16:14; allowed: HZ, or LO:HI with LO"),
+        (["--excitation-frequency", "40"], "--excitation-frequency: given 40; allowed: HZ, or LO:HI with LO below HI,"),
         (["--amplitudes", "0.004:0.001"], "--amplitudes: given 0.004:0.001; allowed: LO:HI, two rising"),
         (["--amplitudes", "0.004"], "--amplitudes: given 0.004; allowed: LO:HI, two rising"),
         (["--frequency", "nan"], "--frequency: given nan; allowed: -1e+15 to 1e+15"),

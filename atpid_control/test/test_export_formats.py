@@ -14,9 +14,10 @@ import pyuff
 from exported import BAG, EXACT, RATE, SLOW, START, expected, run, written
 from scipy.io import loadmat
 
-from atpid_control.beam_calibration.recording import read_recording
+from atpid_control.analysis.signals import signals_of
 from atpid_control.cli import main
-from atpid_control.export.uff_file import runs
+from atpid_control.runs.run import open_run
+from atpid_control.views.export.uff_file import runs
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +44,11 @@ def test_csv_is_read_back_by_pandas_bit_by_bit(bag: Path, tmp_path: Path, capsys
 
 def test_a_table_is_taken_in_place_of_the_bag_by_the_commands_that_take_tables(tmp_path: Path) -> None:
     path = Path(run(BAG, "csv", tmp_path / "run.csv", "--topic", "/sensors/laser"))
-    table, bag = (read_recording(source, "support_displacement", "beam_displacement") for source in (path, BAG))
+    table, bag = (signals_of(open_run(source))[0] for source in (path, BAG))
     assert table.rate == pytest.approx(bag.rate, rel=1e-12)
-    np.testing.assert_array_equal(table.beam, bag.beam)
-    np.testing.assert_array_equal(np.asarray(table.support), np.asarray(bag.support))
+    assert (table.start, table.origin, bag.origin) == (bag.start, "table", "laser")
+    np.testing.assert_array_equal(table.response, bag.response)
+    np.testing.assert_array_equal(table.excitation, bag.excitation)
 
 
 def test_matlab_is_read_back_by_scipy_bit_by_bit(bag: Path, tmp_path: Path) -> None:
@@ -81,7 +83,7 @@ def test_uff_58_is_read_back_by_pyuff_bit_by_bit(bag: Path, tmp_path: Path) -> N
 
 
 def test_parts_without_a_gap_across_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("atpid_control.export.uff_file._ROWS", 4)
+    monkeypatch.setattr("atpid_control.views.export.uff_file._ROWS", 4)
     generator = np.random.default_rng(2)
     for _ in range(50):
         values = np.where(generator.random(17) < 0.3, np.nan, 1.0)
@@ -117,7 +119,7 @@ def test_a_part_and_one_topic(bag: Path, tmp_path: Path, capsys: pytest.CaptureF
     ("arguments", "words"),
     [
         (["{tmp}/none", "--format", "csv", "--out", "{tmp}/a.csv"], "no such bag"),
-        (["{tmp}", "--format", "csv", "--out", "{tmp}/a.csv"], "not a bag, there is no .mcap file"),
+        (["{tmp}", "--format", "csv", "--out", "{tmp}/a.csv"], "not a bag, there is no .mcap or .db3 file"),
         (["{bag}", "--format", "csv", "--out", "{tmp}/a.mat"], "allowed with --format csv: a file that ends in .csv"),
         (["{bag}", "--format", "uff", "--topic", "/events", "--out", "{tmp}/a.uff"], "there are no samples"),
         (["{bag}", "--format", "mat", "--topic", "/force", "--out", "{tmp}/a.mat"], "given /force; in the bag"),
@@ -132,7 +134,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 ) -> None:
     for name in ("there.csv", "half.events.csv"):
         (tmp_path / name).write_text("mine")
-    assert main(["export", *(text.format(bag=bag, tmp=tmp_path) for text in arguments)]) == 2
+    assert main(["bag", "export", *(text.format(bag=bag, tmp=tmp_path) for text in arguments)]) == 2
     printed = capsys.readouterr()
     assert words in printed.err
     assert len(printed.err.splitlines()) == 1
@@ -145,7 +147,7 @@ def test_without_pyarrow_one_line_says_what_to_install(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert main(["export", str(bag), "--format", "parquet", "--out", str(tmp_path / "a.parquet")]) == 2
+    assert main(["bag", "export", str(bag), "--format", "parquet", "--out", str(tmp_path / "a.parquet")]) == 2
     assert "`make parquet` installs it" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -157,9 +159,9 @@ def test_memory_does_not_grow_with_the_length_of_the_bag(tmp_path: Path, form: s
     peaks = []
     for number, blocks in enumerate((40, 120)):
         bag = written(tmp_path / f"run{number}", blocks, size=1000)
-        main(["export", str(bag), "--format", form, "--out", str(tmp_path / f"first{number}.{form}")])
+        main(["bag", "export", str(bag), "--format", form, "--out", str(tmp_path / f"first{number}.{form}")])
         tracemalloc.start()
-        main(["export", str(bag), "--format", form, "--out", str(tmp_path / f"again{number}.{form}")])
+        main(["bag", "export", str(bag), "--format", form, "--out", str(tmp_path / f"again{number}.{form}")])
         peaks.append(tracemalloc.get_traced_memory()[1] * 1e-6)
         tracemalloc.stop()
     assert peaks[1] - peaks[0] < most, peaks

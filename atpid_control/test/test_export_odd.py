@@ -12,10 +12,10 @@ from exported import EXACT, RATE, START, run, samples
 from recorded import block, make
 from scipy.io import loadmat
 
-from atpid_control.bags import BagWriter, new_run
-from atpid_control.bags.writer import Split
 from atpid_control.cli import main
-from atpid_control.export import open_bag
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.run import open_run
+from atpid_control.runs.writer import BagWriter
 
 NAMES = ["Weg, oben", "time", "a#b", 'größe "µ"', "x" * 70]
 UNITS = ["mm", "", "m/s²", "V", "N"]
@@ -23,8 +23,8 @@ TEXT = 'Größe µ "x", #1\nzweite Zeile\r\n日本語 ☃ \t;'
 EXTREME = np.array([[5e-324, -0.0], [1e11, -1e11], [np.nan, np.nextafter(1.0, 2.0)], [0.1 + 0.2, 1.0 / 3.0]])
 
 
-def recording(folder: Path, blocks: list[bytes], text: str = "", split: Split | None = None) -> Path:
-    writer = BagWriter(folder, new_run(run_id="odd", commit="none"), split=split)
+def recording(folder: Path, blocks: list[bytes], text: str = "") -> Path:
+    writer = BagWriter(folder, new_run(run_id="odd", commit="none"))
     writer.add_topic("/sensors/laser", "atpid_interfaces/msg/SampleBlock")
     writer.add_topic("/events", "atpid_interfaces/msg/Event")
     for place, one in enumerate(blocks):
@@ -74,7 +74,7 @@ def test_a_text_in_any_script_comes_back(odd: Path, tmp_path: Path) -> None:
     events = pd.read_csv(tmp_path / "a.events.csv", comment="#", lineterminator="\n", keep_default_na=False)
     assert (events["text"].item(), events["source"].item()) == (TEXT, "knöten")
     assert loadmat(run(odd, "mat", tmp_path / "a.mat"), simplify_cells=True)["events"]["text"] == TEXT
-    assert open_bag(odd)["events"].to_dataset()["text"].item() == TEXT
+    assert open_run(odd).tree()["events"].to_dataset()["text"].item() == TEXT
     pytest.importorskip("pyarrow.parquet", reason="pyarrow is missing: `make parquet` installs it")
     run(odd, "parquet", tmp_path / "a.parquet")
     assert pd.read_parquet(tmp_path / "a.events.parquet")["text"].item() == TEXT
@@ -87,7 +87,7 @@ def test_extreme_numbers_come_back_bit_by_bit(data: Any, tmp_path: Path) -> None
     names = ["support_displacement", "beam_displacement"]
     table = pd.read_csv(run(bag, "csv", tmp_path / "a.csv"), comment="#", **EXACT).iloc[:, 3:].to_numpy()
     laser = loadmat(run(bag, "mat", tmp_path / "a.mat"), simplify_cells=True)["sensors_laser"]
-    tree = open_bag(bag)["sensors/laser"].to_dataset()
+    tree = open_run(bag).tree()["sensors/laser"].to_dataset()
     for found in (table, np.column_stack([np.atleast_1d(laser[n]) for n in names]), tree[names].to_array().values.T):
         np.testing.assert_array_equal(found, data)
         np.testing.assert_array_equal(np.signbit(found), np.signbit(data))
@@ -96,20 +96,11 @@ def test_extreme_numbers_come_back_bit_by_bit(data: Any, tmp_path: Path) -> None
     np.testing.assert_array_equal(beam, data[:, 1])
 
 
-def test_a_split_bag_is_one_table(tmp_path: Path) -> None:
-    blocks = [block(first, samples(first + np.arange(50)), RATE, START) for first in range(0, 5000, 50)]
-    bag = recording(tmp_path / "run", blocks, split=Split(size=20_000))
-    assert len(list(bag.glob("*.mcap"))) > 2
-    laser = open_bag(bag)["sensors/laser"].to_dataset()
-    np.testing.assert_array_equal(laser["beam_displacement"], samples(np.arange(5000))[:, 1])
-    assert laser.attrs["lost"] == 0
-
-
 def test_a_bag_without_messages_is_one_line_for_every_format(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = recording(tmp_path / "run", [])
     for form in ("csv", "mat", "uff"):
-        assert main(["export", str(bag), "--format", form, "--out", str(tmp_path / f"a.{form}")]) == 2
+        assert main(["bag", "export", str(bag), "--format", form, "--out", str(tmp_path / f"a.{form}")]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
     assert [item.name for item in tmp_path.iterdir()] == ["run"]

@@ -21,10 +21,11 @@ from std_msgs.msg import Empty
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import threaded
 from atpid_control.nodes.height_services import HeightServices
-from atpid_control.selection import HeightSelector, make_selector
+from atpid_control.selection import Excitation, HeightSelector, make_selector
 from atpid_control.selection.checks import Resonance
 from atpid_control.selection.direct import DirectSelector
-from atpid_control.selection.registry import anywhere
+from atpid_control.selection.protocol import Selection
+from atpid_control.selection.registry import at_any_frequency
 from atpid_sim.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -66,7 +67,8 @@ class Stand:
     def ask(self, method: str, **request: float) -> SelectHeight.Response:
         answer = self.begin(method, **request)
         self.until(answer.done)
-        return answer.result()
+        response: SelectHeight.Response = answer.result()
+        return response
 
     def close(self) -> None:
         self.worker.shutdown()
@@ -94,7 +96,7 @@ def test_each_method_answers_what_it_would_choose(stand: Stand) -> None:
 
 
 def unhurried(method: str) -> HeightSelector:
-    return anywhere(DirectSelector(SCENE, deadline=math.inf), SCENE) if method == "direct" else MAKE(method)
+    return at_any_frequency(DirectSelector(SCENE, deadline=math.inf), SCENE) if method == "direct" else MAKE(method)
 
 
 def test_the_price_of_a_margin_is_nan_where_the_method_does_not_compute_it() -> None:
@@ -103,7 +105,7 @@ def test_the_price_of_a_margin_is_nan_where_the_method_does_not_compute_it() -> 
         assert math.isnan(stand.ask("lookup", **given).price)
         answer = stand.ask("direct", **given)
         assert 0.0 < answer.price < 0.2
-        assert "in 49 of 49 sampled systems" in answer.message
+        assert "in 123 of 123 sampled systems" in answer.message
     finally:
         stand.close()
 
@@ -147,7 +149,7 @@ class Blocked:
     def __init__(self) -> None:
         self.begun, self.proceed = threading.Event(), threading.Event()
 
-    def select(self, *_: float, **__: float) -> Any:
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         self.begun.set()
         assert self.proceed.wait(100.0)
         raise ZeroDivisionError("a defect")

@@ -14,7 +14,7 @@ from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import Hold, HoldError, HoldSettings
 from atpid_control.loop.protocol import Answer, Controller, ControlSettings
 from atpid_control.loop.step_back import StepBack
-from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 
 SETTINGS: dict[str, Any] = {
     "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
@@ -71,6 +71,22 @@ def test_a_single_rising_transient_is_not_chased_but_a_ramp_is_followed() -> Non
     feed(machine, [steady(0.015)] * 4)
     assert feed(machine, [transient(0.03), transient(0.02), transient(0.028), transient(0.021)] * 5) == []
     assert feed(machine, [transient(0.016 + 0.001 * k) for k in range(8)])
+
+
+def test_differences_of_rounding_are_no_ramp_and_no_change() -> None:
+    machine, noiseless = hold(), 1e-17
+    feed(machine, [transient(0.00095), transient(0.00098)])
+    assert feed(machine, [steady(0.001 * (1.0 + k * 2.0**-52), noiseless) for k in range(3)]) == []
+    assert feed(machine, [steady(0.001, noiseless)]) == [0.001]
+    for edge in (0.00101 * (1.0 - 2.0**-50), 0.00101 * (1.0 + 2.0**-50)):
+        assert feed(machine, [steady(edge, noiseless)] * 8) == []
+
+
+def test_the_ends_of_the_frequencies_belong_to_them_however_they_round() -> None:
+    for ends in ({"reach": (5.0, 6.0)}, {"frequency": 5.5, "frequency_tolerance": 0.5 / 5.5}):
+        for frequency in (5.0 * (1.0 - 1e-15), 6.0 * (1.0 + 1e-15)):
+            assert hold(**ends).reason_to_reject(steady(0.015, frequency=frequency)) == ""
+        assert hold(**ends).reason_to_reject(steady(0.015, frequency=4.99)) == "frequency off resonance"
 
 
 def test_a_falling_excitation_is_followed_at_once() -> None:
@@ -134,16 +150,9 @@ class Linear:
     def __init__(self) -> None:
         self.asked = 0
 
-    def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:
-        del amplitude_std, frequency, margin, height
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
+        del margin, height
+        amplitude = excitation.amplitude
         self.asked += 1
         if amplitude > 0.05:
             raise SelectionError(f"amplitude: given {amplitude:g} m; allowed: up to 0.05 m")

@@ -14,7 +14,7 @@ from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import UNSETTLED, UNSETTLED_COUNT, Hold, HoldSettings
 from atpid_control.loop.protocol import ControlSettings
 from atpid_control.loop.step_back import StepBack
-from atpid_control.selection.protocol import Selection
+from atpid_control.selection.protocol import Excitation, Selection
 
 SETTINGS: dict[str, Any] = {
     "dead_band": 0.01, "sigmas": 4.0, "steady_count": 4, "rising_count": 4, "falling_count": 2,
@@ -119,9 +119,9 @@ class OfNoUse:
 
     method, simulates, frequencies = "no_use", False, (2.7, 11.0)
 
-    def select(self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-               height: float = math.nan) -> Selection:  # fmt: skip
-        del amplitude_std, margin, height
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
+        del margin, height
+        amplitude, frequency = excitation.amplitude, excitation.frequency
         if frequency >= 5.0:
             return Selection(20.0 * amplitude, 0.05, 0.8, self.method)
         return Selection(0.017, 0.02, 0.0, self.method, no_use=f"the damper is of no use at {frequency:g} Hz")

@@ -150,7 +150,9 @@ def test_gaps_are_detected_by_index() -> None:
         if first > 1000:
             assert e.quality == Quality.STEADY
             assert e.amplitude == pytest.approx(AMPLITUDE, rel=0.004)
-            assert e.lost == (50 if 5050 <= first < 5350 else 0 if first < 5000 or first > 5400 else e.lost)
+            window = round(e.window * RATE)
+            assert e.used + e.lost == window
+            assert e.lost == (0 if first < 5000 else len(range(max(5000, first + 50 - window), 5050)))
 
 
 def test_a_stream_that_starts_anew_replaces_the_old_one() -> None:

@@ -1,160 +1,126 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arguments of the launch files: what is taken, and the one line for what is not. No `launch` needed."""
+"""The arguments of the launch files: those of the commands, and the words they become. No `launch` needed."""
 
+import argparse
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from atpid_control.launching.arguments import (
-    BENCH,
-    REPLAY,
-    STAND,
+from atpid_control.cli import COMMANDS as GROUPS
+from atpid_control.stand.launching.arguments import (
     LaunchArgumentError,
-    check,
+    arguments_of,
     check_names,
+    is_asked_for,
+    words_of,
 )
+from atpid_control.stand.launching.options import OPTIONS, namespace
 
+COMMANDS = {name: place for group in GROUPS.values() for name, (place, _) in group.items()}
 ROOT = Path(__file__).resolve().parents[2]
-SCENE = ROOT / "scenes" / "stand_realtime.yaml"
-BAG = ROOT / "bags" / "thesis_4_3_short"
-FILES = {"bench": BENCH, "stand": STAND, "replay": REPLAY}
+FILES = sorted((ROOT / "atpid_control" / "launch").glob("*.launch.py"))
 
 
-def refusal(name: str, **given: str) -> str:
-    """Return the line that refuses `given`, beside a scene and a bag that are there."""
-    here = {"scene": str(SCENE), **({"bag": str(BAG)} if name == "replay" else {}), **given}
-    with pytest.raises(LaunchArgumentError) as caught:
-        check(f"{name}.launch.py", FILES[name], {key: text for key, text in here.items() if text is not None})
-    return str(caught.value)
+def parser_of(command: str) -> argparse.ArgumentParser:
+    """Return the parser of the command itself."""
+    parser = argparse.ArgumentParser()
+    __import__(COMMANDS[command], fromlist=["add_arguments"]).add_arguments(parser)
+    return parser
 
 
-@pytest.mark.parametrize(
-    ("name", "given", "line"),
-    [
-        ("stand", {"ni": "perhaps"}, "stand.launch.py: argument ni: given 'perhaps'; allowed: false or true"),
-        ("stand", {"ni": "True"}, "given 'True'; allowed: false or true"),
-        ("stand", {"labjack_config": "nothere.yaml"}, "argument labjack_config: {here}/nothere.yaml does not exist"),
-        ("stand", {"ni_config": "nothere.yaml"}, "argument ni_config: {here}/nothere.yaml does not exist; give a file"),
-        ("stand", {"motor_config": "."}, "argument motor_config: {here} is not a file; give a file"),
-        ("stand", {"emulate_tty": "perhaps"}, "argument emulate_tty: given 'perhaps'; allowed: false or true"),
-        ("bench", {"scene": None}, "bench.launch.py: argument scene is missing: scene file (docs/scenes.md)"),
-        ("bench", {"scene": "nothere.yaml"}, "argument scene: {here}/nothere.yaml does not exist; give a file"),
-        ("bench", {"scene": "/dev/null"}, "argument scene: /dev/null is not a file; give a file"),
-        ("bench", {"scene": "~nosuchuser/a.yaml"}, "given '~nosuchuser/a.yaml'; there is no such user"),
-        ("bench", {"map": "nothere.npz"}, "argument map: {here}/nothere.npz does not exist"),
-        ("bench", {"bag": "there"}, "argument bag: {here}/there exists already, and a bag is never overwritten"),
-        ("bench", {"bag": "dangling"}, "argument bag: {here}/dangling exists already"),
-        ("bench", {"bag": "file/run"}, "{here}/file/run cannot be made: {here}/file is not a folder you may write to"),
-        ("replay", {"rate": "abc"}, "argument rate: given 'abc'; allowed: a number from 0 to 1000"),
-        ("replay", {"rate": "nan"}, "given 'nan'; allowed: a number from 0 to 1000"),
-        ("replay", {"rate": "inf"}, "given 'inf'"),
-        ("replay", {"rate": "-1"}, "given '-1'"),
-        ("replay", {"rate": "1001"}, "given '1001'"),
-        ("replay", {"bag": "nothere"}, "argument bag: {here}/nothere does not exist; give the folder of a bag"),
-        ("replay", {"bag": "there"}, "{here}/there has no metadata.yaml, so it is not a bag"),
-        ("replay", {"bag": "file"}, "{here}/file is not a bag; give the folder of a bag, or its .mcap file"),
-        (
-            "stand",
-            {"live_port": "65536"},
-            "argument live_port: given '65536'; allowed: 1 to 65535, or 0 for a free one",
-        ),
-        ("bench", {"live": "yes"}, "argument live: given 'yes'; allowed: false or true"),
-        ("replay", {"record": "there"}, "argument record: {here}/there exists already"),
-    ],
-)
-def test_what_cannot_be_used_is_refused_in_one_line(
-    name: str, given: Any, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "there").mkdir()
-    (tmp_path / "file").write_text("")
-    (tmp_path / "dangling").symlink_to("nothere")
-    said = refusal(name, **given)
-    assert line.format(here=tmp_path) in said
-    assert len(said.splitlines()) == 1
+def test_each_launch_file_starts_the_command_of_its_name() -> None:
+    assert [file.name for file in FILES] == [f"{command}.launch.py" for command in sorted(OPTIONS)]
+    assert set(OPTIONS) <= set(COMMANDS)
+    for file in FILES:
+        assert f"atpid {file.name.partition('.')[0]}`" in file.read_text()
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
-def test_what_may_not_be_read_or_written_is_refused(tmp_path: Path) -> None:
-    secret, folder = tmp_path / "secret.yaml", tmp_path / "folder"
-    secret.write_text("")
-    secret.chmod(0)
-    folder.mkdir(mode=0o500)
-    assert f"{secret} cannot be read" in refusal("bench", scene=str(secret))
-    assert f"{folder} is not a folder you may write to" in refusal("bench", bag=str(folder / "run"))
+@pytest.mark.parametrize("command", OPTIONS)
+def test_the_arguments_are_the_options_of_the_command(command: str) -> None:
+    options = {action.dest: action for action in parser_of(command)._actions if action.dest != "help"}
+    always = {"bench": {"real_time"}}.get(command, set())
+    arguments = {argument.name: argument for argument in arguments_of(command)}
+    assert list(arguments) == [name for name in options if name not in always]
+    for name, argument in arguments.items():
+        action = options[name]
+        assert argument.description
+        assert "%" not in argument.description
+        assert (argument.default is None) == (not action.option_strings), name
+        assert argument.choices == tuple(action.choices or ())
 
 
-def test_paths_are_relative_to_the_current_folder_or_to_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    (tmp_path / "a.yaml").write_text("")
-    for scene in ("a.yaml", "./a.yaml", "~/a.yaml", "../" + tmp_path.name + "/a.yaml"):
-        values = check("bench.launch.py", FILES["bench"], {"scene": scene, "bag": "new/run"})
-        assert values == {"scene": str(tmp_path / "a.yaml"), "bag": str(tmp_path / "new" / "run")}
+@pytest.mark.parametrize("command", OPTIONS)
+def test_what_is_left_out_keeps_the_default_of_the_command(command: str) -> None:
+    defaults = {argument.name: argument.default or "" for argument in arguments_of(command)}
+    (operand,) = [argument.name for argument in arguments_of(command) if argument.default is None]
+    usual = vars(parser_of(command).parse_args(["x"]))
+    words = words_of(command, {**defaults, operand: "x"})
+    assert vars(parser_of(command).parse_args(words[1:])) == usual | ({"real_time": True} if command == "bench" else {})
 
 
-def test_quotes_and_spaces_are_part_of_a_path(tmp_path: Path) -> None:
-    odd = tmp_path / """it's "a" $(folder) with [spaces]: 1"""
-    values = check("replay.launch.py", FILES["replay"], {"scene": str(SCENE), "bag": str(BAG), "record": str(odd)})
-    assert values["record"] == str(odd)
+def test_each_argument_reaches_the_command() -> None:
+    given = {
+        "scene": "a scene.yaml", "map": "~/map.npz", "bag": "-odd", "ni": "True", "labjack_config": "l.yaml",
+        "params_file": "p.yaml", "namespace": "lab1", "log_level": "warn", "restarts": "2", "move": "0.1",
+        "live": "yes", "live_port": "9000",
+    }  # fmt: skip
+    args = parser_of("stand").parse_args(words_of("stand", given)[1:])
+    assert (args.scene, args.map, args.bag) == (Path("a scene.yaml"), Path("~/map.npz").expanduser(), Path("-odd"))
+    assert (args.ni, args.live, args.live_port) == (True, True, 9000)
+    assert (args.labjack_config, args.params_file) == (Path("l.yaml"), Path("p.yaml"))
+    assert (args.namespace, args.log_level, args.restarts, args.move) == ("/lab1", "warn", 2, 0.1)
 
 
-@pytest.mark.parametrize(("given", "used"), [("0", "0.0"), ("1e2", "100.0"), (" 2.5 ", "2.5"), ("1000", "1000.0")])
-def test_a_rate_is_passed_on_as_a_double(given: Any, used: str) -> None:
-    values = check("replay.launch.py", FILES["replay"], {"scene": str(SCENE), "bag": str(BAG), "rate": given})
-    assert values["rate"] == used
-
-
-def test_a_bag_may_be_named_by_its_file() -> None:
-    file = BAG / "bag_0.mcap"
-    values = check("replay.launch.py", FILES["replay"], {"scene": str(SCENE), "bag": str(file)})
-    assert values["bag"] == str(file)
-
-
-def test_what_is_left_out_keeps_its_default() -> None:
-    assert check("stand.launch.py", FILES["stand"], {"scene": str(SCENE), "map": "", "other": "x"}) == {
-        "scene": str(SCENE)
-    }
+@pytest.mark.parametrize("yes", ["true", "True", "TRUE", "1", "yes", "on"])
+@pytest.mark.parametrize("no", ["false", "False", "0", "no", "off", ""])
+def test_a_flag_is_given_as_launch_takes_it(yes: str, no: str) -> None:
+    assert "--ni" in words_of("stand", {"ni": yes, "scene": "x"})
+    assert "--ni" not in words_of("stand", {"ni": no, "scene": "x"})
+    with pytest.raises(LaunchArgumentError, match=r"^stand.launch.py: argument ni: given 'perhaps'; allowed: true or"):
+        words_of("stand", {"ni": "perhaps", "scene": "x"})
 
 
 @pytest.mark.parametrize(
     ("given", "line"),
     [
-        ("mpa", "bench.launch.py: unknown argument mpa; did you mean map?; allowed: scene, map, bag, motor_config"),
-        ("sigterm_timeout", "unknown argument sigterm_timeout; allowed: scene"),
-        ("record", "unknown argument record"),
+        ("mpa", r"bench.launch.py: unknown argument mpa; did you mean map\?; allowed: scene, out, map, "),
+        ("sigterm_timeout", "unknown argument sigterm_timeout; "),
+        ("real_time", "unknown argument real_time; "),
     ],
 )
-def test_an_unknown_argument_is_refused(given: Any, line: str) -> None:
-    with pytest.raises(LaunchArgumentError, match=re.escape(line)):
-        check_names("bench.launch.py", FILES["bench"], ["scene", given])
+def test_an_unknown_argument_is_refused(given: str, line: str) -> None:
+    with pytest.raises(LaunchArgumentError, match=line):
+        check_names("bench", ["scene", given])
 
 
 def test_what_launch_itself_reads_is_known() -> None:
-    check_names("bench.launch.py", FILES["bench"], ["scene", "emulate_tty", "ros_namespace", "launch-prefix"])
+    check_names("bench", ["scene", "emulate_tty", "ros_namespace", "launch-prefix"])
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_each_argument_is_described_and_its_default_exists(name: str) -> None:
-    assert len({argument.name for argument in FILES[name]}) == len(FILES[name])
-    for argument in FILES[name]:
-        assert argument.description
-        if argument.file:
-            assert (ROOT / "atpid_driver" / "config" / argument.file).is_file()
-        elif argument.default:
-            assert argument.check(argument.default) == argument.default
+def test_arguments_of_an_including_launch_file_are_none_of_ours() -> None:
+    bench = next(file for file in FILES if file.name == "bench.launch.py")
+    for words in (["launch", "atpid_control", "bench.launch.py", "scene:=a"], ["launch", str(bench)]):
+        assert is_asked_for(bench, words)
+    assert not is_asked_for(bench, ["launch", "/other/outer.launch.py", "mine:=1"])
+    assert not is_asked_for(bench, ["launch", "other", "outer.launch.py"])
 
 
-def test_the_checks_need_the_standard_library_only() -> None:
+@pytest.mark.parametrize(("given", "used"), [("lab1", "/lab1"), ("/a/b/", "/a/b")])
+def test_a_namespace_is_written_as_ros_does(given: str, used: str) -> None:
+    assert namespace(given) == used
+    for wrong in ("1 2", "", "/"):
+        with pytest.raises(argparse.ArgumentTypeError, match="allowed: the name"):
+            namespace(wrong)
+
+
+def test_the_arguments_need_the_standard_library_only() -> None:
     """`ros2 launch` runs in the Python of the ROS installation, without the project's requirements."""
-    sources = f"{ROOT / 'atpid_interfaces'}:{ROOT / 'atpid_control'}"
+    sources = f"{ROOT / 'atpid_interfaces/atpid_common'}:{ROOT / 'atpid_control'}"
     done = subprocess.run(
-        [sys.executable, "-S", "-c", "import atpid_control.launching.arguments"],
+        [sys.executable, "-S", "-c", "import atpid_control.stand.launching.arguments"],
         env={"PYTHONPATH": sources, "LD_LIBRARY_PATH": os.environ.get("LD_LIBRARY_PATH", "")},
         capture_output=True,
         text=True,

@@ -3,9 +3,12 @@
 
 import asyncio
 import json
+import os
+import resource
 import socket
 import threading
 from collections.abc import Callable, Coroutine, Iterator
+from contextlib import ExitStack, suppress
 from http.client import HTTPConnection
 from typing import Any, TypeVar
 from urllib.error import HTTPError
@@ -16,11 +19,10 @@ from test_live_view import block, event, tone
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from atpid_control.live.address import TOKEN, Address, address_of, listening, prepared
-from atpid_control.live.errors import LiveError
-from atpid_control.live.requests import Request as Asked
-from atpid_control.live.server import FILES, MOST, Answer, LiveServer
-from atpid_control.live.view import LiveView
+from atpid_control.views.live.address import TOKEN, Address, LiveError, address_of, listening, prepared
+from atpid_control.views.live.requests import Request as Asked
+from atpid_control.views.live.server import DROPPED, FILES, MOST, MOST_CONNECTIONS, Answer, LiveServer
+from atpid_control.views.live.view import LiveView
 
 T = TypeVar("T")
 SECRET = "a-token-of-the-test"
@@ -147,7 +149,7 @@ def test_a_stop_does_not_wait_for_other_requests(server: LiveServer) -> None:
     async def ask() -> None:
         stream = await connected(server)
         for number in range(20):
-            await stream.write_message(json.dumps({"number": number, "do": "arm"}))
+            await stream.write_message(json.dumps({"number": number, "do": "hold", "on": True}))
         await stream.write_message('{"number": 99, "do": "stop"}')
         while (answer := await until(stream, "answer"))["number"] != 99:
             assert not answer["success"]
@@ -158,7 +160,22 @@ def test_a_stop_does_not_wait_for_other_requests(server: LiveServer) -> None:
 
     run(ask())
     assert isinstance(server.act, Operator)
-    assert server.act.asked.count("arm") == 8
+    assert server.act.asked.count("hold") == 8
+
+
+def test_a_stop_without_an_answer_is_not_confirmed_and_answered_once(server: LiveServer) -> None:
+    async def ask() -> str:
+        stream = await connected(server)
+        await stream.write_message('{"number": 3, "do": "disarm"}')
+        answer = await until(stream, "answer")
+        assert isinstance(server.act, Operator)
+        server.act.open.pop()((True, "motor off"))  # too late: nobody waits for it
+        await until(stream, "news")
+        await leave(stream)
+        assert not answer["success"]
+        return str(answer["text"])
+
+    assert run(ask()) == "no answer within 2 s; motor off is not confirmed: use the emergency stop"
 
 
 def test_what_is_no_request_is_refused_in_one_line(server: LiveServer) -> None:
@@ -207,7 +224,7 @@ def test_a_browser_that_does_not_read_delays_no_other_and_is_sent_everything_lat
         before = set(server.browsers)
         with socket.create_connection(("127.0.0.1", server.address.port)) as slow:
             slow.sendall("\r\n".join(["GET /stream HTTP/1.1", f"Host: {origin(server)}", *UPGRADE, "", ""]).encode())
-            while not (found := server.browsers - before):
+            while not (found := set(server.browsers) - before):
                 await until(quick, "news")
             (stalled,) = found
             while stalled.ready or not stalled.behind:
@@ -222,14 +239,99 @@ def test_a_browser_that_does_not_read_delays_no_other_and_is_sent_everything_lat
     run(look())
 
 
-def test_more_browsers_than_are_served_are_refused(server: LiveServer) -> None:
+def test_a_right_token_in_the_address_beats_the_cookie_of_an_earlier_run_and_replaces_it(guarded: LiveServer) -> None:
+    opener = build_opener(HTTPCookieProcessor())
+    opener.addheaders = [("Cookie", "atpid_live=that-of-the-run-before")]
+    status, text, _ = get(guarded, "/", opener)
+    assert (status, "open the address" in text) == (403, True)
+    connection = HTTPConnection("127.0.0.1", guarded.address.port, timeout=30.0)
+    try:
+        connection.request("GET", f"/?token={SECRET}", headers={"Cookie": "atpid_live=that-of-the-run-before"})
+        answer = connection.getresponse()
+        assert (answer.status, answer.headers["Location"]) == (302, "/")
+        assert answer.headers["Set-Cookie"].startswith(f"atpid_live={SECRET};")
+    finally:
+        connection.close()
+
+
+async def tab(server: LiveServer) -> WebSocketClientConnection:
+    """Return a browser that reads, once the server has seen that it does."""
+    before = set(server.browsers)
+    stream = await connected(server)
+    while not (new := set(server.browsers) - before) or not any(one.reads for one in new):
+        await until(stream, "news")
+    return stream
+
+
+def test_tabs_that_read_nothing_give_way_to_one_that_does_and_its_stop_is_served(server: LiveServer) -> None:
     async def look() -> None:
-        streams = [await connected(server) for _ in range(MOST)]
-        assert await asyncio.get_running_loop().run_in_executor(None, refused, server) == 503
-        for stream in streams:
+        first = await tab(server)
+        with ExitStack() as stack:
+            for count in range(2, MOST + 4):  # more than there is room for
+                idle = stack.enter_context(socket.create_connection(("127.0.0.1", server.address.port)))
+                idle.sendall(
+                    "\r\n".join(["GET /stream HTTP/1.1", f"Host: {origin(server)}", *UPGRADE, "", ""]).encode()
+                )
+                while len(server.browsers) < min(count, MOST):
+                    await until(first, "news")
+            operator = await tab(server)
+            await operator.write_message('{"number": 7, "do": "stop"}')
+            assert (await until(operator, "answer"))["success"]
+            await until(first, "news")  # who reads stays, although it came first
+            assert len(server.browsers) == MOST
+        await leave(operator)
+        await leave(first)
+
+    run(look())
+
+
+def test_of_tabs_that_all_read_the_first_learns_that_another_has_its_place(server: LiveServer) -> None:
+    async def look() -> None:
+        streams = [await tab(server) for _ in range(MOST + 1)]
+        await leave(streams[0])
+        assert streams[0].close_code == DROPPED
+        for stream in streams[1:]:
+            await until(stream, "news")
             await leave(stream)
 
     run(look())
+
+
+def test_hundreds_of_idle_connections_lock_nobody_out_and_end_by_themselves(guarded: LiveServer) -> None:
+    """Without a token: each that is one too many ends the oldest of its kind, none that has the page."""
+    opener = build_opener(HTTPCookieProcessor())
+    with ExitStack() as stack:
+        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", guarded.address.port))) for _ in range(400)]
+        assert get(guarded, f"/?token={SECRET}", opener)[0] == 200
+        assert len(guarded.connections) <= MOST_CONNECTIONS
+        for each in (idle[0], idle[-1]):  # the one for another, the other after a while without a request
+            each.settimeout(30.0)
+            assert each.recv(1) == b""
+
+
+def test_where_files_run_out_the_log_has_one_line_and_the_page_is_served_again(
+    server: LiveServer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with ExitStack() as stack:
+        waiting = [stack.enter_context(socket.socket()) for _ in range(8)]
+        highest = max(one.fileno() for one in waiting)
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (highest + 1, limits[1]))
+            taken = []
+            with suppress(OSError):  # every file that is left
+                while True:
+                    taken.append(stack.enter_context(open(os.devnull)))
+            for each in waiting:
+                each.connect(("127.0.0.1", server.address.port))
+            said = ""
+            while "live page:" not in said:
+                said += capfd.readouterr().err
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    assert get(server, "/")[0] == 200
+    said += capfd.readouterr().err
+    assert said.splitlines() == ["live page: no connection can be accepted: Too many open files"]
 
 
 def test_a_port_that_is_taken_is_one_line_and_names_the_option(server: LiveServer) -> None:

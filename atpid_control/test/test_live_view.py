@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_control.live.efficiency import EfficiencySoFar
-from atpid_control.live.errors import LiveError
-from atpid_control.live.requests import Hold, Note, read_request
-from atpid_control.live.rows import Rows
-from atpid_control.live.signals import RATE, spectrum, thinned
-from atpid_control.live.view import LiveView
+from atpid_control.views.live.address import LiveError
+from atpid_control.views.live.efficiency import EfficiencySoFar
+from atpid_control.views.live.requests import Hold, Note, read_request
+from atpid_control.views.live.rows import Rows
+from atpid_control.views.live.signals import RATE, spectrum, thinned
+from atpid_control.views.live.view import LiveView
 from atpid_sim.scene import load_scene
 from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.simulate import simulate
@@ -140,6 +140,55 @@ def test_a_stream_that_begins_again_is_another_run() -> None:
     assert (shown["run"], len(shown["rows"]["motion"]), shown["state"]["finished"]) == (2, 10, "")
 
 
+def test_another_run_begins_without_the_command_and_the_estimate_of_the_last() -> None:
+    view = LiveView(None)
+    view.on_block(block(0, tone(500)), 0.0)
+    view.on_excitation(excitation(100.5), 0.1)
+    command = SimpleNamespace(
+        header=header(100.5), height=0.3, method="direct", reason="steady", predicted_amplitude=0.01
+    )
+    view.on_state("ceiling/command", command, 0.1)
+    motor = SimpleNamespace(
+        header=header(100.5), mode=3, homed=True, fault="", height=0.3, target=0.3, speed=0.3
+    )  # fmt: skip
+    view.on_state("ceiling/state", motor, 0.1)
+    view.on_block(block(0, tone(50)), 0.2)
+    state = view.everything(0.2)["state"]
+    assert (state["command"], state["excitation"], state["efficiency"]) == ({}, {}, {})
+    assert state["motor"]["mode"] == "holding"  # it is the same motor
+
+
+def test_lost_blocks_are_a_gap_in_the_lines() -> None:
+    view = LiveView(None)
+    for first in (0, 50, 150):  # the block from 100 on is lost
+        view.on_block(block(first, tone(50, first)), 0.0)
+        truth = SimpleNamespace(header=header(100.0 + first / 1000.0), first_index=first, rate=1000.0,
+                                grain=np.zeros(50), ceiling=np.ones(50))  # fmt: skip
+        view.on_truth(truth, 0.0)
+    rows = view.everything(0.0)["rows"]
+    for name in ("motion", "truth"):
+        times = [row[0] for row in rows[name]]
+        assert times == sorted(times)
+        (gap,) = [row for row in rows[name] if row[1:] == (None, None)]
+        assert 0.1 <= gap[0] < 0.15
+    for time in (100.2, 100.5, 105.0):
+        view.on_excitation(excitation(time), 0.0)
+    assert [row[1] is None for row in view.everything(0.0)["rows"]["excitation"]] == [False, False, True, False]
+
+
+def test_a_motor_that_is_off_is_not_shown_as_well() -> None:
+    view = LiveView(None)
+    nodes = SimpleNamespace(header=header(100.0), state=1, permit=True, reason="", nodes=["motor_node"], silence=[0.02])
+    for mode, well in ((3, True), (5, False), (1, False)):
+        view.on_state("supervisor/state", nodes, 1.0)
+        motor = SimpleNamespace(
+            header=header(100.5), mode=mode, homed=True, fault="", height=0.3, target=0.3, speed=0.3
+        )  # fmt: skip
+        view.on_state("ceiling/state", motor, 1.0)
+        (shown,) = [one for one in view.everything(1.0)["state"]["nodes"] if one["name"] == "motor_node"]
+        assert (shown["well"], "motor off" in shown["text"]) == (well, not well)
+
+
 def test_what_falls_silent_is_named() -> None:
     view = LiveView(None)
     assert not view.everything(0.0)["state"]["seen"]
@@ -148,7 +197,7 @@ def test_what_falls_silent_is_named() -> None:
         header=header(100.0), state=1, permit=True, reason="", nodes=["motor_node", "plant_node"], silence=[0.02, 0.9]
     )
     view.on_block(block(0, tone(50)), 10.0)
-    view.on_supervisor(nodes, 10.0)
+    view.on_state("supervisor/state", nodes, 10.0)
     view.on_diagnostics(SimpleNamespace(status=[status]), 10.0)
     state = view.everything(10.1)["state"]
     assert state["silent"] == {}
@@ -157,7 +206,7 @@ def test_what_falls_silent_is_named() -> None:
                                      "text": "answers; link: error, no answer"}  # fmt: skip
     assert by_name["plant_node"]["text"] == "no answer for 0.9 s"
     assert by_name["supervisor_node"]["well"]
-    view.on_supervisor(nodes, 12.0)
+    view.on_state("supervisor/state", nodes, 12.0)
     state = view.everything(12.0)["state"]
     assert state["silent"] == {"sensors/laser": 2.0}
     assert not state["lost"]
@@ -172,7 +221,7 @@ def test_the_power_is_shown_as_the_mode_has_it() -> None:
     shown = []
     for mode in range(6):
         state = {"mode": mode, "homed": True, "fault": "", "height": 0.2, "target": math.nan, "speed": 0.3}
-        view.on_motor(SimpleNamespace(header=header(100.0), **state), 0.0)
+        view.on_state("ceiling/state", SimpleNamespace(header=header(100.0), **state), 0.0)
         shown.append(view.everything(0.0)["state"]["motor"]["on"])
     assert shown == [False, False, True, True, True, False]
 

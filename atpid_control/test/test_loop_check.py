@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from atpid_control.supervision.loop_check import Ceiling, Found, Sensors, failures
+from atpid_control.supervision.loop_check import Ceiling, LoopSnapshot, Sensors, failures
 
 CEILING = Ceiling(0.017, 1.0, 0.3)
 
@@ -22,7 +22,7 @@ def sensors(**channels: float) -> Sensors:
     return made
 
 
-RIGHT = Found(
+RIGHT = LoopSnapshot(
     now=10.05, sensors=sensors(support=1.0, beam=0.9), scene=CEILING, motor=CEILING, recording=True, written=5
 )
 
@@ -55,4 +55,4 @@ def test_what_fails_is_named(change: dict[str, object], line: str) -> None:
 
 
 def test_all_that_fails_is_named_at_once() -> None:
-    assert len(failures(Found(now=0.0, sensors=Sensors(), scene=CEILING, errors={"beam": "dead"}))) == 4
+    assert len(failures(LoopSnapshot(now=0.0, sensors=Sensors(), scene=CEILING, errors={"beam": "dead"}))) == 4

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from exported import BAG
 
-from atpid_control.bags import open_bag as messages_of
+from atpid_control.runs.read import open_bag as messages_of
 
 #: Reads a bag with nothing but a public library, and prints how many messages and the sum of one channel.
 _READERS = {

@@ -18,14 +18,17 @@ from recorded import SHORT, block, make, record
 from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
-from atpid_control import recording as command
-from atpid_control.bags import BagError, BagWriter, Qos, TypeUnknownError, new_run, repair, verify
-from atpid_control.bags.cdr import block_shape, event_kind, header, is_handshake, truth_shape
-from atpid_control.bags.definitions import message_type
-from atpid_control.bags.order import StampOrder
-from atpid_control.bags.session import Continuity
-from atpid_control.bags.topics import DEFAULT, parse
-from atpid_control.bags.writer import Sink
+from atpid_control.cli import main
+from atpid_control.recording.order import StampOrder
+from atpid_control.recording.session import Continuity
+from atpid_control.runs.cdr import block_shape, event_kind, header, is_handshake, truth_shape
+from atpid_control.runs.definitions import message_type
+from atpid_control.runs.errors import BagError, TypeUnknownError
+from atpid_control.runs.metadata import Qos, new_run
+from atpid_control.runs.recover import repair
+from atpid_control.runs.topics import DEFAULT, parse
+from atpid_control.runs.verify import verify
+from atpid_control.runs.writer import BagWriter, Sink
 
 BLOCK = "atpid_interfaces/msg/SampleBlock"
 
@@ -144,12 +147,11 @@ def test_fields_are_read_in_place_whatever_the_alignment() -> None:
         assert header(data) == (12_345_678_901, frame_id)
         assert not is_handshake(data)
         assert is_handshake(make("SampleBlock", frame_id=frame_id, handshake=True))
-        assert block_shape(data) == (7, 1000.0, 3, 3)
+        assert block_shape(data) == (7, 1000.0, 3)
         assert event_kind(make("Event", 1, frame_id, kind="finished", text="x")) == "finished"
         assert truth_shape(make("PlantTruth", 1, frame_id, first_index=9, rate=10.0, support=np.zeros(4))) == (
             9,
             10.0,
-            0,
             4,
         )
     assert block_shape(make("SampleBlock", handshake=True, channels=["a"])).scans == 0
@@ -173,7 +175,7 @@ def test_order_is_by_stamp_topic_sender_and_arrival() -> None:
 def test_gaps_are_counted_by_index() -> None:
     flow = Continuity()
     assert [flow.add(block_shape(block(index, np.zeros((50, 2))))) for index in (0, 50, 150, 200)] == [0, 0, 50, 0]
-    assert (flow.scans, flow.lost, flow.gaps) == (200, 50, 1)
+    assert (flow.scans, flow.lost) == (200, 50)
 
 
 def test_what_is_paced_by_the_clock_stays_out_of_a_lockstep_bag() -> None:
@@ -369,7 +371,7 @@ def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.
     text = tmp_path / "text.mcap"
     text.write_text("not a bag\n")
     for given in (tmp_path / "missing", tmp_path / "empty", text):
-        assert command.main([action, str(given)]) == 2
+        assert main(["bag", action, str(given)]) == 2
         said = capsys.readouterr().err
         assert said.startswith("error: ")
         assert said.count("\n") == 1
@@ -377,11 +379,11 @@ def test_what_is_no_bag_is_one_line(action: str, tmp_path: Path, capsys: pytest.
 
 
 def test_what_a_bag_keeps_can_be_taken_out(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command.main(["extract", str(bag), "--out", str(tmp_path / "kept")]) == 0
+    assert main(["bag", "extract", str(bag), "--out", str(tmp_path / "kept")]) == 0
     assert (tmp_path / "kept" / "scene.yaml").read_text() == (bag.parent / "short.yaml").read_text()
-    assert command.main(["extract", str(bag), "--out", str(tmp_path / "kept")]) == 2
+    assert main(["bag", "extract", str(bag), "--out", str(tmp_path / "kept")]) == 2
     small_bag(tmp_path / "bare").close()
-    assert command.main(["extract", str(tmp_path / "bare"), "--out", str(tmp_path)]) == 2
+    assert main(["bag", "extract", str(tmp_path / "bare"), "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("\n") == 2
 
 
@@ -390,7 +392,7 @@ import sys
 for name in ("rclpy", "ament_index_python", "atpid_interfaces", "std_msgs", "builtin_interfaces"):
     sys.modules[name] = None
 from pathlib import Path
-from atpid_control.bags.read import open_bag
+from atpid_control.runs.read import open_bag
 messages = list(open_bag(Path(sys.argv[1])).messages("/excitation"))
 assert len(messages) == 40 and messages[-1][1].header.stamp.sec == 1
 """
@@ -402,7 +404,7 @@ def test_reading_needs_no_ros(bag: Path) -> None:
 
 
 def test_verify_prints_what_it_read(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command.main(["verify", str(bag)]) == 0
+    assert main(["bag", "verify", str(bag)]) == 0
     assert "every one read and decoded" in capsys.readouterr().out
 
 

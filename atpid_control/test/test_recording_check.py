@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from recorded import SHORT, bench, block, make
 
-from atpid_control import recording as command
-from atpid_control.bags import BagError, Qos, new_run
-from atpid_control.bags.check import Checked, check
-from atpid_control.bags.check_rules import KEPT, REACH, Answers, Findings
-from atpid_control.bags.session import Session
-from atpid_control.bags.topics import DEFAULT, parse
+from atpid_control.cli import main
+from atpid_control.recording.session import Session
+from atpid_control.runs.check import Checked, check
+from atpid_control.runs.check_rules import KEPT, REACH, AnswerMatching, Findings
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.metadata import Qos, new_run
+from atpid_control.runs.topics import DEFAULT, parse
 from atpid_sim.scene import load_scene
 
 Messages = list[tuple[str, bytes]]
@@ -84,7 +85,7 @@ def test_a_sound_run_is_one_line_and_status_0(
     found = checked(sound)
     assert found.findings == found.events == []
     assert (found.blocks, found.lost) == (40, 0)
-    assert command.main(["check", str(tmp_path / "bag")]) == 0
+    assert main(["bag", "check", str(tmp_path / "bag")]) == 0
     printed = capsys.readouterr().out
     assert printed.count("\n") == 1
     assert "40 blocks answered, 4000 scans, 0 lost" in printed
@@ -216,7 +217,7 @@ def test_but_each_of_its_blocks_has_to_be_answered(
     # lost: here the recorder received them so, and counted
     assert found.counts == {"lost": 1} | ({"unanswered": 1} if lost else {})
     assert found.blocks == (39 if lost else 40)
-    shared = Answers()
+    shared = AnswerMatching()
     shared.shared_stamps = True
     findings = Findings()
     for place, count in ((0, 3), (1, 3), (2, 2)):
@@ -252,7 +253,7 @@ def test_findings_are_status_1_with_each_rule_by_name(
     checked: Callable[..., Checked], sound: Messages, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     checked(without(sound, COMMAND, *range(30)))
-    assert command.main(["check", str(tmp_path / "bag")]) == 1
+    assert main(["bag", "check", str(tmp_path / "bag")]) == 1
     printed = capsys.readouterr().out.splitlines()
     assert sum(line.startswith("unanswered: the block") for line in printed) == KEPT
     assert f"unanswered: and {30 - KEPT} more" in printed
@@ -267,7 +268,7 @@ def test_a_recording_that_was_not_closed_is_refused(checked: Callable[..., Check
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_run() -> None:
     def size(blocks: int) -> int:
-        answers, findings = Answers(), Findings()
+        answers, findings = AnswerMatching(), Findings()
         tracemalloc.start()
         for number in range(blocks):
             for place in (1, 0, 2):  # in real time an answer may be recorded first

@@ -10,13 +10,16 @@ from pathlib import Path
 import pytest
 from recorded import make
 
-from atpid_control.bags import BagError, BagWriter, Split, new_run, recover, verify
-from atpid_control.bags.flush import Flush
-from atpid_control.bags.parts import MAGIC
-from atpid_control.bags.writer import Sink
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.flush import DiskWatch, Flush
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.parts import MAGIC
+from atpid_control.runs.recover import recover
+from atpid_control.runs.verify import verify
+from atpid_control.runs.writer import BagWriter, Sink, Split
 
 STATES = "/ceiling/state"
-TIMEOUT = 60.0
+TIMEOUT = 100.0
 
 
 class Disk:
@@ -130,3 +133,18 @@ def test_an_error_is_that_of_the_flushes_after_it_too() -> None:
 
 def assert_(held: bool) -> None:
     assert held
+
+
+def test_slow_writes_are_one_episode() -> None:
+    watch = DiskWatch(0.4, 2.0, 60.0)
+    pushed = [watch.push(took, now) for now, took in enumerate([0.1, 0.5, 0.6, 0.1, 0.1, 0.1, 0.1, 0.9])]
+    assert pushed == [None, True, None, None, None, False, None, True]
+    assert watch.longest == 0.9
+
+
+def test_a_disk_that_stays_busy_is_a_few_reports_and_the_next_day_is_another_one() -> None:
+    watch = DiskWatch(0.4, 2.0, 60.0)
+    hour = [watch.push(0.5 if now % 5 == 0 else 0.1, now) for now in range(3600)]
+    assert 2 <= hour.count(True) <= 3  # one each 5 s without the rule
+    assert [watch.push(0.1, 4000.0), watch.push(0.5, 8000.0)] == [False, True]
+    assert [watch.push(0.1, 8003.0)] == [False]  # after 2 s again

@@ -35,11 +35,14 @@ from rosbags.typesys import Stores, get_typestore
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import BLOCKS, EVENTS_KEPT, STATUS, time_of
 from atpid_common.nodes.parameters import ParameterError
-from atpid_control.bags import BagError, repair, verify
-from atpid_control.bags.read import open_bag
-from atpid_control.bags.verify import find_file, records
-from atpid_control.bags.writer import Sink
 from atpid_control.nodes.recorder_node import RecorderNode
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.parts import find_parts
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.records import records
+from atpid_control.runs.recover import repair
+from atpid_control.runs.verify import verify
+from atpid_control.runs.writer import Sink
 
 TOPICS: dict[str, type[Any]] = {
     "sensors/laser": SampleBlock,
@@ -315,7 +318,7 @@ def test_a_second_recorder_leaves_nothing_behind(ros: SingleThreadedExecutor, tm
     finally:
         first.process.kill()
         first.process.wait()
-    assert set(verify(tmp_path / "first").by_topic) <= {"/diagnostics", "/rosout"}  # its own
+    assert set(verify(tmp_path / "first").by_topic) <= {"/diagnostics", "/rosout", "/events"}  # its own
     assert os.listdir(tmp_path) == ["first"]
 
 
@@ -395,7 +398,7 @@ def test_log_transitions_and_parameters_are_kept_and_read_elsewhere(
 
 def kept_files(folder: Path) -> list[str]:
     """Names of the files kept in a bag that is still being written."""
-    return [record.name for record in records(find_file(folder), torn_ok=True) if isinstance(record, Attachment)]
+    return [record.name for record in records(find_parts(folder)[0], torn_ok=True) if isinstance(record, Attachment)]
 
 
 def test_a_trigger_among_real_publishers(ros: SingleThreadedExecutor, tmp_path: Path) -> None:
@@ -408,7 +411,7 @@ def test_a_trigger_among_real_publishers(ros: SingleThreadedExecutor, tmp_path: 
     spin_until(ros, source.closed)  # by itself, the run goes on
     bag = open_bag(tmp_path / "run")
     # block 20 is the first above the level: two blocks before it end in the pre-trigger time
-    assert [block.first_index // SCANS for block in bag.stream("/sensors/laser")] == [18, 19, 20, 21, 22, 23, 24]
+    assert [block.first_index // SCANS for _, block in bag.messages("/sensors/laser")] == [18, 19, 20, 21, 22, 23, 24]
     assert bag.result["trigger"].startswith("/sensors/laser a rising through 19.5: at scan 1000,")
     assert not recorder.error
     verify(tmp_path / "run")

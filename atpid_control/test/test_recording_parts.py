@@ -8,7 +8,11 @@ from pathlib import Path
 import pytest
 from test_recording_recover import LASER, small
 
-from atpid_control.bags import BagError, Split, open_bag, recover, verify
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.recover import recover
+from atpid_control.runs.verify import verify
+from atpid_control.runs.writer import Split
 
 
 @pytest.mark.parametrize("begin", [b"", b"\x89MC", b"garbage" * 100])

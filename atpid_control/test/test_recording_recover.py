@@ -19,11 +19,15 @@ from mcap.stream_reader import StreamReader
 from recorded import block, make
 from rosbags.rosbag2 import Reader
 
-from atpid_control import recording as command
-from atpid_control.bags import BagError, BagWriter, Split, new_run, open_bag, recover, repair, verify
-from atpid_control.bags.records import LARGEST_CHUNK, inside
-from atpid_control.bags.salvage import salvage
-from atpid_control.bags.writer import Sink
+from atpid_control.cli import main
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.records import LARGEST_CHUNK, inside
+from atpid_control.runs.recover import recover, repair
+from atpid_control.runs.salvage import salvage
+from atpid_control.runs.verify import verify
+from atpid_control.runs.writer import BagWriter, Sink, Split
 
 LASER, STATES = "/sensors/laser", "/ceiling/state"
 SCANS = 5
@@ -147,15 +151,15 @@ def test_a_whole_bag_is_not_written_again(tmp_path: Path) -> None:
 def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = small(tmp_path / "run", close=False)
     (tmp_path / "run-recovered").mkdir()
-    assert command.main(["recover", str(bag)]) == 2
+    assert main(["bag", "recover", str(bag)]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert command.main(["recover", str(bag), "--out", str(tmp_path / "other")]) == 0
+    assert main(["bag", "recover", str(bag), "--out", str(tmp_path / "other")]) == 0
     printed = capsys.readouterr().out
     assert f"lost: {LASER}: ends with scan 59" in printed
     assert "every one read and decoded" in printed
-    assert command.main(["verify", str(bag)]) == 2
+    assert main(["bag", "verify", str(bag)]) == 2
     assert f"lost: {LASER}: ends with scan 59" in capsys.readouterr().out
-    assert command.main(["verify", str(bag), "--out", str(tmp_path)]) == 2
+    assert main(["bag", "verify", str(bag), "--out", str(tmp_path)]) == 2
 
 
 @pytest.mark.parametrize("write", [recover, repair])

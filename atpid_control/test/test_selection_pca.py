@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from atpid_control.selection.complex_model import judge
 from atpid_control.selection.pca import PcaSelector, tune
 from atpid_control.selection.predictive import Impact, response_lag, simplified
+from atpid_control.selection.protocol import Excitation
 from atpid_sim.kernel_inputs import system_of
 from atpid_sim.maps import DamperResponse, best_height
 from atpid_sim.scene import Scene, load_scene
@@ -60,7 +61,7 @@ def test_the_bare_beam_lags_by_less_than_a_quarter_of_a_period(scene: Scene) -> 
 
 
 def test_every_iteration_is_visible(scene: Scene) -> None:
-    chosen = PcaSelector(scene).select(0.05)
+    chosen = PcaSelector(scene).select(Excitation(0.05))
     names = [stage.name for stage in chosen.stages]
     assert names[:4] == ["SM", "SM + PM1", "CM1", "PM2 + CM2"]
     assert "PCA" in names
@@ -75,7 +76,7 @@ def test_every_iteration_is_visible(scene: Scene) -> None:
 @pytest.mark.parametrize("amplitude", [0.02, 0.05, 0.08])
 def test_tuned_it_is_close_to_the_best(scene: Scene, fraction: float, amplitude: float) -> None:
     heavy = scene.with_(mass_fraction=fraction)
-    chosen = PcaSelector(heavy).select(amplitude)
+    chosen = PcaSelector(heavy).select(Excitation(amplitude))
     best = best_height(DamperResponse(heavy, 1e-5), amplitude)
     assert chosen.efficiency > best.efficiency - 0.02
 
@@ -85,12 +86,15 @@ def test_without_gravity_it_is_right_at_every_amplitude(scene: Scene) -> None:
     selector = PcaSelector(scene, gravity=False)
     damper = DamperResponse(scene.with_(gravity=0.0), 1e-5)
     for amplitude in (0.002, 0.01, 0.05):
-        assert selector.select(amplitude).efficiency > best_height(damper, amplitude).efficiency - 0.01
+        assert selector.select(Excitation(amplitude)).efficiency > best_height(damper, amplitude).efficiency - 0.01
 
 
 def test_with_tuning_it_takes_at_most_twenty_evaluations(scene: Scene) -> None:
     selector = PcaSelector(scene)
-    assert max(selector.select(amplitude).evaluations for amplitude in (0.01, 0.02, 0.03, 0.05, 0.07, 0.08)) <= 20
+    assert (
+        max(selector.select(Excitation(amplitude)).evaluations for amplitude in (0.01, 0.02, 0.03, 0.05, 0.07, 0.08))
+        <= 20
+    )
 
 
 def test_tuning_follows_the_printed_steps() -> None:

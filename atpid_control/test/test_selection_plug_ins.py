@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from atpid_control.nodes.parameter_tables import SELECTOR, selector_table
 from atpid_control.nodes.selector_node import SelectorNode
-from atpid_control.selection import METHODS, SelectionError, make_selector, methods
+from atpid_control.selection import METHODS, Excitation, SelectionError, make_selector, methods
 from atpid_sim.scene import Scene, SceneError, load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -60,7 +60,7 @@ def test_an_installed_selector_is_a_method_like_the_others(install: Install, sce
     install("plug_in_good", GOOD, "own = plug_in_good:Own")
     assert methods() == (*METHODS, "own")
     selector = make_selector("own", scene, Path("own.npz"))
-    assert selector.select(0.03).height == 0.2
+    assert selector.select(Excitation(0.03)).height == 0.2
     assert vars(selector)["height_map"] == Path("own.npz")
 
 

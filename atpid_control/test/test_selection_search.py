@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from atpid_control.selection.protocol import Excitation
 from atpid_control.selection.search import Plan, SearchError, SearchSelector, StepSearch
 from atpid_sim.scene import load_scene
 
@@ -64,7 +65,7 @@ def test_without_a_beam_the_search_stops() -> None:
 def test_with_the_thesis_s_own_steps_it_finds_the_thesis_s_height() -> None:
     # a tenth of a metre every 4 s, opened in 1 s
     selector = SearchSelector(load_scene(SCENES / "standard.yaml"), Plan(0.1, 3.0, 0.1, 1.5))
-    chosen = selector.select(0.03)
+    chosen = selector.select(Excitation(0.03))
     assert chosen.height == pytest.approx(0.6, abs=0.11)
     assert [stage.name for stage in chosen.stages][:2] == ["step 1", "step 2"]
     assert chosen.stages[-2].note == "worse: back"

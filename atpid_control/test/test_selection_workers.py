@@ -6,6 +6,7 @@ import gc
 import pytest
 
 from atpid_control.selection.direct import DirectSelector
+from atpid_control.selection.protocol import Excitation
 from atpid_control.selection.workers import without_collection
 from atpid_sim.scene import standard_bench
 
@@ -33,7 +34,7 @@ def test_a_selection_collects_no_garbage() -> None:
     gc.callbacks.append(note)
     try:
         gc.set_threshold(1)
-        selector.select(0.01)
+        selector.select(Excitation(0.01))
         during = [phase for phase in begun if phase == "start"]
     finally:
         gc.set_threshold(700, 10, 10)

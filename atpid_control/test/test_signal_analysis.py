@@ -14,8 +14,9 @@ from scipy.signal import lfilter
 
 from atpid_control.analysis import AnalysisError, Signals, analyse, free_decay, frequency_response, spectrum
 from atpid_control.analysis.decrement import find_decay
-from atpid_control.bags import BagWriter, new_run
 from atpid_control.cli import main
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.writer import BagWriter
 from atpid_sim.scene import standard_bench
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
@@ -230,7 +231,7 @@ def written(folder: Path, support: Array, beam: Array, channels: tuple[str, str]
 
 @pytest.mark.slow
 def test_the_command_writes_numbers_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["analyse", str(BAG), "--out", str(tmp_path)]) == 0
+    assert main(["bag", "analyse", str(BAG), "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "a tone: the response holds there" in printed
     found = json.loads((tmp_path / "analysis.json").read_text())
@@ -243,7 +244,7 @@ def test_the_command_writes_numbers_and_picture(tmp_path: Path, capsys: pytest.C
 
 def test_a_decay_in_a_bag_has_no_excitation_and_is_fitted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = written(tmp_path / "bag", noise(3000, 1, 2e-5), decaying() + noise(3000, 2, 2e-5))
-    assert main(["analyse", str(bag), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert main(["bag", "analyse", str(bag), "--out", str(tmp_path / "out"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["decrement"]["damping_ratio"] == pytest.approx(0.03, rel=5e-3)
     assert abs(found["decrement"]["damping_ratio"] - 0.03) < 4.0 * found["decrement"]["damping_ratio_std"]
@@ -253,10 +254,10 @@ def test_a_decay_in_a_bag_has_no_excitation_and_is_fitted(tmp_path: Path, capsys
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["{tmp}"], "not a bag, there is no .mcap file"),
+        (["{tmp}"], "not a bag, there is no .mcap or .db3 file"),
         (
             ["{tmp}/other"],
-            "no samples of support_displacement and beam_displacement together; channels in the bag: a, b",
+            "no samples of support_displacement and beam_displacement together; channels in it: a, b",
         ),
         (["{tmp}/still"], "beam_displacement stands still: nothing to analyse"),
         (["{tmp}/other", "--input", "a", "--output", "b", "--resolution", "0.1"], "needs 10 s without a gap"),
@@ -268,7 +269,8 @@ def test_bad_input_is_one_line(
 ) -> None:
     written(tmp_path / "other", noise(3000, 1), noise(3000, 2), ("a", "b"))
     written(tmp_path / "still", tone(5.0, 0.1, 1.0), np.zeros(1000))
-    assert main(["analyse", *(text.format(tmp=tmp_path) for text in arguments), "--out", str(tmp_path / "out")]) == 2
+    given = [text.format(tmp=tmp_path) for text in arguments]
+    assert main(["bag", "analyse", *given, "--out", str(tmp_path / "out")]) == 2
     printed = capsys.readouterr()
     assert words in printed.err
     assert (len(printed.err.splitlines()), printed.out) == (1, "")
@@ -276,7 +278,7 @@ def test_bad_input_is_one_line(
 
 @pytest.mark.slow
 def test_a_fault_within_the_part_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    stuck = ["analyse", str(ROOT / "bags/laser_stuck")]
+    stuck = ["bag", "analyse", str(ROOT / "bags/laser_stuck")]
     assert main([*stuck, "--out", str(tmp_path / "all")]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "trusted: fault" in line]
     assert line.startswith("not to be trusted: fault at 2.699 s, identifier_node: support_displacement: frozen at ")
@@ -287,10 +289,10 @@ def test_a_fault_within_the_part_is_named(tmp_path: Path, capsys: pytest.Capture
 
 def test_an_earlier_analysis_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = written(tmp_path / "bag", tone(5.0, 0.01, 4.0), tone(5.0, 0.03, 4.0, 1.0))
-    assert main(["analyse", str(bag), "--out", str(tmp_path / "out")]) == 0
-    assert main(["analyse", str(bag), "--out", str(tmp_path / "out")]) == 2
+    assert main(["bag", "analyse", str(bag), "--out", str(tmp_path / "out")]) == 0
+    assert main(["bag", "analyse", str(bag), "--out", str(tmp_path / "out")]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert main(["analyse", str(bag), "--out", str(tmp_path / "out"), "--force"]) == 0
+    assert main(["bag", "analyse", str(bag), "--out", str(tmp_path / "out"), "--force"]) == 0
 
 
 def test_signals_of_another_unit_and_without_the_excitation() -> None:

@@ -1,29 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag with its traces for Foxglove and PlotJuggler; each path in the layouts leads to what its panel can show."""
 
-import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.bags import Bag, open_bag
-from atpid_control.bags.definitions import message_type
-from atpid_control.bags.read import stamp_of
-from atpid_control.bags.topics import BY_CLOCK, DEFAULT, parse
 from atpid_control.cli import main
-from atpid_control.traces.layout import FOXGLOVE, PLOTJUGGLER, foxglove_layout, plotjuggler_layout
-from atpid_control.traces.records import LOG, MARKERS, NUMBER, TEXT, number
-from atpid_control.traces.tracer import MODES, QUALITIES, STATES, TraceError, Tracer
+from atpid_control.runs.losses import stamp_of
+from atpid_control.runs.read import Bag, open_bag
+from atpid_control.runs.topics import DEFAULT, parse
+from atpid_control.views.traces.records import MARKERS, NUMBER, TEXT, number
+from atpid_control.views.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import load_scene
 from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.excitation import amplitude_at
@@ -73,7 +67,7 @@ def bag() -> Bag:
 @pytest.fixture(scope="module")
 def traced(tmp_path_factory: pytest.TempPathFactory) -> Traced:
     file = tmp_path_factory.mktemp("traces") / "traces.mcap"
-    assert main(["traces", str(BAG), "--out", str(file)]) == 0
+    assert main(["bag", "traces", str(BAG), "--out", str(file)]) == 0
     return Traced(file)
 
 
@@ -81,7 +75,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> Traced:
 
 
 def test_every_sample_has_its_number_at_its_time(bag: Bag, traced: Traced) -> None:
-    blocks = list(bag.stream("/sensors/laser"))
+    blocks = [block for _, block in bag.messages("/sensors/laser")]
     for place, name in enumerate(blocks[0].channels):
         times, values = traced.series(f"/traces/{name}")
         data = np.concatenate([block.data.reshape(-1, len(block.channels))[:, place] for block in blocks])
@@ -100,7 +94,7 @@ def test_the_messages_of_the_bag_are_in_the_file_unchanged(bag: Bag, traced: Tra
 
 
 def test_the_efficiency_is_that_of_the_true_motion(bag: Bag, traced: Traced) -> None:
-    truth = list(bag.stream("/plant/truth"))
+    truth = [block for _, block in bag.messages("/plant/truth")]
     beam = np.concatenate([block.beam for block in truth])
     scene = load_scene(ROOT / "bags/thesis_4_3_short.yaml")
     found = {stamp_of(message): message for _, message in bag.messages("/excitation")}
@@ -123,7 +117,7 @@ def test_the_closed_damper_is_the_simulated_one(name: str) -> None:
 
 
 def test_the_damper_stands_as_the_plant_does(bag: Bag, traced: Traced) -> None:
-    truth = list(bag.stream("/plant/truth"))
+    truth = [block for _, block in bag.messages("/plant/truth")]
     beam, grain, ceiling = (np.concatenate([getattr(b, name) for b in truth]) for name in ("beam", "grain", "ceiling"))
     shown = [(time, array) for time, array in traced.messages["/traces/damper"] if len(array.markers) == 4]
     assert len(shown) == pytest.approx(25 * 8, abs=2)  # 25 pictures a second of 8 s
@@ -139,10 +133,10 @@ def test_the_damper_stands_as_the_plant_does(bag: Bag, traced: Traced) -> None:
 
 def test_a_slower_rate_takes_every_nth_sample(bag: Bag, traced: Traced, tmp_path: Path) -> None:
     file = tmp_path / "slow.mcap"
-    assert main(["traces", str(BAG), "--out", str(file), "--rate", "170"]) == 0
+    assert main(["bag", "traces", str(BAG), "--out", str(file), "--rate", "170"]) == 0
     times, values = Traced(file).series("/traces/beam_displacement")
     all_times, all_values = traced.series("/traces/beam_displacement")
-    every = math.ceil(next(bag.stream("/sensors/laser")).rate / 170.0)
+    every = math.ceil(next(bag.messages("/sensors/laser"))[1].rate / 170.0)
     assert np.array_equal(times, all_times[::every])
     assert np.array_equal(values, all_values[::every], equal_nan=True)
 
@@ -150,7 +144,7 @@ def test_a_slower_rate_takes_every_nth_sample(bag: Bag, traced: Traced, tmp_path
 def test_a_file_that_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "traces.mcap"
     file.write_bytes(b"mine")
-    assert main(["traces", str(BAG), "--out", str(file)]) == 2
+    assert main(["bag", "traces", str(BAG), "--out", str(file)]) == 2
     assert "exists already" in capsys.readouterr().err
     assert file.read_bytes() == b"mine"
 
@@ -161,20 +155,6 @@ def test_a_number_is_what_the_library_writes() -> None:
     read: Any = store.deserialize_cdr(record.data, NUMBER)
     assert read.data == -1.5
     assert record.data == bytes(store.serialize_cdr(store.types[NUMBER](-1.5), NUMBER))
-
-
-@pytest.mark.parametrize(
-    ("words", "kind", "others"),
-    [
-        (MODES, "CeilingState", ()),
-        (QUALITIES, "Excitation", ("SUPPORT", "BEAM")),
-        (STATES, "SupervisorState", ()),
-    ],
-)
-def test_the_words_are_those_of_the_constants(words: tuple[str, ...], kind: str, others: tuple[str, ...]) -> None:
-    name = f"atpid_interfaces/msg/{kind}"
-    constants = get_types_from_msg(message_type(name).definition, name)[name][0]
-    assert dict(enumerate(words)) == {value: word.lower() for word, _, value in constants if word not in others}
 
 
 def test_without_the_plants_truth_the_damper_is_drawn_from_the_laser() -> None:
@@ -196,78 +176,3 @@ def test_without_the_plants_truth_the_damper_is_drawn_from_the_laser() -> None:
 
 
 # the layouts
-
-
-def fields_of(store: Any, kind: str) -> dict[str, Any]:
-    return dict(store.fielddefs[kind][1])
-
-
-def leaf(traced: Traced, topic: str, path: str) -> str:
-    """Return the type at the end of a path of fields, none of them an array: a plot of one line over time."""
-    kind = traced.types.get(topic) or BESIDES.get(topic) or TRACED_BESIDES[topic]
-    store = traced.store
-    if kind not in store.fielddefs:
-        store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_msg(message_type(kind).definition, kind))
-    for name in path.split("."):
-        node, inside = fields_of(store, kind)[name]
-        assert node in (Nodetype.BASE, Nodetype.NAME), f"{topic}.{path}: an array"
-        kind = inside[0] if node == Nodetype.BASE else inside
-    return str(kind)
-
-
-def numeric(kind: str) -> bool:
-    return kind.startswith(("int", "uint", "float", "bool"))
-
-
-def panels(kind: str) -> Iterator[dict[str, Any]]:
-    layout = json.loads((ROOT / "docs/foxglove" / FOXGLOVE).read_text())
-    return (config for name, config in layout["configById"].items() if name.partition("!")[0] == kind)
-
-
-def test_the_files_are_those_that_the_command_writes() -> None:
-    assert json.loads((ROOT / "docs/foxglove" / FOXGLOVE).read_text()) == foxglove_layout()
-    assert (ROOT / "docs/foxglove" / PLOTJUGGLER).read_text() == plotjuggler_layout()
-
-
-def test_every_panel_has_its_place_once() -> None:
-    def names(node: Any) -> list[str]:
-        return [node] if isinstance(node, str) else [*names(node["first"]), *names(node["second"])]
-
-    layout = foxglove_layout()
-    assert sorted(names(layout["layout"])) == sorted(layout["configById"])
-
-
-def test_every_foxglove_path_leads_to_what_its_panel_shows(traced: Traced) -> None:
-    plotted = [path["value"] for plot in panels("Plot") for path in plot["paths"]]
-    assert len(plotted) > 10
-    for path in plotted:
-        topic, _, field = path.partition(".")
-        assert numeric(leaf(traced, topic, field)), path
-    for path in (path["value"] for panel in panels("StateTransitions") for path in panel["paths"]):
-        assert leaf(traced, *path.split(".", 1)) == "string"
-    assert [traced.types[topic] for panel in panels("3D") for topic in panel["topics"]] == [MARKERS]
-    assert [traced.types[panel["topicToRender"]] for panel in panels("RosOut")] == [LOG]
-    shown = [BESIDES[panel["topicToRender"]] for panel in panels("DiagnosticSummary")]
-    assert shown == ["diagnostic_msgs/msg/DiagnosticArray"]
-    assert {panel["topicPath"] for panel in panels("RawMessages")} <= traced.types.keys()
-
-
-def test_every_curve_of_plotjuggler_is_a_number_in_the_file(traced: Traced) -> None:
-    root = ElementTree.parse(ROOT / "docs/foxglove" / PLOTJUGGLER).getroot()
-    curves = [str(curve.get("name")) for curve in root.iter("curve")]
-    assert len(curves) > 10
-    for name in curves:
-        topic, _, field = name.rpartition("/")
-        assert traced.types[topic]
-        assert numeric(leaf(traced, topic, field)), name
-    split = next(root.iter("DockSplitter"))
-    assert int(str(split.get("count"))) == len(split) == len(str(split.get("sizes")).split(";"))
-
-
-def test_a_path_into_an_array_or_beside_the_fields_is_found(traced: Traced) -> None:
-    with pytest.raises(AssertionError, match="an array"):
-        leaf(traced, "/sensors/laser", "data")
-    with pytest.raises(KeyError):
-        leaf(traced, "/excitation", "amplitud")
-    assert {kind for kind in BY_CLOCK if kind.startswith("atpid")} <= set(BESIDES.values())

@@ -65,7 +65,7 @@ extern "C" void keep_reset_flags() {
 }
 
 // The first time-out of a hung program: motor off, and the cause kept where no reset and no bootloader clears it.
-// A program that hangs with interrupts off is restarted by the second time-out (data sheet 12.4; simavr 1.6 does not).
+// A program that hangs with interrupts off is restarted by the second time-out (data sheet 12.4).
 ISR(WDT_vect) {
     board_drive(Direction::OFF);
     board_latch_watchdog(true);

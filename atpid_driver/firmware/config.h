@@ -4,7 +4,7 @@
 #pragma once
 #include <stdint.h>
 
-#define FIRMWARE_VERSION "1.1.0"
+#define FIRMWARE_VERSION "1.1.1"
 constexpr uint8_t PROTOCOL_VERSION = 1;
 constexpr uint32_t BAUD = 250000;  // exact from 16 MHz; 115200 would be 2.1 % off
 

@@ -170,6 +170,7 @@ void Motion::step_back() {
     if (upper_.open()) return;
     if (!sensor_.plausible_home()) return fail(fault::HOMING);
     sensor_.reference();
+    drive_.settle(now_ms_);  // the height has leapt by what the potentiometer had slipped: that is no motion
     homing_ = Homing::LEAVE;
 }
 

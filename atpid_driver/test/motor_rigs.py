@@ -5,16 +5,15 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import PACKAGES, Emulator, missing_tools
-from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode
+from atpid_driver.motor.ceiling_actuator import CeilingActuator
 from atpid_driver.motor.errors import MotorError
-from atpid_driver.motor.serial_port import SerialPort
 from atpid_driver.motor.settings import MotorSettings
 
 SERIAL: dict[str, Any] = {"backend": "serial", "lowest": 0.017, "highest": 1.0, "speed": 0.3}
@@ -66,30 +65,3 @@ def arm(actuator: CeilingActuator) -> None:
 
     actuator.activate(time.monotonic_ns())
     wait_for(ready, "armed and homed", state=lambda: str(actuator.read(time.monotonic_ns())))
-
-
-@dataclass
-class ScriptedPort(SerialPort):
-    """A port with a script of requests and answers; `done` fails on traffic that did not take place."""
-
-    script: list[tuple[bytes, bytes]]
-    waiting: list[bytes] = field(default_factory=list)
-
-    def write(self, data: bytes) -> None:
-        assert self.script, f"unexpected request: {data!r}"
-        request, answer = self.script.pop(0)
-        assert data == request
-        self.waiting += answer.splitlines(keepends=True)
-
-    def read_line(self, timeout: float) -> bytes:
-        if self.waiting:
-            return self.waiting.pop(0)
-        time.sleep(timeout)  # nothing comes: the time-out passes, as at a real port
-        return b""
-
-    def close(self) -> None:
-        """Close nothing."""
-
-    def done(self) -> None:
-        assert not self.script, f"requests that were never made: {self.script}"
-        assert not self.waiting, f"unread answers: {self.waiting}"

@@ -13,7 +13,7 @@ from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 
 from atpid_common.nodes.handshake import empty_block
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, doubles
-from atpid_driver.errors import DriverError
+from atpid_driver import DriverError
 from atpid_driver.nodes.feed_node import FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.standins import Control, Feed, StandinError, build

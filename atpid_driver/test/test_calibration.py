@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from driver_program import main
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from atpid_driver.calibration.convert import Counts, block_si, si_of, volts_of
 from atpid_driver.calibration.fit import fit, read_readings
 from atpid_driver.calibration.model import CalibrationError, load, save
-from atpid_driver.cli import main
 from atpid_driver.standins import build
 
 SHIPPED = Path(__file__).parents[1] / "config" / "calibration"
@@ -231,13 +231,26 @@ def test_readings_are_taken_from_the_device(
     for position, volts in ((-0.1, 1.5), (0.0, 3.0), (0.1, 4.5)):
         monkeypatch.setenv("ATPID_LJM_SOURCE", f"sine:offset={volts},amplitude=0.01,frequency=50")
         given = ["--position", str(position), "--terminal", "AIN0", "--library", library, "--seconds", "0.1"]
-        assert main(["reading", str(tmp_path / "readings.csv"), *given]) == 0
+        assert main(["calibrate", "reading", str(tmp_path / "readings.csv"), *given]) == 0
     positions, measured = read_readings(tmp_path / "readings.csv")
     assert list(positions) == [-0.1, 0.0, 0.1]
     assert measured == pytest.approx([1.5, 3.0, 4.5], abs=1e-6)
     assert "scatter 7.1" in capsys.readouterr().out
     assert (
-        main(["reading", str(tmp_path / "x.csv"), "--position", "0", "--terminal", "AIN77", "--library", library]) == 2
+        main(
+            [
+                "calibrate",
+                "reading",
+                str(tmp_path / "x.csv"),
+                "--position",
+                "0",
+                "--terminal",
+                "AIN77",
+                "--library",
+                library,
+            ]
+        )
+        == 2
     )
     assert "AIN0 to AIN13" in capsys.readouterr().err
 
@@ -245,7 +258,7 @@ def test_readings_are_taken_from_the_device(
 def command(tmp_path: Path, *extra: str) -> list[str]:
     fixed = ["--channel", "support_displacement", "--sensor", "Omron ZX1-LD300A81", "--serial", "A17"]
     out = str(tmp_path / "laser.yaml")
-    return ["calibrate", str(tmp_path / "readings.csv"), *fixed, "--date", "2026-11-21", "--out", out, *extra]
+    return ["calibrate", "sensor", str(tmp_path / "readings.csv"), *fixed, "--date", "2026-11-21", "--out", out, *extra]
 
 
 def test_the_command_makes_a_file_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

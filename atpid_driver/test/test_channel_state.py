@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_driver.calibration.channel_state import ChannelMonitor, ChannelState, Floats, Thresholds
+from atpid_common.channel_monitor import ChannelState
+from atpid_driver.calibration.channel_state import Floats, Thresholds, VoltageMonitor
 from atpid_driver.calibration.convert import si_of
 from atpid_driver.calibration.model import Calibration, load
 
@@ -35,7 +36,7 @@ def changes(
     volts: Floats, thresholds: Thresholds = USUAL, calibration: Calibration = LASER
 ) -> list[tuple[float, ChannelState, str]]:
     """Return (time of the block's end [s], state, text) of each change."""
-    monitor, seen = ChannelMonitor(calibration, thresholds), []
+    monitor, seen = VoltageMonitor(calibration, thresholds), []
     for first in range(0, volts.size, BLOCK):
         part = volts[first : first + BLOCK]
         found = monitor.take(part, *si_of(calibration, part), RATE)
@@ -138,7 +139,7 @@ def test_a_channel_without_broken_loop_threshold() -> None:
     st.integers(1, 97),
 )
 def test_whatever_a_converter_gives_is_a_state(volts: list[float], block: int) -> None:
-    monitor, array = ChannelMonitor(LASER, USUAL), np.array(volts)
+    monitor, array = VoltageMonitor(LASER, USUAL), np.array(volts)
     with np.errstate(all="ignore"):
         for first in range(0, array.size, block):
             part = array[first : first + block]

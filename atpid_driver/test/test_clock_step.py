@@ -19,6 +19,8 @@ from atpid_common.nodes.messages import nanoseconds_of
 
 pytestmark = pytest.mark.slow
 
+PACE = 0.02  # of the motor's states [s]
+
 SOURCE = Path(__file__).with_name("clock_step.c")
 LASER = {
     "backend": "simulated", "handshake": "false", "rate": 1000.0, "channels": "[support_displacement]",
@@ -46,7 +48,7 @@ class SteppedNode:
     def end(self) -> str:
         """Interrupt it and return what it has logged."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.communicate(timeout=20.0)[1]
+        return self.process.communicate(timeout=100.0)[1]
 
 
 @pytest.fixture
@@ -67,11 +69,11 @@ def test_a_motor_whose_clock_is_set_goes_on_and_ends_when_interrupted(
     try:
         bench.until(lambda: len(states) > 20)
         node.step(seconds)
+        bench.until(lambda: abs(states[-1].header.stamp.sec - time.time() - seconds) < 600.0)
         before = len(states)
-        began = time.monotonic()
         bench.until(lambda: len(states) >= before + 100)
-        assert time.monotonic() - began == pytest.approx(2.0, abs=1.0)
-        assert abs(states[-1].header.stamp.sec - time.time() - seconds) < 5.0
+        paced = [nanoseconds_of(state.header.stamp) * 1e-9 for state in states[before : before + 100]]
+        assert paced[-1] - paced[0] > 0.9 * 99 * PACE, "it goes on at its pace, not without a pause"
         assert f"the wall clock was set by {seconds:+.3f} s" in node.end()
     finally:
         node.process.kill()

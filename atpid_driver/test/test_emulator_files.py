@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import driver_program
 import pytest
 from motor_rigs import board
 
@@ -39,12 +40,11 @@ def test_what_is_in_the_way_is_refused_in_one_line_and_stays(tmp_path: Path, opt
     places = {"--link": str(tmp_path / "port")} | {option: str(path)}
     command = [
         sys.executable,
-        "-m",
-        "atpid_driver.emulator",
-        "run",
+        driver_program.__file__,
+        "emulator",
         *(word for pair in places.items() for word in pair),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False, timeout=300)
     assert done.returncode == 2, done
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"error: {option} {path}: ")

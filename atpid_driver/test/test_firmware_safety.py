@@ -7,13 +7,16 @@ from pathlib import Path
 import pytest
 from motor_rigs import board
 
+from atpid_common.vocabulary import Mode
 from atpid_driver.emulator.client import SteppedHost
-from atpid_driver.motor.ceiling_actuator import Mode
 from atpid_driver.motor.faults import Fault
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply, crc16, encode
 
 MIDDLE = 500_000
 RESOLUTION = 1.5e-3
+#: Of the true height after homing [um]: it ends where the reading is STOP_LEAD_UM above the highest height, and from
+#: switch or height to reading and motor pass a step (1 ms) and a sum (1.7 ms), at 300 um/ms.
+HOMED = 1000 + 300 * (1.0 + 1.7)
 
 
 @pytest.fixture
@@ -48,7 +51,7 @@ def stands_still(host: SteppedHost) -> bool:
 
 def test_after_power_on_it_is_disarmed_and_identifies_itself(host: SteppedHost) -> None:
     assert host.request("STATE") == Refusal("SESSION")
-    assert host.request("ID") == IdentityReply("ATPID-MOTOR", "1.1.0", 1, 1, "POWER", 0.017, 1.0, 0.3, 0)
+    assert host.request("ID") == IdentityReply("ATPID-MOTOR", "1.1.1", 1, 1, "POWER", 0.017, 1.0, 0.3, 0)
     state = host.state()
     assert (state.mode, state.homed, state.faults) == (Mode.DISARMED, False, Fault(0))
 
@@ -68,15 +71,17 @@ def test_homes_from_the_lowest_height(tmp_path: Path) -> None:
     with board(tmp_path, height=0.017) as emulator:
         state = SteppedHost(emulator).make_ready()
         assert state.height == pytest.approx(1.0, abs=RESOLUTION)
-        assert emulator.state().height_um == pytest.approx(1e6, abs=1000)
+        assert emulator.state().height_um == pytest.approx(1e6, abs=HOMED)
 
 
-def test_homes_with_a_slipped_sensor(tmp_path: Path) -> None:
+@pytest.mark.parametrize("slip", [-20_000, 15_000, 20_000])
+def test_homes_with_a_slipped_sensor(tmp_path: Path, slip: int) -> None:
+    """Either way: the height then leaps where the switch gives the reference, which is no motion."""
     with board(tmp_path, height=0.98) as emulator:
-        emulator.set("slip", 15_000)
+        emulator.set("slip", slip)
         host = SteppedHost(emulator)
         assert host.make_ready().height == pytest.approx(1.0, abs=RESOLUTION)
-        assert emulator.state().height_um == pytest.approx(1e6, abs=1000)
+        assert emulator.state().height_um == pytest.approx(1e6, abs=HOMED)
 
 
 @pytest.mark.slow
@@ -98,6 +103,58 @@ def test_turns_round_on_a_target_behind_it(moving: SteppedHost) -> None:
     state = moving.beat(1.0)
     assert state.mode == Mode.HOLDING
     assert state.height == pytest.approx(0.99, abs=RESOLUTION)
+
+
+def test_before_a_reversal_the_motor_is_off_for_its_pause(moving: SteppedHost) -> None:
+    moving.emulator.send(moving.frame("MOVE", 990_000))
+    directions = []
+    while moving.emulator.state().motor != 1:
+        directions.append(moving.emulator.state().motor)
+        moving.emulator.run(0.001)
+        assert len(directions) < 100
+    assert directions[0] == -1
+    assert 49 <= directions.count(0) <= 52
+
+
+def until_off(host: SteppedHost) -> StateReply:
+    """Send heartbeats until the motor is off; return the state then."""
+    while host.emulator.state().motor:
+        host.request("BEAT")
+    return host.state()
+
+
+@pytest.mark.parametrize(("word", "start", "nominal"), [("MOVE", 0.98, 1000.0), ("HOME", 0.017, 1010e3 / 300.0)])
+def test_a_motor_that_is_slower_than_half_its_speed_is_off_after_the_time_that_the_way_may_take(
+    tmp_path: Path, word: str, start: float, nominal: float
+) -> None:
+    """Not so slow as to be a stall; and the height is known still, as far as it was."""
+    with board(tmp_path, height=start) as emulator:
+        host = SteppedHost(emulator)
+        if word == "MOVE":
+            emulator.set("height", host.make_ready().height * 1e6)
+        else:
+            host.request("ID")
+            host.request("ARM")
+        emulator.set("speed", 110_000)
+        began = emulator.state().ms
+        host.request(word, *([700_000] if word == "MOVE" else []))
+        state = until_off(host)
+        assert (state.mode, state.faults, state.homed) == (Mode.FAULT, Fault.OVERTIME, word == "MOVE")
+        assert emulator.state().motor_off_ms - began == pytest.approx(2.0 * nominal + 500.0, abs=20.0)
+
+
+@pytest.mark.parametrize(("target", "slip"), [(1_000_000, 6_500), (18_000, -7_000)])
+def test_outside_its_soft_limits_it_is_off_and_has_to_home_again(ready: SteppedHost, target: int, slip: int) -> None:
+    """As after a slip while it stands: less than what counts as a motion."""
+    ready.request("MOVE", target)
+    ready.beat(4.0)
+    ready.emulator.set("slip", slip / 2)
+    assert ready.beat(0.2).mode is Mode.HOLDING
+    ready.emulator.set("slip", slip)
+    state = ready.beat(0.2)
+    assert (state.mode, state.faults, state.homed) == (Mode.FAULT, Fault.SOFT_LIMIT, False)
+    assert ready.request("MOVE", MIDDLE) == Refusal("FAULT")
+    assert stands_still(ready)
 
 
 @pytest.mark.parametrize("height", [16_999, 1_000_001, 0, 99_999_999])
@@ -132,9 +189,10 @@ def test_a_flood_does_not_keep_the_motor_running(moving: SteppedHost, flood: byt
     assert moving.state().faults == Fault.HEARTBEAT
 
 
-def test_looking_is_no_heartbeat(moving: SteppedHost) -> None:
+@pytest.mark.parametrize("word", ["STATE", "FLY"])
+def test_looking_is_no_heartbeat_and_neither_is_an_unknown_word(moving: SteppedHost, word: str) -> None:
     for _ in range(12):
-        moving.request("STATE", seconds=0.05)
+        moving.request(word, seconds=0.05)
     assert moving.state().faults == Fault.HEARTBEAT
     assert moving.emulator.state().motor == 0
 
@@ -222,16 +280,54 @@ def test_lower_switch_stops_a_ceiling_whose_sensor_slipped(ready: SteppedHost) -
     assert ready.beat(0.3).mode is Mode.HOLDING, "away from the switch it may go"
 
 
-def test_a_welded_upper_switch_ends_in_a_stall_at_the_mechanical_end(host: SteppedHost) -> None:
+def test_upper_switch_that_opens_on_the_way_up_stops_it(ready: SteppedHost) -> None:
+    """Above where the ceiling cannot touch it; away from it the ceiling may go."""
+    ready.request("MOVE", 960_000)
+    ready.beat(0.3)
+    ready.request("MOVE", 1_000_000)
+    while ready.emulator.state().motor != 1:
+        ready.request("BEAT")
+    ready.emulator.set("upper", "open")
+    state = ready.beat(0.2)
+    assert (state.mode, state.faults) == (Mode.FAULT, Fault.UPPER_LIMIT)
+    assert ready.emulator.state().height_um < 970_000
+    ready.request("ARM")
+    ready.request("MOVE", 955_000)
+    assert ready.beat(0.3).faults == Fault(0)
+
+
+@pytest.mark.parametrize(("slip", "fault"), [(0, Fault.STALL), (24_500, Fault.HOMING)])
+def test_a_welded_upper_switch_ends_at_the_mechanical_end_or_where_the_switch_cannot_be(
+    host: SteppedHost, slip: int, fault: Fault
+) -> None:
     host.emulator.set("upper", "closed")
+    host.emulator.set("slip", slip)
     for word in ("ID", "ARM", "HOME"):
         host.request(word)
     state = host.beat(1.0)
-    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.STALL)
+    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, fault)
 
 
-def test_homing_refuses_a_switch_in_the_wrong_place(host: SteppedHost) -> None:
-    host.emulator.set("slip", 24_500)
+def test_an_upper_switch_that_does_not_close_again_ends_homing_within_30_mm(host: SteppedHost) -> None:
+    for word in ("ID", "ARM", "HOME"):
+        host.request(word)
+    while host.emulator.state().motor != -1:
+        host.request("BEAT")
+    host.emulator.set("upper", "open")
+    state = host.beat(0.5)
+    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.UPPER_LIMIT)
+    assert host.emulator.state().height_um == pytest.approx(1_010_000 - 30_000, abs=HOMED)
+
+
+def test_a_reading_that_leaps_further_than_the_ceiling_can_move_has_lost_its_reference(ready: SteppedHost) -> None:
+    ready.emulator.set("slip", -13_000)
+    state = ready.beat(0.2)
+    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.SENSOR_JUMP)
+
+
+@pytest.mark.parametrize("slip", [-24_500, 24_500])
+def test_homing_refuses_a_switch_in_the_wrong_place(host: SteppedHost, slip: int) -> None:
+    host.emulator.set("slip", slip)
     for word in ("ID", "ARM", "HOME"):
         host.request(word)
     state = host.beat(1.0)
@@ -280,16 +376,35 @@ def test_power_cycle_in_motion(moving: SteppedHost) -> None:
     assert stands_still(moving)
 
 
-def test_watchdog_switches_off_a_hung_firmware(moving: SteppedHost) -> None:
+@pytest.mark.parametrize(("hang", "after", "within"), [("hang", 120.0, 130.0), ("hang off", 250.0, 258.0)])
+def test_watchdog_switches_off_a_hung_firmware(moving: SteppedHost, hang: str, after: float, within: float) -> None:
+    """By its interrupt, or by its second time-out where interrupts are off."""
     began = moving.emulator.state().ms
-    moving.emulator.do("hang")
+    moving.emulator.do(hang)
     moving.emulator.run(1.0)
-    assert 0.0 < moving.emulator.state().motor_off_ms - began < 150.0
+    assert after < moving.emulator.state().motor_off_ms - began < within
     identity = moving.request("ID")
     assert isinstance(identity, IdentityReply)
     assert (identity.boots, identity.reset_cause) == (2, "WATCHDOG")
     assert (moving.state().mode, moving.state().faults) == (Mode.FAULT, Fault.WATCHDOG)
     assert moving.request("HOME") == Refusal("FAULT")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hang", ["hang", "hang off"])
+def test_the_watchdog_sees_a_firmware_that_hangs_wherever_it_was(ready: SteppedHost, hang: str) -> None:
+    """Asleep, at work, or in an interrupt: 30 instants, 0.29 ms apart."""
+    for instant in range(30):
+        ready.emulator.set("height", MIDDLE)
+        ready.emulator.run(0.01)
+        for word in ("ID", "ARM", "HOME"):
+            ready.request(word)
+        ready.emulator.run(0.1 + 0.00029 * instant)
+        assert ready.emulator.state().motor == 1
+        ready.emulator.do(hang)
+        ready.emulator.run(0.27)
+        assert ready.emulator.state().motor == 0
+        ready.emulator.run(0.05)
 
 
 @pytest.mark.parametrize("again", [("reset",), ("power 0", "power 1")])
@@ -344,6 +459,16 @@ def test_a_repeated_frame_is_answered_but_done_once(ready: SteppedHost) -> None:
     (again,) = ready.answers(stop)
     assert again.word == "ST"
     assert stands_still(ready)
+
+
+def test_a_repeated_arm_does_not_arm_again(ready: SteppedHost) -> None:
+    """As a frame that the line delivers twice, after what has happened since."""
+    arm = ready.frame("ARM")
+    ready.answers(arm)
+    ready.emulator.run(1.0)
+    (again,) = ready.answers(arm)
+    assert again.word == "ST"
+    assert (ready.state().mode, ready.state().faults) == (Mode.FAULT, Fault.HEARTBEAT)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_common.injected_faults import Injected
-from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits, Reading
 from atpid_driver.motor.errors import SettingsError
 from atpid_driver.motor.known_motion import ANNOUNCED, KnownMotion, KnownMotionError
 from atpid_driver.motor.settings import MotorSettings
@@ -89,6 +90,15 @@ def test_an_interrupted_motion_begins_again_where_it_began_first() -> None:
             ceiling.move(height, 0, now)
         now += SECOND // 50
     assert commanded == [0.5, 0.65, 0.5]
+
+
+def test_a_ceiling_that_moves_the_other_way_is_named_at_once() -> None:
+    """As a height sensor sees it that is connected the wrong way round."""
+    motion, at_rest = KnownMotion(DISTANCE, LIMITS), Reading(Mode.HOLDING, homed=True, height=0.5, target=0.5)
+    motion.announcement(0.5, 0.0)
+    assert motion.turn(at_rest, ANNOUNCED) == 0.65
+    with pytest.raises(KnownMotionError, match=r"expected \+0.150 m, found -0.004 m; swap the motor's leads"):
+        motion.turn(Reading(Mode.MOVING, homed=True, height=0.496, target=0.65), ANNOUNCED + 0.02)
 
 
 @pytest.mark.parametrize("distance", [-0.1, 0.05, 0.5, float("nan")])

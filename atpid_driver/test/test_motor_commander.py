@@ -11,7 +11,7 @@ from motor_graph import Stand
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from atpid_driver.nodes.commander import Commander
+from atpid_driver.nodes.authority import Commander
 
 FIRST, FOREIGN = 0.3, 0.9  # heights [m]
 
@@ -97,6 +97,7 @@ def test_one_that_was_started_again_is_followed(stand: Stand) -> None:
 def test_the_stands_motor_follows_the_node_named_only(stand: Stand) -> None:
     stand.motor(speed=5.0, commander="selector_node")
     stand.handshake()
+    stand.until(lambda: at_rest(stand, 0.017))
     stand.until(lambda: refusals(stand), lambda: stand.command(FOREIGN, 1.0))
     assert refusals(stand)[0].endswith("published by /peer; allowed: /selector_node (parameter commander)")
     assert stand.states[-1].target == 0.017
@@ -113,3 +114,12 @@ def test_lost_messages_and_a_middleware_without_a_count_are_no_second_publisher(
 ) -> None:
     judge = Commander(stand.peer, "ceiling/command", "", 60.0)
     assert [judge.judge(number) for number in numbers] == [""] * len(numbers)
+
+
+def test_a_count_that_goes_back_or_leaps_is_another_publishers_until_the_first_has_left(stand: Stand) -> None:
+    judge = Commander(stand.peer, "ceiling/command", "", 60.0)
+    assert judge.judge(500) == ""
+    assert all("two nodes of one name" in judge.judge(number) for number in (3, 500, 500 + 1001))
+    assert judge.judge(501) == ""
+    left = Commander(stand.peer, "ceiling/command", "", -1.0)
+    assert [left.judge(number) for number in (500, 3)] == ["", ""]

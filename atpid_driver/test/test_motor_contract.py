@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from motor_rigs import SERIAL, arm, board, need_emulator, settings, wait_for
 
+from atpid_common.vocabulary import Mode
 from atpid_driver.motor import actuator_of
-from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode, Reading
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Reading
 from atpid_driver.motor.errors import HeightRefusedError, NotReadyError
 from atpid_driver.motor.settings import MotorSettings
 

@@ -6,9 +6,10 @@ import math
 import pytest
 
 from atpid_common.injected_faults import CEILING, KINDS, FaultError, Injected
+from atpid_common.vocabulary import Mode
 from atpid_driver.motor import actuator_of
-from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits, Mode
-from atpid_driver.motor.errors import MotorError
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits
+from atpid_driver.motor.errors import MotorError, SettingsError
 from atpid_driver.motor.faults import Fault
 from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
@@ -101,7 +102,7 @@ def test_a_real_motor_refuses_injected_faults() -> None:
     line = str(Injected("motor", "off", 1.0, 2.0))
     given = {"lowest": 0.017, "highest": 1.0, "speed": 0.3, "faults": [line]}
     assert isinstance(actuator_of(MotorSettings("simulated", **given)), FaultyActuator)  # type: ignore[arg-type]
-    with pytest.raises(FaultError, match="allowed: serial_link, which the board's link acts"):
+    with pytest.raises(SettingsError, match="allowed: none, a real motor is not disturbed"):
         MotorSettings("serial", port="/dev/x", **given)  # type: ignore[arg-type]
     with pytest.raises(FaultError, match="which the simulated motor acts"):
         MotorSettings("simulated", **(given | {"faults": ["clock off 1 2"]}))  # type: ignore[arg-type]

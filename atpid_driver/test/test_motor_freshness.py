@@ -20,6 +20,7 @@ from atpid_driver.motor.freshness import Freshness
 
 SECOND = 1_000_000_000
 BLOCK = SECOND // 20
+LONGER_THAN_THE_TIMEOUT = 0.7  # of commands [s]
 
 
 @given(
@@ -46,8 +47,23 @@ def test_a_source_that_begins_anew_is_not_judged_by_the_one_before() -> None:
     fresh = Freshness()
     assert [fresh.age(stamp, stamp + 5) for stamp in (10, 20, 30)] == [0.0, 0.0, 0.0]
     assert fresh.age(20, 10 * SECOND) == 0.0, "its clock was set back"
+    assert fresh.age(20 + SECOND, 16 * SECOND) == pytest.approx(5.0, abs=0.1), "and is judged again from then on"
+    assert fresh.age(20 + 2 * SECOND, 30 * SECOND) > 10.0
     fresh.restart()
-    assert fresh.age(40, 20 * SECOND) == 0.0
+    assert fresh.age(20 + 3 * SECOND, 44 * SECOND) == 0.0, "its stamps may go on where those of the other were"
+
+
+def test_a_clock_that_drifts_all_day_makes_no_command_old() -> None:
+    fresh = Freshness()
+    ages = [fresh.age(k * BLOCK, k * BLOCK + k * BLOCK // 5_000) for k in range(20 * 3600)]
+    assert max(ages) < 1e-3, "200 ppm are 0.7 s in an hour"
+
+
+def test_a_command_is_compared_with_the_time_the_motor_was_armed() -> None:
+    fresh = Freshness()
+    fresh.armed(10 * SECOND)
+    assert fresh.before_armed(0.6, 10 * SECOND + SECOND // 2)
+    assert not fresh.before_armed(0.4, 10 * SECOND + SECOND // 2)
 
 
 @pytest.fixture
@@ -84,11 +100,12 @@ def test_after_standing_still_only_a_fresh_height_moves_it(stand: Stand, hung: s
         stand.until(lambda: stand.states and stand.states[-1].mode == CeilingState.HOLDING)
         stand.until(lambda: going_to(stand, 0.1), lambda: stand.command(0.1, time.time()))
         stand.until(lambda: stand.states[-1].mode == CeilingState.HOLDING, lambda: stand.command(0.1, time.time()))
+        stand.events.clear()
         before = time.time()
         if hung == "motor node":
             motor.send_signal(signal.SIGSTOP)
             stand.command(0.9, before)
-        time.sleep(0.7)  # longer than command_timeout, which is what is tried
+        stand.until(lambda: time.time() - before > LONGER_THAN_THE_TIMEOUT)
         if hung == "motor node":
             motor.send_signal(signal.SIGCONT)
         else:

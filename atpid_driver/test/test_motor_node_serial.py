@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from atpid_interfaces.msg import CeilingState, Event
+from lifecycle_msgs.msg import Transition
 from motor_graph import Stand
 from motor_rigs import SERIAL, board, need_emulator
 from std_srvs.srv import Trigger
@@ -93,6 +94,22 @@ def test_interrupted_it_stays_off_under_fresh_commands_until_it_is_armed_again(
         stand.close_motor()
 
 
+def test_autostart_that_still_waits_does_nothing_once_a_person_has_activated_the_node(
+    stand: Stand, tmp_path: Path
+) -> None:
+    """It looks for its board once a second: meanwhile that has come, and a person has been faster."""
+    stand.motor(**parameters(tmp_path))
+    stand.until(lambda: in_mode(stand, CeilingState.UNCONFIGURED))
+    with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
+        emulator.pace(1.0)
+        stand.change(Transition.TRANSITION_CONFIGURE)
+        stand.change(Transition.TRANSITION_ACTIVATE)
+        count = len(stand.states)
+        stand.until(lambda: len(stand.states) > count + 100)  # 2 s
+        stand.until_at(0.97)
+        stand.close_motor()
+
+
 def test_a_jam_is_reported_and_armed_again_on_request(stand: Stand, tmp_path: Path) -> None:
     with board(tmp_path, height=0.99, bootloader=0.05, reset_on_open=True) as emulator:
         emulator.pace(1.0)
@@ -113,4 +130,23 @@ def test_a_jam_is_reported_and_armed_again_on_request(stand: Stand, tmp_path: Pa
         answer = stand.call(Trigger, "motor_node/rearm", Trigger.Request())
         assert (answer.success, answer.message) == (True, "armed; homing if its height is lost")
         stand.until(lambda: in_mode(stand, CeilingState.HOLDING))
+        stand.close_motor()
+
+
+def test_a_stop_is_answered_with_the_boards_own_state(stand: Stand, tmp_path: Path) -> None:
+    """Motor off once the answer is there; not confirmed where the board stands still, until it answers again."""
+    with board(tmp_path, height=0.99, bootloader=0.05) as emulator:
+        emulator.pace(1.0)
+        stand.motor(**parameters(tmp_path))
+        stand.until_at(0.97)
+        stand.until(lambda: emulator.state().motor != 0, lambda: stand.command(0.1, 1.0, 5))
+        answer = stand.call(Trigger, "motor_node/stop", Trigger.Request())
+        assert emulator.state().motor == 0
+        assert (answer.success, answer.message) == (True, "motor off; activating the node arms it again")
+        emulator.pace(0)
+        answer = stand.call(Trigger, "motor_node/stop", Trigger.Request())
+        assert not answer.success
+        assert answer.message.startswith("motor off not confirmed by the board: ")
+        emulator.pace(1.0)
+        stand.until(lambda: stand.call(Trigger, "motor_node/stop", Trigger.Request()).success)
         stand.close_motor()

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from atpid_common.vocabulary import Mode
 from atpid_driver.motor import protocol as p
-from atpid_driver.motor.ceiling_actuator import Mode
 from atpid_driver.motor.errors import ProtocolError
 from atpid_driver.motor.faults import Fault
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The serial backend with real pyserial and the real firmware: what it does when link, board or host fail."""
 
+import os
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -9,10 +11,11 @@ from pathlib import Path
 import pytest
 from motor_rigs import arm, board, settings, wait_for
 
+from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import Emulator
 from atpid_driver.motor import session as session_module
-from atpid_driver.motor.ceiling_actuator import Mode, Reading
-from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, NotReadyError
+from atpid_driver.motor.ceiling_actuator import Reading
+from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, NotReadyError, StopNotConfirmedError
 from atpid_driver.motor.faults import Fault
 from atpid_driver.motor.serial_actuator import SerialActuator
 
@@ -86,6 +89,21 @@ def stands_still(emulator: Emulator) -> bool:
     return after.motor == 0 and after.travel_um == before.travel_um
 
 
+def test_the_thread_that_writes_a_stop_has_the_priority_of_its_process(rig: Rig) -> None:
+    """What a process starts later does not inherit its priority, and other programs would delay a stop."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+    except PermissionError:
+        pytest.skip("this user may have no real-time priority")
+    try:
+        rig.actuator.connect(time.monotonic_ns())
+        (link,) = (thread for thread in threading.enumerate() if thread.name == "ceiling motor link")
+        assert link.native_id is not None
+        assert os.sched_getscheduler(link.native_id) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def test_a_missing_port(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match="is not there: board unplugged, or wrong name"):
         SerialActuator(settings(tmp_path)).connect(0)
@@ -111,7 +129,7 @@ def test_a_board_that_does_not_answer(tmp_path: Path) -> None:
 
 def test_the_wrong_firmware_version(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_module, "VERSION", "2.")
-    with pytest.raises(IdentityError, match=r"firmware 1\.1\.0 with protocol 1: this driver needs 2\.x"):
+    with pytest.raises(IdentityError, match=r"firmware 1\.1\.1 with protocol 1: this driver needs 2\.x"):
         rig.actuator.connect(0)
     assert rig.read().mode is Mode.UNCONFIGURED
 
@@ -264,3 +282,18 @@ def test_closing_disarms(rig: Rig) -> None:
     wait_for(lambda: rig.emulator.state().motor == 0, "motor off")
     truth = rig.emulator.state()
     assert truth.motor_off_ms - truth.last_byte_ms < 50.0, "by its word, not by the heartbeat"
+
+
+def test_looking_at_it_does_not_keep_it_on(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    wait_for(lambda: rig.actuator.observe(time.monotonic_ns()).mode is not Mode.MOVING, "the end of the motion")
+    assert rig.actuator.observe(time.monotonic_ns()).faults == Fault.HEARTBEAT
+
+
+def test_a_stop_without_a_line_is_not_answered_as_done(rig: Rig) -> None:
+    rig.make_ready()
+    rig.start_down()
+    rig.emulator.do("unplug")
+    with pytest.raises(StopNotConfirmedError, match="use the emergency stop"):
+        rig.actuator.deactivate(time.monotonic_ns())

@@ -1,93 +1,93 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Golden byte exchanges: what goes over the wire, to the byte, with nothing left over."""
+"""Golden byte exchanges: what goes over the wire, to the byte, and which answer belongs to which request."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import pytest
-from motor_rigs import ScriptedPort
 
-from atpid_driver.motor.ceiling_actuator import Limits, Mode
-from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError
-from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply
-from atpid_driver.motor.session import Session, SessionLostError, check_identity
+from atpid_driver.motor.ceiling_actuator import Limits
+from atpid_driver.motor.errors import IdentityError, LimitsError
+from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply, crc16
+from atpid_driver.motor.session import Session, check_identity
 
 LIMITS = Limits(0.017, 1.0, 0.3)
 IDENTITY = b"$1,ID,ATPID-MOTOR,1.0.0,1,1,POWER,17000,1000000,300000,0*C0EE\n"
-Script = list[tuple[bytes, bytes]]
+STATE = b"$1,ST,1,0,0000,-,-,1,1,0,1*A52D\n"
 
 
-@pytest.fixture
-def session_over() -> Iterator[Callable[[Script], Session]]:
-    """Return a function that makes sessions; at the end every scripted exchange must have taken place."""
-    ports: list[ScriptedPort] = []
-
-    def make(script: Script) -> Session:
-        ports.append(ScriptedPort(script))
-        return Session(ports[-1])
-
-    yield make
-    for port in ports:
-        port.done()
-
-
-def test_identify_arm_home_move(session_over: Callable[[Script], Session]) -> None:
-    session = session_over(
-        [
-            (b"$1,ID*16EE\n", IDENTITY),
-            (b"$2,ARM*EB38\n", b"$2,ST,3,0,0000,-,-,5283,132,0,2*A899\n"),
-            (b"$3,HOME*DBC1\n", b"$3,ST,2,0,0000,-,-,5287,142,0,3*A0BD\n"),
-            (b"$4,MOVE,290000*03DB\n", b"$4,NO,BUSY*6720\n"),
-        ]
-    )
-    assert session.identify(1.0).version == "1.0.0"
-    armed, homing = session.request("ARM"), session.request("HOME")
-    assert isinstance(armed, StateReply)
-    assert isinstance(homing, StateReply)
-    assert (armed.mode, homing.mode) == (Mode.HOLDING, Mode.HOMING)
-    assert session.request("MOVE", 290000) == Refusal("BUSY")
+def test_the_frames_of_identifying_arming_homing_and_moving() -> None:
+    session = Session()
+    words: tuple[tuple[Any, ...], ...] = (("ID",), ("ARM",), ("HOME",), ("MOVE", 290000))
+    assert [session.begin(0.0, *words) for words in words] == [
+        b"$1,ID*16EE\n",
+        b"$2,ARM*EB38\n",
+        b"$3,HOME*DBC1\n",
+        b"$4,MOVE,290000*03DB\n",
+    ]
+    answers = [
+        session.answer(line)
+        for line in (
+            IDENTITY,
+            b"$2,ST,3,0,0000,-,-,5283,132,0,2*A899\n",
+            b"$3,ST,2,0,0000,-,-,5287,142,0,3*A0BD\n",
+            b"$4,NO,BUSY*6720\n",
+        )
+    ]
+    assert [answer.request.word for answer in answers if answer] == ["ID", "ARM", "HOME", "MOVE"]
+    assert session.unanswered is None
+    assert [answer.outstanding for answer in answers if answer] == [False, False, False, True]
+    assert answers[3] is not None
+    assert answers[3].reply == Refusal("BUSY")
 
 
-def test_a_lost_answer_is_asked_for_again_with_the_same_bytes(session_over: Callable[[Script], Session]) -> None:
-    ask = b"$1,BEAT*B896\n"
-    session = session_over([(ask, b""), (ask, b"$1,ST,1,0,0000,-,-,1,1,0,1*A52D\n")])
-    assert isinstance(session.request("BEAT"), StateReply)
-    assert session.repeated == 1
+def test_a_repeated_request_has_the_same_bytes_and_gives_no_round_trip() -> None:
+    session = Session()
+    first = session.begin(1.0, "BEAT")
+    assert session.repeat(1.2) == first
+    answer = session.answer(STATE)
+    assert answer is not None
+    assert isinstance(answer.reply, StateReply)
+    assert (answer.request.repeated, answer.request.asked, session.repeated) == (True, 1.0, 1)
 
 
-def test_garbled_and_foreign_answers_are_passed_over(session_over: Callable[[Script], Session]) -> None:
-    answer = b"$1,ST,1,0,0000,-,-,1,1,0,1*0000\nnoise\n$9,NO,OLD*B46B\n$1,ST,1,0,0000,-,-,1,1,0,1*A52D\n"
-    session = session_over([(b"$1,BEAT*B896\n", answer)])
-    assert isinstance(session.request("BEAT"), StateReply)
-    assert session.garbled == 2
+def test_an_answer_to_a_later_request_shows_that_earlier_ones_are_lost() -> None:
+    session = Session()
+    for moment in (1.0, 2.0, 3.0):
+        session.begin(moment, "BEAT")
+    assert session.unanswered is not None
+    assert session.unanswered.asked == 1.0
+    assert session.answer(b"$2,NO,BUSY*" + b"%04X\n" % crc16(b"2,NO,BUSY")) is not None
+    assert session.unanswered.asked == 3.0
 
 
-@pytest.mark.slow
-def test_silence_is_a_lost_link(session_over: Callable[[Script], Session]) -> None:
-    ask = b"$1,BEAT*B896\n"
-    session = session_over([(ask, b"")] * 8)
-    with pytest.raises(LinkError, match=r"no answer to BEAT within 1 s"):
-        session.request("BEAT")
+def test_an_answer_is_taken_once() -> None:
+    """A line that is stuck at its last answer answers nothing."""
+    session = Session()
+    session.begin(0.0, "BEAT")
+    assert session.answer(STATE) is not None
+    session.begin(0.1, "BEAT")
+    assert session.answer(STATE) is None
 
 
-def test_a_restarted_board_ends_the_session(session_over: Callable[[Script], Session]) -> None:
-    session = session_over([(b"$1,BEAT*B896\n", b"$1,NO,SESSION*DC4D\n")])
-    with pytest.raises(SessionLostError, match="restarted"):
-        session.request("BEAT")
+@pytest.mark.parametrize("line", [STATE.replace(b"A52D", b"0000"), b"noise\n", b"$9,NO,OLD*B46B\n", b""])
+def test_garbled_and_foreign_answers_are_passed_over(line: bytes) -> None:
+    session = Session()
+    session.begin(0.0, "BEAT")
+    assert session.answer(line) is None
+    assert session.garbled == (1 if line and b"OLD" not in line else 0)
+    assert session.answer(STATE) is not None
 
 
-def test_identity_is_asked_for_until_the_bootloader_is_through(session_over: Callable[[Script], Session]) -> None:
-    session = session_over(
-        [(b"$1,ID*16EE\n", b""), (b"$2,ID*8D32\n", IDENTITY.replace(b"$1", b"$2").replace(b"C0EE", b"AFB1"))]
-    )
-    assert session.identify(2.0).boots == 1
-
-
-def test_no_board(session_over: Callable[[Script], Session]) -> None:
-    session = session_over([(b"$1,ID*16EE\n", b"")])
-    with pytest.raises(LinkError, match="nothing answers as ATPID-MOTOR"):
-        session.identify(0.1)
+@pytest.mark.parametrize(
+    ("first", "second", "taken"), [(1, 1, True), (1, 2, True), (2, 1, False), (65535, 1, True), (0, 40000, False)]
+)
+def test_the_order_of_two_requests(first: int, second: int, taken: bool) -> None:
+    session = Session()
+    session.begin(0.0, "BEAT")
+    assert session.request is not None
+    earlier, later = (replace(session.request, sequence=sequence) for sequence in (first, second))
+    assert earlier.not_after(later) is taken
 
 
 GOOD = IdentityReply("ATPID-MOTOR", "1.4.2", 1, 3, "POWER", 0.017, 1.0, 0.3, 0)

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_driver.motor.ceiling_actuator import Limits, Mode
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.ceiling_actuator import Limits, Reading
 from atpid_driver.motor.errors import HeightRefusedError, LimitsError, NotReadyError
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault
 from atpid_driver.motor.simulated import SimulatedActuator, Travel
 
 LIMITS = Limits(lowest=0.017, highest=1.0, speed=0.3)
@@ -128,3 +130,32 @@ def test_a_ceiling_that_is_not_placed_is_homing_and_moves_nowhere() -> None:
     assert (state.mode, state.height, state.target, state.sequence) == (Mode.HOLDING, 0.29, 0.29, 0)
     ceiling.move(0.59, 1, 2 * SECOND)
     assert ceiling.read(3 * SECOND).height == 0.59
+
+
+def test_without_a_reference_no_height_can_be_commanded() -> None:
+    ready_in = {mode for mode in Mode if Reading(mode, homed=True).ready}
+    assert ready_in == {Mode.HOLDING, Mode.MOVING}
+    assert not any(Reading(mode, homed=False).ready for mode in Mode)
+
+
+def test_it_is_not_armed_before_it_is_connected() -> None:
+    ceiling = SimulatedActuator(LIMITS, 0.2)
+    with pytest.raises(NotReadyError, match="connect it before"):
+        ceiling.activate(0)
+
+
+def test_without_a_heartbeat_it_is_off_until_it_is_armed_again() -> None:
+    """As the real one: 0.5 s after the last reading, wherever it was going; looking keeps it alive for no longer."""
+    ceiling = ready()
+    ceiling.move(0.9, 1, 0)
+    ceiling.read(SECOND)
+    for turn in range(10):
+        assert ceiling.observe(SECOND + turn * SECOND // 20).mode is Mode.MOVING
+    late = ceiling.observe(SECOND + HEARTBEAT_TIME + SECOND // 20)
+    assert (late.mode, late.faults, late.ready) == (Mode.FAULT, Fault.HEARTBEAT, False)
+    assert late.height == pytest.approx(0.017 + 0.3 * 1.5, abs=1e-12)
+    with pytest.raises(NotReadyError):
+        ceiling.move(0.9, 2, 2 * SECOND)
+    ceiling.activate(3 * SECOND)
+    armed = ceiling.read(4 * SECOND)
+    assert (armed.mode, armed.faults, armed.height) == (Mode.HOLDING, NO_FAULT, late.height)

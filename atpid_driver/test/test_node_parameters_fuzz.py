@@ -18,8 +18,7 @@ from atpid_common.errors import AtpidError
 from atpid_driver.acquisition.registry import BUILT_IN
 from atpid_driver.nodes import feed_node, motor_interface
 from atpid_driver.nodes.acquisition_node import AcquisitionNode
-from atpid_driver.nodes.acquisition_parameters import COMMON, own_rows, rows_of
-from atpid_driver.nodes.channel_watch import THRESHOLDS
+from atpid_driver.nodes.acquisition_parameters import common_rows, rows_of
 from atpid_driver.nodes.feed_node import FeedNode
 from atpid_driver.nodes.labjack_node import LabJackNode
 from atpid_driver.nodes.motor_node import MotorNode
@@ -29,7 +28,7 @@ pytestmark = pytest.mark.slow
 
 CONFIG = Path(__file__).parents[1] / "config"
 BACKENDS = [row for made in BUILT_IN.values() for row in rows_of(made.settings)]
-ACQUISITION = sorted({row.name for row in (*own_rows(None, "", False, 0.0), *COMMON, *THRESHOLDS, *BACKENDS)})
+ACQUISITION = sorted({row.name for row in (*common_rows(), *BACKENDS)})
 LONG = (1 << 63) - 1
 
 texts = st.one_of(

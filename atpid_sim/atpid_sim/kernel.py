@@ -3,8 +3,8 @@
 
 Every kernel takes one of these decorators. The error model is named in them: a function that names none takes it from
 the function that first compiles it, and with Python's error model steps take 2.4 times as long
-(docs/decisions/0008-kernels.md). With numpy's, a division by zero gives infinity or NaN, which every run reports as a
-named outcome. There is no fast-math: error bounds are proven for IEEE operations.
+(docs/decisions/0007-integration.md). With numpy's, a division by zero gives infinity or NaN, which every run reports as
+a named outcome. There is no fast-math: error bounds are proven for IEEE operations.
 """
 
 from numba import njit

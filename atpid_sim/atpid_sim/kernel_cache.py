@@ -40,14 +40,15 @@ class SharedCacheLocator(InTreeCacheLocator):  # type: ignore[misc]
         return found
 
 
-def share_cache(name: str, sources: Iterable[Path]) -> None:
+def share_cache(name: str, sources: Iterable[Path], used: Iterable[Path] = ()) -> None:
     """Keep the compiled functions of these modules in `<cache>/<name>-<key of their contents>`.
 
-    To be called before they are imported. `<cache>` is NUMBA_CACHE_DIR where that is set, else the project's folder in
-    the user's cache.
+    used: further modules whose functions they call, which are part of the key. To be called before they are imported.
+    `<cache>` is NUMBA_CACHE_DIR where that is set, else the project's folder in the user's cache.
     """
     files = sorted(sources)
-    key = content_key(Path(os.path.commonpath(files)), files)
+    known = sorted({*files, *used})
+    key = content_key(Path(os.path.commonpath(known)), known)
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or cache_root()) / f"{name}-{key}"
     _FOLDERS.update({str(path): str(folder / path.parent.name) for path in files})
     ours = f"{__name__}.{SharedCacheLocator.__name__}"
@@ -57,8 +58,8 @@ def share_cache(name: str, sources: Iterable[Path]) -> None:
 
 
 #: Packages with kernels, and the modules from which these take decorators, outcomes and parameters.
-_PACKAGES = ("engine", "contact", "studies/baselines")
-_SHARED = ("fields.py", "kernel.py", "kernel_inputs.py", "outcome.py", "system.py")
+_PACKAGES = ("engine", "contact")
+_SHARED = ("fields.py", "kernel.py", "kernel_inputs.py", "outcome.py", "root.py", "system.py")
 
 _HERE = Path(__file__).parent
 KERNEL_SOURCES = frozenset(

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sim_program import main
 
-from atpid_sim.cli import main
 from atpid_sim.maps import HeightMap
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -60,9 +60,6 @@ def test_a_controlled_ceiling_is_refused_unless_a_height_is_given(
     assert "a controller moves (lookup)" in output.err
     assert "bench" in output.err
     assert "--height H" in output.err
-    assert main(["tradeoff", scene, "--out", str(tmp_path / "none")]) == 2
-    assert "a controller moves (lookup)" in capsys.readouterr().err
-    assert not (tmp_path / "none").exists()
     assert main(["simulate", scene, "--json", "--height", "0.57"]) == 0
     output = capsys.readouterr()
     assert json.loads(output.out)["efficiency"] == pytest.approx(0.81, abs=0.005)

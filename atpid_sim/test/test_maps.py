@@ -2,6 +2,7 @@
 """Height maps: the thesis's best heights, the file, what it refuses, and the header for the firmware."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,8 @@ from atpid_sim.maps import (
     best_height,
     build_map,
     header_text,
-    quick_best,
 )
-from atpid_sim.maps.best import FLAT
+from atpid_sim.maps.ratings import FLAT
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
 
@@ -77,27 +77,16 @@ def test_of_heights_equally_good_the_lowest_is_taken(scene: Scene) -> None:
     # at 2 mm the grain never reaches a ceiling above 43 mm: everything from there on is equally good
     damper = DamperResponse(scene, 1e-5)
     best = best_height(damper, 0.002)
-    assert best.height == pytest.approx(0.0434, rel=0.01)
+    assert best.height == pytest.approx(0.0434, rel=0.02)  # in steps of a hundredth
     above = damper.opened(0.002, 2.0 * best.height, Timing(60, 16)).amplitude
     assert above == pytest.approx(best.amplitude, rel=2 * FLAT)
-
-
-def test_the_shipped_map_is_what_the_thorough_search_finds(scene: Scene, shipped: HeightMap) -> None:
-    points = [(0, 16), (0, 36), (1, 60), (2, 90)]
-    for row, column in points:
-        fraction, amplitude = float(shipped.mass_fractions[row]), float(shipped.amplitudes[column])
-        again = best_height(
-            DamperResponse(scene.with_(mass_fraction=fraction), shipped.tolerance), amplitude, hysteresis=0.15
-        )
-        assert again.height == pytest.approx(shipped.heights[row, column], rel=2e-3)
-        assert again.amplitude == pytest.approx(shipped.beam_amplitudes[row, column], rel=2e-3)
 
 
 def test_the_shipped_map_is_what_the_command_computes_now(scene: Scene, shipped: HeightMap) -> None:
     points = [(0, 16), (0, 36), (1, 60), (2, 60)]
     for row, column in points:
         fraction, amplitude = float(shipped.mass_fractions[row]), float(shipped.amplitudes[column])
-        again = quick_best(DamperResponse(scene.with_(mass_fraction=fraction), shipped.tolerance), amplitude, 0.15)
+        again = best_height(DamperResponse(scene.with_(mass_fraction=fraction), shipped.tolerance), amplitude, 0.15)
         # near the best the amplitude falls by as much as the height grows
         assert again.height == pytest.approx(shipped.heights[row, column], rel=0.015)
         assert again.amplitude == pytest.approx(shipped.beam_amplitudes[row, column], rel=2.5 * FLAT)
@@ -122,7 +111,7 @@ class Coarse(DamperResponse):
 @pytest.mark.parametrize(("fraction", "amplitude"), [(0.1, 0.01), (0.2, 0.03), (0.3, 0.05)])
 def test_the_quick_search_finds_what_the_complete_one_does(scene: Scene, fraction: float, amplitude: float) -> None:
     heavy = scene.with_(mass_fraction=fraction)
-    quick, complete = (quick_best(kind(heavy, 1e-5), amplitude) for kind in (DamperResponse, Complete))
+    quick, complete = (best_height(kind(heavy, 1e-5), amplitude) for kind in (DamperResponse, Complete))
     assert (quick.searched, quick.checked) == ("finite", "soft")
     assert (complete.searched, complete.checked) == ("soft", "soft")
     assert quick.disagreement <= FLAT
@@ -132,7 +121,7 @@ def test_the_quick_search_finds_what_the_complete_one_does(scene: Scene, fractio
 def test_a_check_that_disagrees_is_announced_and_the_search_goes_on(scene: Scene) -> None:
     # contacts of a soft grain last so long that without their duration the cliff lies elsewhere
     soft = scene.with_(contact=scene.contact.model_dump(exclude_none=True) | {"young_modulus": 2e7})
-    best, complete = (quick_best(kind(soft, 1e-5), 0.01) for kind in (Coarse, Complete))
+    best, complete = (best_height(kind(soft, 1e-5), 0.01) for kind in (Coarse, Complete))
     assert (best.searched, best.checked) == ("impact", "soft")
     assert best.disagreement > FLAT
     assert best.amplitude <= (1.0 + 0.02) * complete.amplitude
@@ -223,6 +212,27 @@ def test_resonance_given_as_a_number_is_resonance(scene: Scene, shipped: HeightM
 def test_an_amplitude_out_of_the_map_is_refused(shipped: HeightMap, amplitude: float) -> None:
     with pytest.raises(MapError, match=r"outside its 0\.002 to 0\.08 m"):
         shipped.lookup(amplitude, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [("heights", lambda one: one[:, ::-1]), ("beam_amplitudes", lambda one: one[:, ::-1]),
+     ("efficiencies", lambda one: one[:, ::-1]), ("efficiencies", lambda one: -one)],
+    ids=["heights reversed", "beam amplitudes reversed", "efficiencies reversed", "efficiencies negative"],
+)  # fmt: skip
+def test_a_map_in_another_order_is_refused(
+    name: str, change: Callable[[Any], Any], shipped: HeightMap, tmp_path: Path
+) -> None:
+    replace(shipped, **{name: change(getattr(shipped, name))}).save(tmp_path / "map.npz")
+    with pytest.raises(MapError, match=r"map\.npz: its heights fall .*, or its efficiencies are not those") as refused:
+        HeightMap.load(tmp_path / "map.npz")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("end", [0.002, 0.08])
+def test_the_ends_of_the_map_belong_to_it_however_they_are_rounded(shipped: HeightMap, end: float) -> None:
+    for near in (end * (1.0 - 2.0**-50), end * (1.0 + 2.0**-50)):
+        assert shipped.lookup(near, 0.1) == shipped.lookup(end, 0.1)
 
 
 @pytest.mark.parametrize("content", [b"", b"no map\n", b"PK\x03\x04torn"])

@@ -11,7 +11,7 @@ import pytest
 
 from atpid_sim.commands.map import ratios_of
 from atpid_sim.maps import DamperResponse, Failure, HeightMap, MapError, Timing, build_map, header_text
-from atpid_sim.maps.use import LEAST_USE, closed_over_gravity, rests
+from atpid_sim.maps.response import LEAST_USE
 from atpid_sim.scene import Scene, standard_bench
 
 SHIPPED = Path(__file__).parents[2] / "atpid_control" / "config" / "maps" / "standard.npz"
@@ -55,10 +55,10 @@ def test_maps_for_one_frequency_are_written_and_read_as_before(made: Path, tmp_p
 def test_where_the_grain_is_not_lifted_the_damper_is_closed(made: Path) -> None:
     """Closed form: the closed beam's acceleration against gravity; below it all heights leave the same."""
     wide, damper = HeightMap.load(made), DamperResponse(at(0.5))
-    assert closed_over_gravity(damper, 0.015) == pytest.approx(
+    assert damper.closed_over_gravity(0.015) == pytest.approx(
         0.015 * (np.pi * SCENE.natural_frequency_hz) ** 2 / 9.81 / 0.75, rel=2e-3
     )
-    assert rests(damper, 0.012)
+    assert damper.rests(0.012)
     entry = wide.lookup(0.012, 0.1, 0.5)
     assert entry.height == pytest.approx(0.017)
     assert entry.efficiency == 0.0
@@ -81,6 +81,14 @@ def test_between_frequencies_the_height_lies_between_theirs_or_is_the_lower_of_t
     assert middle.efficiency == pytest.approx(0.5 * (low.efficiency + high.efficiency))
     assert wide.lookup(0.015, 0.1, 1.2).height == pytest.approx(wide.lookup(0.015, 0.1, 1.3).height)
     assert wide.lookup(0.012, 0.1, 0.8).height == pytest.approx(0.017)  # closed on one side
+
+
+def test_a_frequency_of_the_map_is_that_one_however_it_is_rounded(made: Path) -> None:
+    """Also beside a frequency whose heights lie in another well, and at both ends."""
+    wide, rounding = HeightMap.load(made), 2.0**-50
+    for ratio in RATIOS:
+        for near in (ratio * (1.0 - rounding), ratio * (1.0 + rounding)):
+            assert wide.lookup(0.012, 0.1, near) == wide.lookup(0.012, 0.1, ratio)
 
 
 def test_outside_its_frequencies_it_gives_no_height(made: Path) -> None:

@@ -5,13 +5,13 @@ import fcntl
 import json
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from sim_program import PROGRAM
 
 from atpid_sim.maps import Best, DamperResponse, HeightMap, build, build_map
-from atpid_sim.maps.quick import quick_best
+from atpid_sim.maps.best import best_height
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.journal import JournalError
 
@@ -29,7 +29,7 @@ def test_a_killed_map_is_resumed_without_recomputation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, journal = tmp_path / "map.npz", tmp_path / "map.npz.journal"
-    command = [sys.executable, "-m", "atpid_sim", "map", str(SCENE), "--amplitudes", "0.01:0.04:61"]
+    command = [*PROGRAM, "map", str(SCENE), "--amplitudes", "0.01:0.04:61"]
     with subprocess.Popen(
         [*command, "--mass-fractions", "0.1", "--out", str(out)], stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, cwd=tmp_path,
@@ -46,13 +46,13 @@ def test_a_killed_map_is_resumed_without_recomputation(
     journal.write_bytes(journal.read_bytes() + b'{"point": [0.1, 0.0')
     kept = journal.read_bytes().count(b"\n") - 1
     computed = []
-    original = quick_best
+    original = best_height
 
     def counted(damper: DamperResponse, amplitude: float, hysteresis: float) -> Best:
         computed.append(amplitude)
         return original(damper, amplitude, hysteresis)
 
-    monkeypatch.setattr(build, "quick_best", counted)
+    monkeypatch.setattr(build, "best_height", counted)
     seen: list[tuple[int, int]] = []
     made = build_map(scene, [round(0.01 + 0.0005 * k, 9) for k in range(61)], [0.1], out, lambda *at: seen.append(at))
     assert 3 <= kept < 61

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Initial states: a run that is continued from its own state, a grain that is thrown, and what cannot be."""
 
+import math
 import re
 from typing import Any
 
@@ -83,3 +84,23 @@ def test_a_deflection_is_given_once() -> None:
     mapping = standard_bench(excitation={"free": {"deflection": 0.1}}).to_mapping() | {"initial": {"displacement": 0.1}}
     with pytest.raises(SceneError, match=r"allowed: none beside excitation\.free\.deflection"):
         scene_from_mapping(mapping)
+
+
+def test_the_closed_damper_of_a_scene_whose_grain_begins_in_the_air() -> None:
+    """Beam and grain as one mass: the ratio of successive peaks is that of the damped oscillator, in closed form."""
+    scene = standard_bench(
+        excitation={"free": {"deflection": 0.1}}, ceiling={"height": 0.2}, initial={"grain_height": 0.05}, duration=6.0,
+        steady_window=[4.0, 6.0],
+    )  # fmt: skip
+    ratio = scene.beam.damping / (2.0 * math.sqrt(scene.beam.stiffness * scene.total_mass))
+    expected = math.exp(2.0 * math.pi * ratio / math.sqrt(1.0 - ratio**2))
+    assert simulate(scene, check=False).undamped_decrement == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("ceiling", [{"height": 0.017}, {"closed": 0.017, "open": 0.2, "start": 1.0, "end": 2.0}])
+def test_under_a_closed_ceiling_the_grain_begins_on_the_floor(ceiling: dict[str, float]) -> None:
+    start = {"displacement": 0.01, "grain_height": 0.05, "grain_velocity": 1.0}
+    scene = standard_bench(ceiling={"height": 0.2}, initial=start)
+    assert scene.with_(ceiling=ceiling).to_mapping()["initial"] == {"displacement": 0.01}
+    with pytest.raises(SceneError, match=r"grain_height: given 0.05; allowed: at most the clearance"):
+        scene.with_(height=0.05)

@@ -13,14 +13,9 @@ from pathlib import Path
 from hypothesis import strategies as st
 
 from atpid_common.arguments import file_path, text, word
-from atpid_common.cli import Parser
-from atpid_common.nodes import echo, lifecycle, param
+from atpid_common.cli import Parser, load
 from atpid_control import cli as control
-from atpid_control import recording
-from atpid_control.commands import replay
-from atpid_driver import cli as driver
-from atpid_driver.emulator import __main__ as emulator
-from atpid_sim import cli as sim
+from studies import cli as studies
 
 Main = Callable[[Sequence[str]], int]
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -32,63 +27,74 @@ INPUTS, OUTPUTS = (
 
 #: A valid line of each command; what would start processes or need a device lacks nothing but its hostile place.
 LINES: dict[str, tuple[Main, str]] = {
-    "simulate": (sim.main, "simulate SCENE --rtol 1e-4 --height 0.1 --series SERIES --rate 100 --picture PNG"),
+    "simulate": (control.main, "simulate SCENE --rtol 1e-4 --height 0.1 --series SERIES --rate 100 --picture PNG"),
     "map": (
-        sim.main,
+        control.main,
         "map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out MAP --header HEADER --workers 1",
     ),
-    "sweep": (sim.main, "sweep --points 1 --rtol 1e-3"),
-    "tradeoff": (sim.main, "tradeoff SCENE --out DIR --patience 1"),
-    "extremes": (sim.main, "extremes --systems 1 --first 0 --seed 1 --fidelities impact --out DIR"),
-    "atlas": (sim.main, "atlas SCENE --out DIR --amplitudes 0.01:0.02 --quick --workers 1"),
-    "bench": (control.main, "bench SCENE --out DIR --domain 7 --priority 0"),
-    "soak": (control.main, "soak SCENE --hours 1 --leg 1 --seed 1 --out DIR"),
-    "stand": (control.main, "stand SCENE --map MAP --labjack-config YAML"),
-    "seeds": (control.main, "seeds SCENE --seeds 1 --decibels 20 --margin 1"),
-    "faults": (control.main, "faults --out DIR --part clock --domain 7"),
+    "sweep": (studies.main, "sweep --points 1 --rtol 1e-3"),
+    "tradeoff": (studies.main, "tradeoff SCENE --out DIR --patience 1"),
+    "extremes": (studies.main, "extremes --systems 1 --first 0 --seed 1 --fidelities impact --out DIR"),
+    "atlas": (studies.main, "atlas SCENE --out DIR --amplitudes 0.01:0.02 --quick --workers 1"),
+    "bench": (
+        control.main,
+        "bench SCENE --out DIR --domain 7 --priority 0 --map MAP --params-file YAML --namespace lab1",
+    ),
+    "soak": (studies.main, "soak SCENE --hours 1 --leg 1 --seed 1 --out DIR"),
+    "stand": (
+        control.main,
+        "stand SCENE --map MAP --labjack-config YAML --params-file YAML --namespace lab1 --log-level warn",
+    ),
+    "seeds": (studies.main, "seeds SCENE --seeds 1 --decibels 20 --margin 1"),
+    "faults": (studies.main, "faults --out DIR --part clock --domain 7"),
     "replay": (control.main, "replay BAG --out DIR --rate 0 --domain 7"),
-    "report": (control.main, "report BAG --out DIR"),
-    "traces": (control.main, "traces BAG --out MCAP --rate 200"),
+    "bag report": (control.main, "bag report BAG --out DIR"),
+    "bag traces": (control.main, "bag traces BAG --out MCAP --rate 200"),
     "select": (control.main, "select SCENE --method lookup --map MAP --amplitude-std 0.001 --margin 1"),
-    "compare": (control.main, "compare SCENE --out DIR"),
-    "off-resonance": (control.main, "off-resonance --systems 1 --seed 1"),
+    "methods": (studies.main, "methods SCENE --out DIR"),
+    "off-resonance": (studies.main, "off-resonance --systems 1 --seed 1"),
     "learn": (control.main, "learn --out DIR --systems 32"),
     "design": (
         control.main,
         "design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.004 --uncertainty mass=0.1 --out DIR",
     ),
-    "calibrate-beam": (
+    "calibrate beam": (
         control.main,
-        "calibrate-beam CSV --moving-mass 0.4 --moving-mass-std 0.1 --grain-mass 0.1 --from 0 --to 9 --out YAML",
+        "calibrate beam CSV --moving-mass 0.4 --moving-mass-std 0.1 --grain-mass 0.1 --from 0 --to 9 --out YAML",
     ),
-    "validate": (control.main, "validate CSV --scene SCENE --height 0.1 --from 0 --to 9 --out DIR"),
-    "export": (control.main, "export BAG --format csv --out SERIES --topic /sensors/laser --from 0 --to 9"),
-    "analyse": (control.main, "analyse BAG --out DIR --from 0 --to 9 --resolution 1"),
-    "compare-bags": (control.main, "compare-bags BAG BAG --out DIR"),
-    "study": (control.main, "study free_decay --out DIR --scenes DIR"),
-    "figures": (control.main, "figures selection --out DIR --map MAP"),
-    "calibrate": (
-        driver.main,
-        "calibrate READINGS --channel c --sensor s --serial 1 --degree 1 --limits 1 5 --broken-loop 0.5 "
+    "calibrate contact": (
+        control.main,
+        "calibrate contact CSV --mass 0.02 --radius 0.01 --gravity 9.81 --channel force --out YAML",
+    ),
+    "bag validate": (control.main, "bag validate CSV --scene SCENE --height 0.1 --from 0 --to 9 --out DIR"),
+    "bag export": (control.main, "bag export BAG --format csv --out SERIES --topic /sensors/laser --from 0 --to 9"),
+    "bag analyse": (control.main, "bag analyse BAG --out DIR --from 0 --to 9 --resolution 1"),
+    "bag compare": (control.main, "bag compare BAG BAG --out DIR"),
+    "thesis": (studies.main, "thesis free_decay --out DIR --scenes DIR"),
+    "figures": (studies.main, "figures selection --out DIR --map MAP"),
+    "calibrate sensor": (
+        control.main,
+        "calibrate sensor READINGS --channel c --sensor s --serial 1 --degree 1 --limits 1 5 --broken-loop 0.5 "
         "--date 2026-01-01 --out YAML --picture PNG",
     ),
-    "reading": (
-        driver.main,
-        "reading READINGS --position 0.1 --terminal AIN0 --serial 1 --rate 100 --seconds 0.1 --library /none",
+    "calibrate reading": (
+        control.main,
+        "calibrate reading READINGS --position 0.1 --terminal AIN0 --serial 1 --rate 100 --seconds 0.1 --library /none",
     ),
-    "load": (driver.main, "load --seconds 1 --bag DIR"),
-    "standin": (driver.main, "standin --ljm-control LINK --drop 1 --fail 1 --hold 0:1 --release 0"),
-    "recording": (recording.main, "extract BAG --out DIR --support 0:1"),
-    "replay_files": (replay.main, "BAG --out DIR --rate 1 --record DIR"),
-    "emulator run": (emulator.main, "run --link LINK --eeprom LINK --height 0.3"),
-    "emulator fuzz": (emulator.main, "fuzz --frames 1 --seed 1"),
-    "echo": (echo.main, "/topic --once"),
-    "param": (param.main, "get /node name"),
-    "lifecycle": (lifecycle.main, "/node configure"),
+    "load": (studies.main, "load --seconds 1 --bag DIR"),
+    "standin": (control.main, "standin --ljm-control LINK --drop 1 --fail 1 --hold 0:1 --release 0"),
+    "bag extract": (control.main, "bag extract BAG --out DIR --support 0:1"),
+    "emulator": (control.main, "emulator --link LINK --eeprom LINK --height 0.3"),
+    "fuzz": (studies.main, "fuzz --frames 1 --seed 1"),
+    "ros echo": (control.main, "ros echo /topic --once"),
+    "ros param": (control.main, "ros param get /node name"),
+    "ros lifecycle": (control.main, "ros lifecycle /node configure"),
 }
 
 #: Commands whose outputs cannot be tried without starting what they are for: only their other words are changed.
-_STARTED = {"load", "stand", "emulator run", "emulator fuzz", "echo", "param", "lifecycle", "standin", "reading"}
+_STARTED = {
+    "load", "stand", "emulator", "fuzz", "ros echo", "ros param", "ros lifecycle", "standin", "calibrate reading",
+}  # fmt: skip
 
 #: What a person, a script or a damaged file may put where a value belongs; a type refuses most of it.
 VALUES = st.one_of(
@@ -146,12 +152,10 @@ def make_user_files(folder: Path) -> None:
 
 def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """Yield each command's own parser."""
-    import importlib
-
-    for main in (sim, control, driver):
-        for name, (module, _) in main.COMMANDS.items():
+    for program in (control, studies):
+        for name, (place, _) in (item for group in program.COMMANDS.values() for item in group.items()):
             parser = Parser(prog=name)
-            importlib.import_module(module).add_arguments(parser)
+            load(place).add_arguments(parser)
             yield name, parser
             for action in parser._actions:
                 if isinstance(action, argparse._SubParsersAction):

@@ -21,18 +21,20 @@ from mutations import as_yaml, changed_arrays, changed_bag, changed_bytes, chang
 
 from atpid_common.errors import AtpidError
 from atpid_control.analysis import analyse
-from atpid_control.bags.read import open_bag
-from atpid_control.bags.recover import recover, repair
-from atpid_control.bags.replay_files import write_replay_files
-from atpid_control.bags.support import support_series
-from atpid_control.bags.verify import survey, verify
-from atpid_control.beam_calibration.recording import read_recording
-from atpid_control.export import frames
-from atpid_control.export.motions import signals_in
-from atpid_control.launching.arguments import BENCH, REPLAY, STAND, check, check_names
-from atpid_control.report.view import view_of
+from atpid_control.analysis.signals import signals_of
+from atpid_control.analysis.validation.measured import read_measured, scene_of
+from atpid_control.runs.read import open_bag
+from atpid_control.runs.recover import recover, repair
+from atpid_control.runs.run import open_run
+from atpid_control.runs.support import support_series
+from atpid_control.runs.verify import survey, verify
 from atpid_control.selection.height_model import HeightModel
-from atpid_control.validation.measured import read_measured, scene_of
+from atpid_control.stand.launching.arguments import arguments_of, check_names, words_of
+from atpid_control.stand.launching.options import OPTIONS
+from atpid_control.stand.parameters import read_parameters
+from atpid_control.stand.parts import NAMES
+from atpid_control.stand.replay_files import write_replay_files
+from atpid_control.views.report.view import view_of
 from atpid_driver.calibration import fit, model
 from atpid_driver.motor.errors import ProtocolError
 from atpid_driver.motor.protocol import decode, encode, reply_of
@@ -148,9 +150,9 @@ def _readings(path: Path) -> None:
 
 
 def _recording(path: Path) -> None:
-    made = read_recording(path, "support_displacement", "beam_displacement")
-    assert np.isfinite(made.rate)
-    read_measured(path, None, 0.0, 9.0)
+    run = open_run(path)
+    assert np.isfinite(signals_of(run, both=False)[0].rate)
+    read_measured(run, 0.0, 9.0)
 
 
 def _in_folder(path: Path) -> Path:
@@ -163,7 +165,7 @@ def _in_folder(path: Path) -> Path:
 def _bag(path: Path) -> None:
     folder = _in_folder(path)
     before = path.read_bytes()
-    for read in (verify, survey, _all_of, lambda bag: support_series(open_bag(bag)), _recover, repair, verify):
+    for read in (verify, survey, _all_of, lambda bag: support_series(open_run(bag)), _recover, repair, verify):
         with suppress(AtpidError):
             read(folder)
     kept = [file.read_bytes() for file in folder.iterdir() if file.name.startswith(path.name)]
@@ -184,7 +186,7 @@ def _all_of(folder: Path) -> None:
     for topic in bag.types:
         with suppress(AtpidError):
             list(bag.messages(topic))
-    measured, scene = lambda: read_measured(folder, bag, 0.0, 9.0), lambda: scene_of(folder, bag, None)
+    measured, scene = lambda: read_measured(open_run(folder), 0.0, 9.0), lambda: scene_of(open_run(folder))
     for use in (lambda: view_of(folder), measured, scene):
         with suppress(AtpidError):
             use()
@@ -196,9 +198,10 @@ def _all_of(folder: Path) -> None:
 
 def _tables(path: Path) -> None:
     folder = _in_folder(path)
-    for found in frames(folder).values():
-        assert list(found.columns)
-    signals = signals_in(folder).signals
+    run = open_run(folder)
+    for frame in run.frames().values():
+        assert list(frame.columns)
+    signals, _ = signals_of(run)
     json.dumps(analyse(signals).to_json(), allow_nan=False)
 
 
@@ -226,17 +229,18 @@ def _frames(draw: st.DrawFn) -> bytes:
 
 def _launch(path: Path) -> None:
     given = json.loads(path.read_text(encoding="utf-8"))
-    for file, arguments in (("bench", BENCH), ("stand", STAND), ("replay", REPLAY)):
+    for command in OPTIONS:
         with suppress(AtpidError):
-            check_names(file, arguments, list(given))
-        check(file, arguments, given)
+            check_names(command, list(given))
+        words_of(command, given)
 
 
 def _launch_arguments() -> st.SearchStrategy[bytes]:
-    names = [argument.name for argument in (*BENCH, *STAND, *REPLAY)]
-    odd = ["", "\0", "~nobody/x", "/dev/zero", "/proc/self/mem", ".", "nan", "1e999", "-1", "x" * 300, "y/" * 3000]
+    names = [argument.name for command in OPTIONS for argument in arguments_of(command)]
+    odd = ["", "~nobody/x", "/dev/zero", "/proc/self/mem", ".", "nan", "1e999", "-1", "x" * 300, "y/" * 3000]
     values = st.sampled_from([*odd, "$(python -c 1)", "scenes/standard.yaml", str(ROOT / "scenes/standard.yaml")])
-    table = st.dictionaries(st.sampled_from(names) | st.text(max_size=5), values | st.text(max_size=20))
+    text = st.text(st.characters(exclude_characters="\0"), max_size=20)  # which no command line has
+    table = st.dictionaries(st.sampled_from(names) | st.text(max_size=5), values | text)
     return table.map(lambda given: json.dumps(given).encode())
 
 
@@ -273,6 +277,9 @@ TARGETS = {
     "bag_tables": Target("bag/bag_0.mcap", _tables, lambda: changed_bag(_records())),
     "metadata": Target("bag/metadata.yaml", _metadata, lambda: _yaml("bags/thesis_4_3_short/metadata.yaml")),
     "protocol": Target("serial", _protocol, _frames),
+    "parameters": Target(
+        "parameters.yaml", lambda path: read_parameters(path, NAMES), lambda: _yaml("atpid_*/config/*.yaml")
+    ),
     "launch": Target("arguments.json", _launch, _launch_arguments),
     "journal": Target("map.npz.journal", _journal, lambda: changed_bytes([_JOURNAL])),
     "standin_control": Target(

@@ -20,8 +20,11 @@ from mcap.records import Channel, Message, Schema
 from mutations import bag_of, records_of
 from targets import BAG
 
-from atpid_control.bags import BagError, BagWriter, new_run, recover, verify
-from atpid_control.bags.verify import survey
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.metadata import new_run
+from atpid_control.runs.recover import recover
+from atpid_control.runs.verify import survey, verify
+from atpid_control.runs.writer import BagWriter
 
 LONG = settings.get_current_profile_name() == "long"
 #: Bytes between two cuts of the smallest bag and of the other, changed copies, and the longest that one may take [s].

@@ -2,7 +2,7 @@
 """A storm of random requests: whatever is asked, and stamped how, targets and heights keep their limits and speed.
 
 Some thousands here; a million with `make fuzz`. A million to the firmware: `atpid_driver/test/test_firmware_pure.py`;
-to the firmware on the emulated board: `python -m atpid_driver.emulator storm`.
+to the firmware on the emulated board: `python -m studies storm`.
 """
 
 import math
@@ -21,7 +21,8 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
 from atpid_common.injected_faults import CEILING, KINDS, TO_THE_SWITCH, Injected
-from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits, Mode
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits
 from atpid_driver.motor.errors import MotorError
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator

@@ -42,8 +42,9 @@ class Analysis:
     def to_json(self) -> dict[str, Any]:
         """Return numbers and curves as plain values, SI units; NaN as None."""
         return {
-            "names": list(self.signals.names), "units": list(self.signals.units), "rate": self.signals.rate,
-            "begin": self.signals.start, "duration": self.signals.duration, "invalid": self.signals.invalid,
+            "names": list(self.signals.names), "units": list(self.signals.units), "origin": self.signals.origin,
+            "rate": self.signals.rate, "begin": self.signals.start, "duration": self.signals.duration,
+            "invalid": self.signals.invalid,
             "spectrum": self._spectra(), "frequency_response": self._response(), "decrement": self._decay(),
             "orders": self._orders(), "doubts": self.doubts, "skipped": self.skipped,
         }  # fmt: skip
@@ -85,8 +86,8 @@ class Analysis:
         found = self.orders
         if found is None:
             return None
-        names = ("begin", "end", "frequency", "excitation", "amplitude_std", "residual", "distortion")
-        curves = {"amplitude": _list(found.amplitude), "phase": _list(found.phase)}
+        names = ("begin", "end", "frequency", "excitation", "residual", "distortion")
+        curves = {name: _list(getattr(found, name)) for name in ("amplitude", "amplitude_std", "phase")}
         return {name: getattr(found, name) for name in names} | curves
 
 

@@ -17,6 +17,9 @@ _STILL = 0.01
 _FEWEST, _FEW = 2.0, 4.0
 #: Residual, over the first amplitude, above which a decay is not exponential [-].
 _EXPONENTIAL = 0.02
+#: Damping of the large and of the small swings, which the amplitude's fall to a third parts: difference from which it
+#: depends on the amplitude, in standard deviations and relative [-].
+_LARGE, _SIGMAS, _DEPENDS = math.log(3.0), 3.0, 0.03
 #: Share of the amplitude from which a part begins at a peak [-].
 _AT_PEAK = 0.98
 
@@ -97,7 +100,8 @@ def free_decay(beam: Array, rate: float, start: float = 0.0) -> Decay:
         start, start + float(time[-1]), omega / (2.0 * math.pi), omega_std / (2.0 * math.pi), sigma / natural,
         math.hypot(omega**2 * sigma_std, sigma * omega * omega_std) / natural**3, math.hypot(found[2], found[3]),
         float(np.sqrt(np.mean(rest**2))), ratios_of(beam - float(found[4]), math.hypot(found[2], found[3])),
-        tuple(_doubts(periods, sigma, sigma_std, float(np.sqrt(np.mean(rest**2))), math.hypot(found[2], found[3]))),
+        (*_doubts(periods, sigma, sigma_std, float(np.sqrt(np.mean(rest**2))), math.hypot(found[2], found[3])),
+         *_not_viscous(time, beam, found)),
     )  # fmt: skip
 
 
@@ -139,6 +143,34 @@ def _correlation(rest: Array) -> float:
     power = float(np.dot(rest, rest))
     near = float(np.dot(rest[1:], rest[:-1])) / power if power > 0.0 else 0.0
     return math.sqrt((1.0 + max(0.0, near)) / (1.0 - min(max(0.0, near), 0.999)))
+
+
+def _not_viscous(time: Array, beam: Array, found: Array) -> list[str]:
+    """Return that large and small swings of a decay (n,) [m] are damped differently, as by friction, where they are.
+
+    `found`: the fit of the whole.
+    """
+    sigma, omega, cosine, sine, offset = (float(value) for value in found)
+    at = int(np.searchsorted(time, min(0.5 * time[-1], _LARGE / sigma if sigma > 0.0 else math.inf)))
+    ratios = []
+    for part in (slice(0, at), slice(at, len(time))):
+        own, turn = time[part] - time[part.start], omega * time[part.start]
+        if own[-1:].sum() * omega < _FEWEST * 2.0 * math.pi:
+            return []
+        fall = math.exp(-sigma * time[part.start])
+        start = (sigma, omega, fall * (cosine * math.cos(turn) + sine * math.sin(turn)),
+                 fall * (sine * math.cos(turn) - cosine * math.sin(turn)), offset)  # fmt: skip
+        try:
+            fitted, covariance = curve_fit(_model, own, beam[part], start, maxfev=2000)
+        except RuntimeError:  # a part that is all noise says nothing
+            return []
+        error = _correlation(beam[part] - _model(own, *fitted)) * math.sqrt(max(0.0, covariance[0, 0]))
+        ratios.append((float(fitted[0] / omega), error / omega))
+    (large, first), (small, second) = ratios
+    if not abs(small - large) > max(_SIGMAS * math.hypot(first, second), _DEPENDS * abs(large)):
+        return []
+    return [f"damping depends on the amplitude: {large:.3g} of the large swings, {small:.3g} of the small ones, as by "
+            "friction; the error bar holds for a constant one"]  # fmt: skip
 
 
 def _doubts(periods: float, sigma: float, sigma_std: float, residual: float, amplitude: float) -> list[str]:

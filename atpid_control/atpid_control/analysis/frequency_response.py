@@ -22,6 +22,8 @@ COHERENT, FEWEST_AVERAGES = 0.8, 3.0
 _LINES = 4
 #: Difference of H2 and H1 at the largest response from which it is named [-].
 _APART = 0.05
+#: Student's 95 % quantile is that of the normal distribution times 1 + this over the degrees of freedom.
+_STUDENT = 1.21
 #: Excited lines up to which the excitation is a tone: the main lobe of the window, twice.
 _TONE = 8
 
@@ -36,6 +38,7 @@ class FrequencyResponse:
     coherence: Array  # (k,) [-]
     excited: NDArray[np.bool_]  # (k,) lines that the excitation reaches
     averages: float  # independent ones
+    smeared: Array  # (k,) how far the window's width may shift H1, relative [-]
     most_excited: int  # the line with the strongest excitation
     doubts: tuple[str, ...]
 
@@ -53,12 +56,15 @@ class FrequencyResponse:
     def relative_std(self) -> Array:
         """Standard deviation of |H1| over |H1|, and of its phase [rad] (k,) (Bendat and Piersol, Eq. 9.90).
 
-        NaN of too few averages.
+        With what the window's width may shift H1 by; NaN of too few averages.
         """
         if self.averages < FEWEST_AVERAGES:
             return np.full(len(self.frequency), np.nan)
         known = np.maximum(self.coherence, 1e-12)
-        return np.asarray(np.sqrt((1.0 - np.minimum(known, 1.0)) / (2.0 * known * self.averages)))
+        chance = (1.0 - np.minimum(known, 1.0)) / (2.0 * known * self.averages)
+        # the coherence is itself estimated: Student's 95 % quantile over the normal one
+        student = 1.0 + _STUDENT / (2.0 * self.averages - 2.0)
+        return np.asarray(np.hypot(student * np.sqrt(chance), self.smeared))
 
     @property
     def strongest(self) -> int:
@@ -85,8 +91,23 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
         h1, h2 = found.cross / found.first, found.second / np.conj(found.cross)
         coherence = np.abs(found.cross) ** 2 / (found.first * found.second)
     most = int(np.argmax(np.where(inside, found.first, -1.0)))
-    made = FrequencyResponse(found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, most, ())
+    smeared = _smeared(h1, excited) if window != "boxcar" else np.zeros(len(h1))
+    made = FrequencyResponse(
+        found.frequency, h1, h2, np.nan_to_num(coherence), excited, found.averages, smeared, most, ()
+    )
     return replace(made, doubts=tuple(_doubts(made)))
+
+
+def _smeared(h1: Array, excited: NDArray[np.bool_]) -> Array:
+    """Return how far a Hann window shifts H1, which it averages over neighbouring lines, relative (k,) [-].
+
+    The second moment of the window's power is a third of a line squared, so that a sixth of the second difference is
+    lost (Bendat and Piersol, section 8.5.1, for spectra); 0 where a neighbour is not excited.
+    """
+    shift = np.zeros(len(h1))
+    known = excited[:-2] & excited[1:-1] & excited[2:]
+    shift[1:-1][known] = (np.abs(h1[2:] - 2.0 * h1[1:-1] + h1[:-2]) / (6.0 * np.abs(h1[1:-1])))[known]
+    return shift
 
 
 def _doubts(found: FrequencyResponse) -> list[str]:

@@ -23,6 +23,10 @@ _OFF = 0.05
 _DRIFT = 0.1
 #: Samples fitted at once.
 _PIECE = 1 << 16
+#: Parts in which the residual is summed beside each order, and lines on either side of it that give its density.
+_PARTS, _LINES = 64, 8
+#: Student's 95 % quantile is that of the normal distribution times 1 + this over the degrees of freedom.
+_STUDENT = 1.21
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,7 @@ class Orders:
     frequency: float  # of the excitation [Hz]
     excitation: float  # its amplitude
     amplitude: Array  # (k,)
-    amplitude_std: float
+    amplitude_std: Array  # (k,) by the residual's density beside each order
     phase: Array  # (k,) after k times the excitation's phase [rad], in (-pi, pi]
     residual: float  # root mean square of what the orders leave
     doubts: tuple[str, ...]
@@ -57,8 +61,8 @@ def orders(signals: Signals, count: int = 6) -> Orders:
     if signals.duration * frequency < _FEWEST or count < 1:
         raise AnalysisError(f"{signals.duration * frequency:.2g} periods of the excitation; needed: {_FEWEST:g}")
     time = np.arange(len(signals.response)) / signals.rate
-    given, _, _ = _fit(time, signals.excitation, frequency, 1)
-    found, residual, used = _fit(time, signals.response, frequency, count)
+    given, _, _, _ = _fit(time, signals.excitation, frequency, 1)
+    found, residual, used, offset = _fit(time, signals.response, frequency, count)
     if not abs(given[0]) > 0.0 or not abs(found[0]) > 0.0:
         raise AnalysisError(
             "no excitation: nothing moves at one frequency in this part; choose it with --from and --to"
@@ -69,7 +73,8 @@ def orders(signals: Signals, count: int = 6) -> Orders:
     change = abs(abs(halves[1]) / abs(halves[0]) - 1.0) if abs(halves[0]) > 0.0 else math.inf
     return Orders(
         signals.start, signals.start + float(time[-1]), frequency, abs(given[0]), np.abs(found),
-        residual * math.sqrt(2.0 / used), np.angle(turned), residual,
+        np.maximum(_errors(time, signals.response - offset, frequency, found), residual * math.sqrt(2.0 / used)),
+        np.angle(turned), residual,
         (*_drift(signals, parts), *_doubts(change, residual, abs(found[0]))),
     )  # fmt: skip
 
@@ -117,14 +122,14 @@ def tone_of(values: Array, rate: float) -> float:
     return float(minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-7 * high}).x)
 
 
-def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Array, float, int]:
-    """Return amplitude exp(i phase) of each order (count,), the residual's root mean square, and the samples used.
+def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Array, float, int, float]:
+    """Return amplitude exp(i phase) of each order (count,), the residual's root mean square, samples used, and offset.
 
     By normal equations, piece by piece: sines and cosines over some periods are nearly orthogonal, and memory does not
     grow with the record.
     """
     valid = np.flatnonzero(np.isfinite(values))
-    pieces = [valid[first : first + _PIECE] for first in range(0, len(valid), _PIECE)]
+    pieces = _pieces(valid)
 
     def columns(piece: Any) -> Array:
         turns = 2.0 * math.pi * frequency * np.outer(time[piece], np.arange(1, count + 1))
@@ -139,7 +144,34 @@ def _fit(time: Array, values: Array, frequency: float, count: int) -> tuple[Arra
     solved, *_ = np.linalg.lstsq(gram, sums, rcond=None)
     power = sum(float(np.sum((values[piece] - columns(piece) @ solved) ** 2)) for piece in pieces)
     used = max(1, len(valid) - size)
-    return solved[1 : 1 + count] + 1j * solved[1 + count :], math.sqrt(power / used), used
+    return solved[1 : 1 + count] + 1j * solved[1 + count :], math.sqrt(power / used), used, float(solved[0])
+
+
+def _pieces(valid: Any) -> list[Any]:
+    return [valid[first : first + _PIECE] for first in range(0, len(valid), _PIECE)]
+
+
+def _errors(time: Array, values: Array, frequency: float, found: Array) -> Array:
+    """Return the standard deviation of each order's amplitude (k,), whatever the noise's colour.
+
+    The orders `found` leave of `values` (n,), without offset, what is shifted by each order to frequency zero and
+    summed in parts: the mean power of the lines beside zero is the noise's at the order itself, which the fit has taken
+    away.
+    """
+    valid, numbers = np.flatnonzero(np.isfinite(values)), np.arange(1, len(found) + 1)
+    sums = np.zeros((len(found), _PARTS), dtype=complex)
+    for piece in _pieces(valid):
+        waves = np.exp(2j * math.pi * frequency * np.outer(numbers, time[piece]))
+        shifted = (values[piece] - np.imag(found @ waves)) * np.conj(waves)
+        places = np.minimum(piece * _PARTS // len(time), _PARTS - 1)
+        for k, row in enumerate(shifted):
+            sums[k].real += np.bincount(places, row.real, _PARTS)
+            sums[k].imag += np.bincount(places, row.imag, _PARTS)
+    # lines nearer to the next order than to this one are the other's
+    lines = int(np.clip(0.5 * frequency * time[-1], 2, _LINES))
+    power = np.abs(np.fft.fft(sums, axis=1)) ** 2
+    near = 0.5 * (power[:, 1 : lines + 1].mean(axis=1) + power[:, -lines:].mean(axis=1))
+    return np.asarray(np.sqrt(2.0 * near) / len(valid) * (1.0 + _STUDENT / (4 * lines)))
 
 
 def _halves(count: int) -> tuple[slice, slice]:

@@ -12,6 +12,8 @@ from atpid_control.analysis.analyse import Analysis
 def rows(found: Analysis) -> Iterator[tuple[str, str]]:
     """Yield (what, its value with unit and error bar), or why it could not be computed."""
     signals = found.signals
+    if signals.origin:
+        yield "origin of the samples", signals.origin
     yield "part", f"{signals.start:.5g} to {signals.start + signals.duration:.5g} s, {signals.rate:.6g} Hz"
     for name, unit, one in zip(signals.names, signals.units, found.spectra, strict=True):
         place = int(np.argmax(one.density[1:])) + 1
@@ -61,7 +63,8 @@ def _order_rows(found: Analysis) -> Iterator[tuple[str, str]]:
     unit = found.signals.units[1]
     tone = f"{orders.excitation:.4g} {found.signals.units[0]} at {orders.frequency:.6g} Hz"
     yield "excitation", f"{tone}, {orders.begin:.4g} to {orders.end:.4g} s"
-    for number, (amplitude, phase) in enumerate(zip(orders.amplitude, orders.phase, strict=True), 1):
-        text = f"{amplitude:.4g} ± {orders.amplitude_std:.1g} {unit}, {math.degrees(phase):.4g} degrees"
+    found_orders = zip(orders.amplitude, orders.amplitude_std, orders.phase, strict=True)
+    for number, (amplitude, error, phase) in enumerate(found_orders, 1):
+        text = f"{amplitude:.4g} ± {error:.1g} {unit}, {math.degrees(phase):.4g} degrees"
         yield f"order {number}", text
     yield "distortion (THD)", f"{100.0 * orders.distortion:.3g} %"

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
+from atpid_control.runs.run import BEAM, SUPPORT, Run
 from atpid_sim.system import Array
 
 
@@ -28,6 +29,8 @@ class Signals:
     units: tuple[str, str] = ("m", "m")
     names: tuple[str, str] = ("support_displacement", "beam_displacement")
     start: float = 0.0  # time of the first sample [s]
+    origin: str = ""  # what measured them, such as `laser`; empty: not from a recording
+    start_ns: int = 0  # stamp of the first sample
 
     @property
     def duration(self) -> float:
@@ -46,20 +49,29 @@ class Signals:
 
     def between(self, begin: float, end: float) -> Signals:
         """Return the part from `begin` to `end` [s]. Raises AnalysisError: no such part."""
-        first = max(0, math.ceil((begin - self.start) * self.rate - 1e-6))
+        first = math.ceil((max(begin, self.start) - self.start) * self.rate - 1e-6)
         last = len(self.response) if math.isinf(end) else math.floor((end - self.start) * self.rate + 1e-6) + 1
         if not first < min(last, len(self.response)):
             until = self.start + self.duration
             raise AnalysisError(
                 f"--from {begin:g} --to {end:g}: allowed: rising times from {self.start:g} to {until:g} s"
             )
-        return Signals(self.rate, self.excitation[first:last], self.response[first:last], self.units, self.names,
-                       self.start + first / self.rate)  # fmt: skip
+        return replace(self, excitation=self.excitation[first:last], response=self.response[first:last],
+                       start=self.start + first / self.rate)  # fmt: skip
 
 
-def fault_line(time: float, source: str, text: str) -> str:
-    """Return the line for a fault that was reported at `time` [s] of a recording."""
-    return f"fault at {time:.4g} s, {source}: {text}; choose a part without it with --from and --to"
+def signals_of(
+    run: Run, given: str = SUPPORT, measured: str = BEAM, *, both: bool = True
+) -> tuple[Signals, list[str]]:  # fmt: skip
+    """Return what sensors measured in a run, sampled together, and what is missing, a line each.
+
+    Raises BagError: no samples of `measured`, or where it has to be `both` of `given`; else NaN stands in its place.
+    """
+    excitation, response = run.signals(given, measured) if both else run.driven(given, measured)
+    units = excitation.unit, response.unit
+    signals = Signals(response.rate, excitation.values, response.values, units, (given, measured), response.time0,
+                      response.origin, response.start_ns)  # fmt: skip
+    return signals, [*run.missing, *response.others]
 
 
 def runs(valid: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of `python -m atpid_control`, one module each: arguments, one call, what is printed."""
+"""The commands of `atpid`, one module each: arguments, one call, what is printed."""

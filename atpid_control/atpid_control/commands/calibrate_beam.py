@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`calibrate-beam`: a recording in, the scene's `beam:` block out."""
+"""`atpid calibrate beam`: a recording in, the scene's `beam:` block out."""
 
 import argparse
 import json
 import math
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real, word
-from atpid_control.beam_calibration.fit import BeamFit, fit_beam
-from atpid_control.beam_calibration.masses import BeamParameters, from_added_mass, from_known_mass
-from atpid_control.beam_calibration.recording import CalibrationError, read_recording
+from atpid_control.analysis.beam.fit import BeamFit, CalibrationError, fit_beam
+from atpid_control.analysis.beam.masses import BeamParameters, from_added_mass, from_known_mass
+from atpid_control.analysis.signals import signals_of
+from atpid_control.commands.results import add_part, print_missing
+from atpid_control.runs.parts import bag_of
+from atpid_control.runs.run import BEAM, SUPPORT, open_run
 
 #: Arguments of the example in the help.
 EXAMPLE = "decay.csv --moving-mass 0.9 --grain-mass 0.08 --out beam.yaml"
@@ -24,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "recording",
         type=file_path,
-        help="a decay or sweep with the damper closed or empty: bag or .csv (time, channels)",
+        help="a decay or sweep with the damper closed or empty: a bag, of one that is cut off what is there, or a .csv",
     )
     add(
         "--moving-mass",
@@ -37,10 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--grain-mass", type=real(0.0, 1e9, "kg"), default=0.0, metavar="KG", help=grain)
     add("--added-mass", type=positive("kg"), metavar="KG", help="mass added to the beam for the second recording [kg]")
     add("--with-added", type=file_path, metavar="RECORDING", help="the second recording")
-    add("--from", dest="begin", type=real(0.0, 1e9, "s"), default=0.0, metavar="S", help="begin of the part used [s]")
-    add("--to", dest="end", type=positive("s"), default=math.inf, metavar="S", help="its end [s]")
-    add("--support-channel", type=word, default="support_displacement", help="name of the support's channel")
-    add("--beam-channel", type=word, default="beam_displacement", help="name of the beam's channel")
+    add_part(parser, "begin of the part used")
+    add("--support-channel", type=word, default=SUPPORT, help="name of the support's channel")
+    add("--beam-channel", type=word, default=BEAM, help="name of the beam's channel")
     add("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help="write the beam: block here")
     output.add_force(parser)
     add("--json", action="store_true", help="print one JSON object and nothing else")
@@ -52,9 +55,11 @@ def run(args: argparse.Namespace) -> int:
         raise CalibrationError("--added-mass and --with-added: given one; allowed: both or none")
     if args.added_mass is not None and args.moving_mass is not None:
         raise CalibrationError("--moving-mass and --added-mass: given both; allowed: one of them")
+    recording = bag_of(args.recording)
+    args.with_added = None if args.with_added is None else bag_of(args.with_added)
     if args.out is not None:
         output.file(args.out, replace=args.force)
-    fit = _fitted(args.recording, args)
+    fit = _fitted(recording, args)
     parameters = _parameters(fit, args)
     if args.out is not None:
         if parameters is None:
@@ -69,8 +74,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fitted(path: Path, args: argparse.Namespace) -> BeamFit:
-    recording = read_recording(path, args.support_channel, args.beam_channel).between(args.begin, args.end)
-    return fit_beam(recording.beam, recording.support, recording.rate)
+    signals, missing = signals_of(open_run(path), args.support_channel, args.beam_channel, both=False)
+    print_missing(missing, sys.stderr)
+    return fit_beam(signals.between(args.begin, args.end))
 
 
 def _parameters(fit: BeamFit, args: argparse.Namespace) -> BeamParameters | None:
@@ -87,7 +93,7 @@ def _plain(fit: BeamFit, parameters: BeamParameters | None) -> dict[str, Any]:
         "stiffness_over_mass": fit.stiffness, "stiffness_over_mass_std": stiffness_std,
         "damping_over_mass": fit.damping, "damping_over_mass_std": damping_std,
         "frequency": fit.frequency, "damping_ratio": fit.damping_ratio,
-        "residual": fit.residual, "samples": fit.samples, "driven": fit.driven,
+        "residual": fit.residual, "samples": fit.samples, "driven": fit.driven, "origin": fit.origin,
         "beam": None if parameters is None else asdict(parameters),
     }  # fmt: skip
 
@@ -98,6 +104,7 @@ def _text(fit: BeamFit, parameters: BeamParameters | None) -> str:
         f"# {'driven' if fit.driven else 'free'} motion, {fit.samples} samples, residual {fit.residual:.3g} m",
         f"# k/m = {fit.stiffness:.7g} +- {found['stiffness_over_mass_std']:.2g} 1/s^2, "
         f"c/m = {fit.damping:.5g} +- {found['damping_over_mass_std']:.2g} 1/s",
+        *([f"# origin of the samples: {fit.origin}"] if fit.origin else []),
         f"# natural frequency {fit.frequency:.5f} Hz, damping ratio {fit.damping_ratio:.5f}",
     ]
     if parameters is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control compare-bags A B --out DIR`: two recorded runs overlaid, their differences in a table."""
+"""`atpid bag compare A B --out DIR`: two recorded runs overlaid, their differences in a table."""
 
 import argparse
 import math
@@ -8,9 +8,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from atpid_common.arguments import file_path, word
-from atpid_control.bag_comparison.compare import CLOCK, START, Compared, Row, compare_bags
-from atpid_control.bag_comparison.picture import draw
 from atpid_control.commands.results import Shown, add_results, claim, give
+from atpid_control.runs.parts import bag_of
+from atpid_control.views.comparison.compare import CLOCK, START, Compared, Row, compare_bags
+from atpid_control.views.comparison.picture import draw
 from atpid_sim.display import working
 
 PICTURE, NUMBERS = "bags.png", "bags.json"
@@ -31,11 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare, write picture and numbers, print; return 0. Raises BagError, BagComparisonError, OutputError."""
+    first, second = map(bag_of, (args.first, args.second))
     picture, file = claim(args, PICTURE, NUMBERS)
     with working("reading both, repeating their stages by simulation, drawing"):
-        found = compare_bags(args.first, args.second, args.align)
+        found = compare_bags(first, second, args.align)
         draw(found, picture)
-    notes = [*(f"note: {line}" for line in found.doubts), *(f"missing: {line}" for line in found.missing)]
+    origins = " and ".join(placed.signals.origin for placed in found.runs)
+    notes = [f"samples of: {origins}", *(f"note: {line}" for line in found.doubts)]
     return give(args, found.to_json(), file, Shown(table(found), notes, picture))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control design`: a damper for a structure of one's own, and what it promises."""
+"""`atpid design`: a damper for a structure of one's own, and what it promises."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
-from atpid_common.arguments import file_path, real, text
+from atpid_common.arguments import file_path, real, refuse, text
 from atpid_control.design.make import Design, design, steps_of
 from atpid_control.design.problem import DesignError, Problem, Uncertainty, problem_of
 from atpid_sim.display import counting
@@ -25,18 +25,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("mass", "KG", True), ("frequency", "HZ", True), ("damping", "RATIO", True),
         ("restitution", "E", False), ("young-modulus", "PA", False), ("density", "KG/M3", False),
         ("gravity", "G", False), ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
-        ("target-reduction", "SHARE", False), ("lever", "M", False),
+        ("target-reduction", "SHARE", False), ("target-efficiency", "SHARE", False), ("lever", "M", False),
+        ("motor-speed", "1/MIN", False), ("yield-strength", "PA", False),
     ):  # fmt: skip
-        parser.add_argument(
-            f"--{name}", type=real(-1e15, 1e15), metavar=metavar, required=needed, help=_help(name, needed)
-        )
+        parser.add_argument(f"--{name}", type=_number, metavar=metavar, required=needed, help=_help(name, needed))
     parser.add_argument("--amplitudes", type=text, required=True, metavar="LO:HI", help=_help("amplitudes", True))
+    parser.add_argument(
+        "--excitation-frequency", type=text, metavar="HZ|LO:HI", help=_help("excitation-frequency", False)
+    )
     uncertain = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
     parser.add_argument(
         "--uncertainty", type=text, metavar="NAME=VALUE,...",
         help=f"how far a quantity may lie from its value to either side, relative, height in m; default: {uncertain}",
     )  # fmt: skip
     parser.add_argument("--out", type=file_path, required=True, help="folder for page, numbers, scene and height map")
+
+
+def _number(text: str) -> float:
+    """Return a number; `Problem` states its range."""
+    if "," in text:
+        refuse(text, f"a number with a decimal point: {text.replace(',', '.')}")
+    return real(-1e15, 1e15)(text)
 
 
 def _help(option: str, needed: bool) -> str:
@@ -55,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     from atpid_control.design.files import write
 
     written = write(made, args.out)
-    console = Console(width=max(Console().width, 100), highlight=False)
+    console = Console(width=max(Console().width, 120), highlight=False)
     for shown in (_summary(made), _over_amplitudes(made)):
         console.print(shown)
     for line in made.warnings:
@@ -70,19 +79,21 @@ def problem_from(args: argparse.Namespace) -> Problem:
     given: dict[str, Any] = {
         name: value for name in _DEFAULTS if (value := getattr(args, name, None)) is not None and name != "uncertainty"
     }
-    given["amplitudes"] = _amplitudes(args.amplitudes)
+    given["amplitudes"] = _pair("amplitudes", args.amplitudes, "two rising amplitudes in metres, such as 0.001:0.004")
+    if args.excitation_frequency is not None:
+        given_as = args.excitation_frequency
+        both = given_as if ":" in given_as else f"{given_as}:{given_as}"
+        given["excitation_frequency"] = _pair("excitation-frequency", both, "or HZ, such as 29.4 or 28:30")
     if args.uncertainty is not None:
         given["uncertainty"] = _uncertainty(args.uncertainty)
     return problem_of(**given)
 
 
-def _amplitudes(text: str) -> tuple[float, float]:
+def _pair(name: str, text: str, allowed: str) -> tuple[float, float]:
     try:
         low, high = map(float, text.split(":"))
     except ValueError:
-        raise DesignError(
-            f"--amplitudes: given {text}; allowed: LO:HI, two rising amplitudes in metres, such as 0.001:0.004"
-        ) from None
+        raise DesignError(f"--{name}: given {text}; allowed: LO:HI, {allowed}") from None
     return low, high
 
 
@@ -105,30 +116,44 @@ def _uncertainty(text: str) -> dict[str, float]:
 
 
 def _summary(made: Design) -> Table:
-    from atpid_control.design.page import headline, mass
+    from atpid_control.design.page import headline, mass, tone, verdict
 
     drive, (low, high) = made.motor, made.heights
     table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)
     table.add_row("grain", f"{mass(made.grain_mass)}, {100 * made.mass_fraction:.3g} % of beam and grain, "
                   f"diameter {2e3 * made.radius:.1f} mm")  # fmt: skip
-    table.add_row("resonance, damper closed", f"{made.resonance:.4g} Hz")
-    table.add_row("heights of the ceiling", f"{low:.4f} to {high:.4f} m, closed {2 * made.radius:.4f} m")
-    table.add_row("speed of the ceiling", f"{drive.speed:.3g} m/s, to follow in {drive.time_constant:.3g} s")
-    table.add_row("largest force on the ceiling", f"{drive.force:.4g} N, {drive.torque:.3g} N m at a lever of "
-                  f"{drive.lever:g} m")  # fmt: skip
-    table.add_row("impacts on the ceiling", f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average")
+    table.add_row("excitation", f"{tone(made)}; the resonance moves from {made.problem.frequency:.2f} to "
+                  f"{made.resonance:.2f} Hz, damper closed")  # fmt: skip
+    table.add_row("heights of the ceiling", f"{1e3 * low:.1f} to {1e3 * high:.1f} mm, closed "
+                  f"{2e3 * made.radius:.1f} mm; an error of {1e3 * drive.height_error:.2g} mm costs "
+                  "2 points")  # fmt: skip
+    table.add_row("speed of the ceiling", f"{1e3 * drive.speed:.3g} mm/s, to follow in {drive.time_constant:.3g} s; "
+                  f"screw with {1e3 * drive.lead:g} mm lead, gear {drive.gear:.3g} at {drive.motor_speed:g} 1/min, "
+                  f"{drive.power:.2g} W")  # fmt: skip
+    table.add_row("largest forces", f"ceiling {drive.force:.4g} N, floor {drive.floor_force:.4g} N; "
+                  f"{drive.torque:.3g} N m at a lever of {1e3 * drive.lever:g} mm")  # fmt: skip
+    table.add_row("impacts on the ceiling", f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average; "
+                  f"peak pressure {1e-6 * drive.pressure:.3g} MPa")  # fmt: skip
+    table.add_row("beside a tuned mass", verdict(made.tuned_mass.rows))
     table.add_row("time", f"{made.wall_s:.1f} s")
     return table
 
 
 def _over_amplitudes(made: Design) -> Table:
+    from atpid_control.design.page import acceleration, span
+
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("support\n[m]", "height\n[m]", "efficiency\nexpected [%]", "\nleast", "\nlargest",
-                 "beam\nat most [m]", "damper\nclosed [m]", "force on the\nceiling [N]"):  # fmt: skip
+    for name in ("support\n[mm]", "height\n[mm]", "structure\n(at most) [mm]", "\n[g]", "today\n[mm]",
+                 "reduction [%]\n(all cases)", "efficiency [%]\n(all cases)",
+                 "ceiling\nbears [N]", "floor\nbears [N]"):  # fmt: skip
         table.add_column(name, justify="right", no_wrap=True)
     for one in made.points:
+        beam = one.beam_amplitude
         table.add_row(
-            f"{one.amplitude:.4g}", f"{one.height:.4f}", *(f"{100 * value:.1f}" for value in one.efficiency),
-            f"{one.beam_amplitude.high:.4g}", f"{one.closed_amplitude:.4g}", f"{one.ceiling_force.high:.4g}",
+            f"{1e3 * one.amplitude:.3g}", f"{1e3 * one.height:.1f}",
+            f"{1e3 * beam.expected:.3g} ({1e3 * beam.high:.3g})",
+            f"{acceleration(one, beam.high):.2g}", f"{1e3 * one.bare_amplitude.expected:.3g}",
+            span(one.reduction, 100.0, ".0f"), span(one.efficiency, 100.0, ".0f"), f"{one.ceiling_force.high:.4g}",
+            f"{one.floor_force:.4g}",
         )  # fmt: skip
     return table

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control learn`: train the learned selector from simulated systems; its errors on those left out."""
+"""`atpid learn`: train the learned selector from simulated systems; its errors on those left out."""
 
 import argparse
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, whole
+from atpid_control.selection import learning
 from atpid_control.selection.height_model import MOST_SYSTEMS, HeightModel
-from atpid_control.studies import learning
 from atpid_sim.display import counting
 
 #: Fewest systems a model is trained with.

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What commands with a picture and numbers have in common: a folder for both, a table or JSON on the terminal."""
+"""What the commands on recordings have in common: the bag, a part of it, a folder for results, what is printed."""
 
 import argparse
 import json
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TextIO
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
-from atpid_common.arguments import file_path
+from atpid_common.arguments import file_path, positive, real
 from atpid_sim.simulation.simulate import finite
 
 _WIDTH = 110
@@ -32,6 +34,28 @@ def add_results(parser: argparse.ArgumentParser, what: str = "picture and number
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
 
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Declare the bag to read."""
+    parser.add_argument(
+        "bag", type=file_path, metavar="BAG", help="folder of the bag; of one that is cut off what is there"
+    )
+
+
+def add_part(parser: argparse.ArgumentParser, begin: str = "begin of the part") -> None:
+    """Declare `--from` and `--to` [s], by default minus and plus infinity."""
+    add = parser.add_argument
+    add("--from", dest="begin", type=real(0.0, 1e9, "s"), default=-math.inf, metavar="S", help=f"{begin} [s]")
+    add("--to", dest="end", type=positive("s"), default=math.inf, metavar="S", help="its end [s]")
+
+
+def two_columns(rows: Iterable[tuple[str, str]]) -> Table:
+    """Return (what, its value) as a table without a head."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, show_header=False)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
 def claim(args: argparse.Namespace, *names: str) -> list[Path]:
     """Return the files of these names in `--out`, before the work. Raises OutputError: they cannot be written."""
     output.folder(args.out)
@@ -39,7 +63,10 @@ def claim(args: argparse.Namespace, *names: str) -> list[Path]:
 
 
 def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown: Shown) -> int:
-    """Write the numbers, NaN as null, and print them or the table with its notes; return 0. Raises OutputError."""
+    """Write the numbers, NaN as null, and print them or the table with its notes; return 0. Raises OutputError.
+
+    What is `missing` in the numbers is printed after the notes.
+    """
     plain = finite(dict(numbers))
     with output.writing(file):
         file.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -49,5 +76,12 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
     Console(width=_WIDTH, highlight=False, markup=False).print(shown.table)
     for line in shown.notes:
         print(line)
+    print_missing(numbers["missing"])
     print(shown.picture)
     return 0
+
+
+def print_missing(lines: Iterable[str], file: TextIO | None = None) -> None:
+    """Print what is not in a bag and should be, to standard output by default."""
+    for line in lines:
+        print(f"missing: {line}", file=file)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control select`: the ceiling height for a scene's excitation, by one of the methods."""
+"""`atpid select`: the ceiling height for a scene's excitation, by one of the methods."""
 
 import argparse
 import json
@@ -13,11 +13,12 @@ from rich.table import Table
 
 from atpid_common.arguments import file_path, positive, real
 from atpid_control.selection.checks import range_warnings
-from atpid_control.selection.protocol import DEADLINE, HeightSelector, Selection, SelectionError
-from atpid_control.selection.registry import anywhere, make_selector, methods
+from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
+from atpid_control.selection.registry import at_any_frequency, make_selector, methods
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import HarmonicExcitation, Scene, load_scene
+from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.excitation import amplitude_at
+from atpid_sim.simulation.quantities import bare_amplitude, efficiency, worse_than_without
 
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
@@ -40,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--deadline", type=positive("s"), default=None, metavar="S",
-        help=f"direct only: time for a margin [s]; default {DEADLINE:g}",
+        help="direct only: time for a margin [s]; default none",
     )  # fmt: skip
     add("--without-gravity", action="store_true", help="pca only: all models without gravity (Fig. 4.43)")
     add("--json", action="store_true", help="print one JSON object and nothing else")
@@ -52,24 +53,28 @@ def run(args: argparse.Namespace) -> int:
     amplitude = steady_amplitude(scene)
     selector = _selector(args, scene)
     try:
-        chosen = selector.select(amplitude, args.amplitude_std, margin=args.margin)
+        chosen = selector.select(Excitation(amplitude, args.amplitude_std), args.margin)
     except SelectionError as error:
         # in the loop a simulation that fails is one more reason to stay; for a user it is a failure of its own kind
         if isinstance(error.__cause__, NumericalFailure):
             raise NumericalFailure(f"{error.__cause__}{scene.hint()}") from None
         raise
-    warnings = [*scene.warnings(), *range_warnings(scene, chosen)]
+    beam = scene.beam
+    bare = bare_amplitude(beam.mass, beam.stiffness, beam.damping, amplitude, scene.frequency_hz)
+    reduction = efficiency(chosen.beam_amplitude, bare)
+    warnings = [*scene.warnings(), *range_warnings(scene, chosen), *worse_than_without(reduction)]
     if args.json:
-        shown = to_json(chosen) | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
+        today = _without_nan({"bare_amplitude": bare, "reduction": reduction})
+        shown = to_json(chosen) | today | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
         print(json.dumps(shown, allow_nan=False))
     else:
-        _show(str(args.scene), scene, amplitude, chosen, warnings)
+        _show(str(args.scene), scene, amplitude, chosen, warnings, bare)
     return 0
 
 
 def steady_amplitude(scene: Scene) -> float:
     """Return the support's amplitude in the middle of the steady window [m]; SelectionError where there is none."""
-    if not isinstance(scene.excitation, HarmonicExcitation):
+    if not scene.excitation.is_tone:
         raise SelectionError(
             f"excitation: given a {scene.excitation.kind} one; a height is selected for a tone {{amplitude, frequency}}"
         )
@@ -91,13 +96,13 @@ def _selector(args: argparse.Namespace, scene: Scene) -> HeightSelector:
             raise SelectionError(f"--deadline: given with method {args.method}; allowed with direct")
         from atpid_control.selection.direct import DirectSelector
 
-        return anywhere(DirectSelector(scene, deadline=args.deadline), scene)
+        return at_any_frequency(DirectSelector(scene, deadline=args.deadline), scene)
     if args.without_gravity:
         if args.method != "pca":
             raise SelectionError(f"--without-gravity: given with method {args.method}; allowed with pca")
         from atpid_control.selection.pca import PcaSelector
 
-        return anywhere(PcaSelector(scene, gravity=False), scene.with_(gravity=0.0))
+        return at_any_frequency(PcaSelector(scene, gravity=False), scene.with_(gravity=0.0))
     return make_selector(args.method, scene, _map(args, scene))
 
 
@@ -108,7 +113,7 @@ def _map(args: argparse.Namespace, scene: Scene) -> Path | None:
     from atpid_control.selection.map_cache import map_for
 
     closed = 2.0 * scene.grain.radius
-    given = getattr(scene.ceiling, "map", None)
+    given = scene.ceiling.map
     looked_up = {"closed": closed, "range": [closed, 1e3], "speed": 1.0, "controller": "lookup"}
     if given is not None:
         looked_up["map"] = str(given)
@@ -119,11 +124,15 @@ def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
 
 
-def _show(name: str, scene: Scene, amplitude: float, chosen: Selection, warnings: list[str]) -> None:
+def _show(
+    name: str, scene: Scene, amplitude: float, chosen: Selection, warnings: list[str], bare: float
+) -> None:  # fmt: skip
     table = Table(title=f"{name}: {chosen.method} at {amplitude:g} m", show_header=False)
     table.add_row("height", f"{chosen.height:.4f} m")
     table.add_row("beam amplitude there", f"{chosen.beam_amplitude:.4f} m")
-    table.add_row("efficiency", f"{100 * chosen.efficiency:.1f} %")
+    table.add_row("efficiency, against the damper closed", f"{100 * chosen.efficiency:.1f} %")
+    table.add_row("beam amplitude without the damper", f"{bare:.4f} m")
+    table.add_row("reduction, against that", f"{100 * efficiency(chosen.beam_amplitude, bare):.1f} %")
     table.add_row("price of the margin", f"{100 * chosen.price:.2f} %" if math.isfinite(chosen.price) else "unknown")
     table.add_row("resonance, damper closed", f"{scene.natural_frequency_hz:.4f} Hz")
     table.add_row("simulations", str(chosen.evaluations))

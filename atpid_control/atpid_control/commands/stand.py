@@ -1,48 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control stand SCENE`: what stand.launch.py does, without `ros2`."""
+"""`atpid stand SCENE`, which stand.launch.py starts as well, and `atpid live`, the page of nodes that run already."""
 
 import argparse
+import math
+import sys
 import tempfile
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import yaml
-
-from atpid_common import files
-from atpid_common.arguments import file_path, positive, whole
+from atpid_common.arguments import file_path, graph_name, whole, word
+from atpid_common.cli import Command
 from atpid_common.errors import DONE
-from atpid_control.bags import check_new
-from atpid_control.bench import live_page
-from atpid_control.bench.running import keep_running
-from atpid_control.graph.parts import LABJACK, LIVE, NODES, SERIAL_MOTOR, SUPERVISOR, Part
-from atpid_control.graph.processes import Processes, stoppable
-from atpid_control.security import enclave_arguments
-from atpid_sim.scene import load_scene
+from atpid_common.middleware import named_domain
+from atpid_control.runs.writer import check_new
+from atpid_control.selection.map_cache import map_of_run
+from atpid_control.stand import live_page
+from atpid_control.stand.launching.options import add_stand as add_arguments
+from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
+from atpid_control.stand.parts import LABJACK, NAMES, NI, NODES, SERIAL_MOTOR, SUPERVISOR, Part
+from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
+from atpid_control.stand.running import RosOptions, commands_of, keep_running
+from atpid_control.supervision.limits import QUANTITIES
+from atpid_control.views.live.address import HOST, PORT
+from atpid_sim.scene import Scene, load_scene
 
-_LARGEST = 1_000_000_000  # of a map or a parameter file; what reads it has limits of its own [bytes]
-_NI = Part("atpid_driver", "ni_node", "ni.yaml")
+__all__ = ["EXAMPLE", "LIVE", "add_arguments", "run"]
+
 _LOOP = [NODES[name] for name in ("identifier_node", "selector_node", "recorder_node")]
+NO_LEVELS = (
+    "no abort level is set: however far the beam moves, the motor stays on; "
+    "set those of your stand for supervisor_node with --params-file (docs/graph.md, Levels)"
+)
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/stand_realtime.yaml --map map.npz --bag out/run"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments, those of stand.launch.py."""
-    parser.add_argument("scene", type=file_path, help="scene file: beam, grain and ceiling (docs/scenes.md)")
-    parser.add_argument("--map", type=file_path, help="height map; not given: the one the scene names")
-    parser.add_argument("--bag", type=file_path, help="folder of the bag to make; not given: run-<id> in this folder")
-    parser.add_argument("--ni", action="store_true", help="stream the accelerometer on the NI-9230 as well")
-    restarts = "how often, in all, a killed identifier or selector is started again; default: the stand ends"
-    parser.add_argument("--restarts", type=whole(0, 100), default=0, help=restarts)
-    move = (
-        "before the run: move the ceiling by METRES and back; direction, distance or speed that is wrong ends the run"
-    )
-    parser.add_argument("--move", type=positive("m"), default=0.0, metavar="METRES", help=move)
-    live_page.add_arguments(parser)
-    for name, file in (("labjack", LABJACK), ("ni", _NI), ("motor", SERIAL_MOTOR)):
-        text = f"parameter file of {file.name}; not given: {file.config} of the package"
-        parser.add_argument(f"--{name}-config", type=file_path, metavar="FILE", help=text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,43 +42,62 @@ def run(args: argparse.Namespace) -> int:
     Raises NodeDiedError, SceneError and BagError.
     """
     live_page.check(args)
-    load_scene(args.scene).refuse_faults("the stand")
-    for file in filter(None, (args.map, args.labjack_config, args.ni_config, args.motor_config)):
-        files.check(file, _LARGEST)  # before a node is started
+    named_domain()
+    scene = load_scene(args.scene)
+    scene.refuse_faults("the stand")
     if args.bag is not None:
         check_new(args.bag)
-    with (
-        tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder,
-        suppress(KeyboardInterrupt),
-        stoppable(),
-        Processes(commands_of(args, Path(folder)), None, restarts=args.restarts) as nodes,
-    ):
-        keep_running(nodes)
+    # in the order of stopping: the motor first, the recorder last
+    parts = [_configured(SERIAL_MOTOR, args.motor_config), SUPERVISOR, _configured(LABJACK, args.labjack_config)]
+    parts += [*([_configured(NI, args.ni_config)] if args.ni else []), *_LOOP, *live_page.parts(args)]
+    ros = RosOptions.of(args)
+    with tempfile.TemporaryDirectory(prefix="atpid-stand-") as folder, suppress(KeyboardInterrupt), stoppable():
+        file = Path(folder) / "parameters.yaml"
+        parameters = _parameters(args, scene, parts, file)
+        if all(math.isinf(parameters[SUPERVISOR.name].get(f"{name}_abort", math.inf)) for name in QUANTITIES):
+            print(NO_LEVELS, file=sys.stderr)
+        write_parameters(parameters, file)
+        with Processes(commands_of(file, parts, ros), None, restarts=ros.restarts) as nodes:
+            keep_running(nodes, ros.namespace)
     return DONE
 
 
-def commands_of(args: argparse.Namespace, folder: Path) -> list[tuple[str, list[str]]]:
-    """Return (name, command) of each node, in the order of stopping: the motor first, the recorder last."""
-    scene = {"scene": str(args.scene.absolute())}
-    supervised = [part.name for part in (SERIAL_MOTOR, LABJACK, *([_NI] if args.ni else []), *_LOOP)]
-    nodes: list[tuple[Part, Path | None, dict[str, Any]]] = [
-        (SERIAL_MOTOR, args.motor_config, {"supervised": True} | ({"check_move": args.move} if args.move else {})),
-        (SUPERVISOR, None, scene | {"nodes": supervised}),
-        (LABJACK, args.labjack_config, {}),
-        *([(_NI, args.ni_config, {})] if args.ni else []),
-        (NODES["identifier_node"], None, {}),
-        (NODES["selector_node"], None, scene | {"map": str(args.map.absolute()) if args.map else ""}),
-        (NODES["recorder_node"], None, scene | {"bag": str(args.bag.absolute()) if args.bag else ""}),
-    ]
-    if live_page.announced(args):
-        nodes.append((LIVE, None, live_page.parameters(args)))
-    return [(part.name, _command(part, file, own, folder)) for part, file, own in nodes]
+def _configured(part: Part, file: Path | None) -> Part:
+    """Return a part with the user's parameter file, where there is one, in place of the package's."""
+    return replace(part, config=str(file.absolute())) if file else part
 
 
-def _command(part: Part, file: Path | None, own: dict[str, Any], folder: Path) -> list[str]:
-    """Return the command of one node: the parameter file given or the package's, and the node's `own` parameters."""
-    path = folder / f"{part.name}.yaml"
-    path.write_text(yaml.safe_dump({f"/**/{part.name}": {"ros__parameters": own}}) if own else "", encoding="utf-8")
-    files = [file or part.config_file, *([path] if own else [])]
-    words = [word for name in files for word in ("--params-file", str(name))]
-    return [str(part.executable), "--ros-args", *enclave_arguments(part.name), *words]
+def _parameters(args: argparse.Namespace, scene: Scene, parts: list[Part], file: Path) -> Parameters:
+    """Return what each node starts with, which the recorder keeps from `file`, with the map."""
+    given = read_parameters(args.params_file, NAMES, args.namespace or "") if args.params_file else {}
+    usual = {part.name: part.configured() for part in parts}
+    method = given.get("selector_node", {}).get("method", "")
+    height_map = map_of_run(scene, args.map and args.map.absolute(), method)
+    supervised = [part.name for part in parts if part.name not in (SUPERVISOR.name, "live_node")]
+    named = {"scene": str(args.scene.absolute())}
+    kept = [str(path) for path in (file, height_map) if path]
+    own: Parameters = {
+        "motor_node": {"supervised": True} | ({"check_move": args.move} if args.move else {}),
+        "supervisor_node": named | {"nodes": supervised, "restart_time": RESTART_TIME if args.restarts else 0.0},
+        "selector_node": named | {"map": str(height_map or "")},
+        "recorder_node": named | {"bag": str(args.bag.absolute()) if args.bag else "", "files": kept},
+        "live_node": live_page.parameters(args),
+    }
+    return combined(usual, own, given)
+
+
+def _live_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    scene = "for the efficiency and the size of the grain; default: neither is shown"
+    add("--scene", type=file_path, metavar="SCENE.yaml", help=scene)
+    add("--host", type=word, default=HOST, metavar="ADDRESS", help=f"where to serve it; default {HOST}")
+    add("--port", type=whole(0, 65535), default=PORT, metavar="N", help=f"0: a free one; default {PORT}")
+    add("--namespace", type=graph_name, metavar="NAME", help="of the nodes; default: none")
+
+
+def _live(args: argparse.Namespace) -> int:
+    """Serve the page until interrupted; return the exit status."""
+    return live_page.serve(args.host, args.port, args.scene, args.namespace)
+
+
+LIVE = Command(_live_arguments, _live, "--scene scenes/thesis_4_3.yaml --port 8080")

@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_control validate RECORDING`: a scene simulated with the measured support, and compared."""
+"""`atpid bag validate RECORDING`: a scene simulated with the measured support, and compared."""
 
 import argparse
-import math
 from pathlib import Path
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from atpid_common import output
-from atpid_common.arguments import file_path, positive, real
-from atpid_control.commands.results import Shown, add_results, claim, give
-from atpid_control.validation.compare import Agreement, compare, driven_scene
-from atpid_control.validation.measured import Measured, faults_in, opened, read_measured, scene_of
-from atpid_control.validation.picture import draw
+from atpid_common.arguments import file_path, positive
+from atpid_control.analysis.validation.compare import Agreement, compare, driven_scene
+from atpid_control.analysis.validation.measured import Measured, read_measured, scene_of
+from atpid_control.analysis.validation.picture import draw
+from atpid_control.commands.results import Shown, add_part, add_results, claim, give, two_columns
+from atpid_control.runs.parts import bag_of
+from atpid_control.runs.run import open_run
 from atpid_sim.display import working
+from atpid_sim.scene import load_scene
 from atpid_sim.simulation.integration import FIDELITIES
 
 SERIES, SCENE, PICTURE, NUMBERS = "support.csv", "scene.yaml", "agreement.png", "agreement.json"
@@ -39,15 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="beam, grain and contact; default: the scene kept in the bag",
     )
     add("--height", type=positive("m"), metavar="H", help="a ceiling that stands still [m]; default: as recorded")
-    add(
-        "--from",
-        dest="begin",
-        type=real(0.0, 1e9, "s"),
-        default=0.0,
-        metavar="S",
-        help="begin of the part compared [s]",
-    )
-    add("--to", dest="end", type=positive("s"), default=math.inf, metavar="S", help="its end [s]")
+    add_part(parser, "begin of the part compared")
     add("--fidelity", default="auto", choices=["auto", *FIDELITIES], help="fidelity level; default: auto")
     add_results(parser, "scene, series, picture and numbers")
 
@@ -57,9 +50,10 @@ def run(args: argparse.Namespace) -> int:
 
     Raises ValidationError, SceneError, BagError, NumericalFailure, OutputError.
     """
-    bag = opened(args.recording)
-    measured = read_measured(args.recording, bag, args.begin, args.end)
-    scene = scene_of(args.recording, bag, args.scene)
+    args.recording = bag_of(args.recording)
+    recorded = open_run(args.recording)
+    measured = read_measured(recorded, args.begin, args.end)
+    scene = scene_of(recorded) if args.scene is None else load_scene(args.scene)
     series, kept, picture, file = claim(args, SERIES, SCENE, PICTURE, NUMBERS)
     _write_series(measured, series)
     driven = driven_scene(scene, measured, series.resolve(), args.height)
@@ -68,12 +62,13 @@ def run(args: argparse.Namespace) -> int:
     with working("simulating"):
         found = compare(driven, measured, args.fidelity)
         draw(found, picture)
-    missing, faults = ([], []) if bag is None else (bag.missing, faults_in(bag, measured))
+    end = measured.begin + measured.duration
+    faults = recorded.faults(measured.begin, end)
     numbers = {
-        **found.to_json(), "begin": measured.begin, "end": measured.begin + measured.duration,
-        "without_gap": measured.chosen, "missing": missing, "faults": faults,
+        **found.to_json(), "origin": measured.origin, "begin": measured.begin, "end": end,
+        "without_gap": measured.chosen, "missing": list(measured.missing), "faults": faults,
     }  # fmt: skip
-    notes = [*(f"not to be trusted: {line}" for line in faults), *(f"missing: {line}" for line in missing)]
+    notes = [f"not to be trusted: {line}" for line in faults]
     return give(args, numbers, file, Shown(_table(found, measured), notes, picture))
 
 
@@ -86,10 +81,10 @@ def _write_series(measured: Measured, path: Path) -> None:
 
 def _table(found: Agreement, measured: Measured) -> Table:
     numbers = found.to_json()
-    shown = Table(box=SIMPLE_HEAD, pad_edge=False, show_header=False)
     irregular = "" if found.reproducible else " (irregular: repeated simulations do not agree)"
     span = f"{measured.begin:.4g} to {measured.begin + measured.duration:.4g} s"
     rows = [
+        ("origin of the samples", measured.origin),
         ("part", f"{span}, the longest without a gap" if measured.chosen else span),
         ("relative RMSE of the amplitudes (Eq. 3.46)", f"{100.0 * found.rmse:.3g} %"),
         ("largest of a period", f"{100.0 * numbers['largest_error']:+.3g} % at {numbers['largest_error_at']:.3g} s"),
@@ -99,6 +94,4 @@ def _table(found: Agreement, measured: Measured) -> Table:
         ("lag of the measured beam, taken off", f"{1e3 * found.lag:.3g} ms"),
         ("fidelity", found.fidelity + irregular),
     ]
-    for row in rows:
-        shown.add_row(*row)
-    return shown
+    return two_columns(rows)

@@ -4,13 +4,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from atpid_control.design.cases import cases, inside
-from atpid_control.design.problem import Problem
-from atpid_control.design.promise import Answer, Interval, Point, answer
+from atpid_control.design.problem import Problem, cases, drawn_frequencies
+from atpid_control.design.worst_case import Interval, Point, response_of
+from atpid_sim.maps import ALL_APPROACHES
+from atpid_sim.maps.approaches import at_once
+from atpid_sim.robust import Response, inside
 
 #: Structures drawn at each amplitude, half of them corners of the box, and the seed of the first.
 DRAWN, _SEED = 32, 100
@@ -21,8 +24,8 @@ class Check:
     """What the check found."""
 
     structures: int  # runs made
-    outside: int  # of them beyond the interval
-    excess: float  # by how much the farthest lies beyond, of the efficiency [-]
+    outside: int  # of them beyond the interval of the efficiency or of the reduction
+    excess: float  # by how much the farthest lies beyond, of either [-]
 
 
 def between(points: Sequence[Point]) -> list[float]:
@@ -36,49 +39,60 @@ def height_at(points: Sequence[Point], amplitude: float) -> float:
     return float(PchipInterpolator([p.amplitude for p in points], [p.height for p in points])(amplitude))
 
 
-def interval_at(points: Sequence[Point], amplitude: float) -> Interval:
-    """Return the promised efficiency at a support amplitude [m] within the points, straight in its logarithm."""
+def interval_at(points: Sequence[Point], amplitude: float, name: str = "efficiency") -> Interval:
+    """Return a promised interval at a support amplitude [m] within the points, straight in its logarithm.
+
+    name: of the field of the points, `efficiency`, `reduction`, `beam_amplitude` or `bare_amplitude`; the amplitudes
+    are read as multiples of that of the support.
+    """
     at = np.log([one.amplitude for one in points])
-    sides = np.transpose([one.efficiency for one in points])
-    return Interval(*(float(np.interp(np.log(amplitude), at, side)) for side in sides))
+    over = [one.amplitude if name.endswith("_amplitude") else 1.0 for one in points]
+    sides = np.transpose([getattr(one, name) for one in points]) / over
+    scale = amplitude if name.endswith("_amplitude") else 1.0
+    return Interval(*(scale * float(np.interp(np.log(amplitude), at, side)) for side in sides))
 
 
-def drawn(problem: Problem, fraction: float, points: Sequence[Point], place: int) -> list[Answer]:
-    """Return the answers of structures drawn for the amplitude between points `place` and `place` + 1.
+def drawn(problem: Problem, fraction: float, points: Sequence[Point], place: int) -> list[Response]:
+    """Return the responses of structures drawn for the amplitude between points `place` and `place` + 1.
 
     Raises NumericalFailure.
     """
     amplitude = between(points)[place]
     height = height_at(points, amplitude)
-    box = inside(DRAWN, _SEED + place)
+    box = inside(DRAWN, 8, _SEED + place)
     box[::2] = np.sign(box[::2])
-    return [answer(one, amplitude, height) for one in cases(problem, fraction, box)]
+    at = drawn_frequencies(problem, DRAWN, _SEED + place)
+    # beside the resonance several motions exist, and which one is found depends on the path
+    paths = (at_once,) if problem.excitation_frequency is None else ALL_APPROACHES
+    return [
+        response_of(one, amplitude, height, paths[k % len(paths)])
+        for k, one in enumerate(cases(problem, fraction, box, at))
+    ]
 
 
-def widened(points: Sequence[Point], found: Sequence[Sequence[Answer]]) -> tuple[list[Point], Check]:
-    """Return the points, their intervals widened where an answer lies outside, and what the check found.
+def widened(points: Sequence[Point], found: Sequence[Sequence[Response]]) -> tuple[list[Point], Check]:
+    """Return the points, their intervals widened where a response lies outside, and what the check found.
 
-    found: the answers between points k and k + 1, for each k.
+    found: the responses between points k and k + 1, for each k.
     """
     result = list(points)
     outside, farthest = 0, 0.0
     for place, amplitude in enumerate(between(points)):
-        promised = interval_at(points, amplitude)
-        below = max(0.0, promised.low - min(one.efficiency for one in found[place]))
-        above = max(0.0, max(one.efficiency for one in found[place]) - promised.high)
-        outside += sum(not promised.low <= one.efficiency <= promised.high for one in found[place])
-        farthest = max(farthest, below, above)
-        for k in (place, place + 1):
-            result[k] = _wider(result[k], below, above)
+        beyond = np.zeros(len(found[place]), dtype=bool)
+        for name in ("efficiency", "reduction", "beam_amplitude"):
+            values = np.array([getattr(one, name.removeprefix("beam_")) for one in found[place]])
+            promised = interval_at(points, amplitude, name)
+            below = max(0.0, promised.low - float(values.min()))
+            above = max(0.0, float(values.max()) - promised.high)
+            share = name != "beam_amplitude"
+            if share:
+                beyond |= (values < promised.low) | (values > promised.high)
+                farthest = max(farthest, below, above)
+            for k in (place, place + 1):
+                scale = 1.0 if share else points[k].amplitude / amplitude
+                interval: Interval = getattr(result[k], name)
+                low, high = interval.low - scale * below, interval.high + scale * above
+                wide: dict[str, Any] = {name: interval._replace(low=low, high=min(high, 1.0) if share else high)}
+                result[k] = replace(result[k], **wide)
+        outside += int(beyond.sum())
     return result, Check(sum(map(len, found)), outside, farthest)
-
-
-def _wider(one: Point, below: float, above: float) -> Point:
-    efficiency, beam = one.efficiency, one.beam_amplitude
-    return replace(
-        one,
-        efficiency=efficiency._replace(low=efficiency.low - below, high=min(efficiency.high + above, 1.0)),
-        beam_amplitude=beam._replace(
-            low=max(beam.low - above * one.closed_amplitude, 0.0), high=beam.high + below * one.closed_amplitude
-        ),
-    )

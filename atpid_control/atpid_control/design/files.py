@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from atpid_common import output
-from atpid_control.design.cases import RTOL
 from atpid_control.design.make import Design
 from atpid_control.design.page import page
 from atpid_control.design.picture import draw
-from atpid_control.design.problem import Problem, mapping_of, time_constant
-from atpid_control.report.picture import LIGHT
+from atpid_control.design.problem import RTOL, Problem, mapping_of, time_constant
+from atpid_control.views.report.picture import LIGHT
 from atpid_sim.figure_numbers import metadata_of
 from atpid_sim.maps import HeightMap
 from atpid_sim.maps.identity import identity_of
@@ -24,8 +23,8 @@ from atpid_sim.scene.yaml12 import write_yaml
 SCENE, MAP, NUMBERS, PAGE, PICTURE = "scene.yaml", "heights.npz", "design.json", "design.html", "design.png"
 #: A stage lasts so many time constants of the closed damper, and at least so many periods.
 _SETTLED, _PERIODS = 7.0, 40.0
-#: Least samples a period of the laser; largest noise [m], and as a share of the least amplitude.
-_SAMPLES, _NOISE, _NOISE_SHARE = 40.0, 2e-5, 5e-3
+#: Least samples a period of the laser; its noise [m], the stand's.
+_SAMPLES, _NOISE = 40.0, 2e-5
 
 
 def write(made: Design, folder: Path) -> list[Path]:
@@ -64,11 +63,12 @@ def scene_text(made: Design) -> str:
     low, high = made.problem.amplitudes
     middle = made.points[len(made.points) // 2]
     return (
-        "# Made by `python -m atpid_control design`: the support goes to the least amplitude, the largest and\n"
+        "# Made by `atpid design`: the support goes to the least amplitude, the largest and\n"
         f"# {middle.amplitude:.3g} m. The ceiling follows {MAP}, the heights of the design.\n"
-        f"#   python -m atpid_control bench {SCENE} --out run\n"
-        f"#   python -m atpid_sim simulate {SCENE} --height {middle.height:.5g}\n"
-        f"# Promised from {low:g} to {high:g} m: {_percent(made.efficiency)} % less than with the damper closed.\n"
+        f"#   atpid bench {SCENE} --out run\n"
+        f"#   atpid simulate {SCENE} --height {middle.height:.5g}\n"
+        f"# Promised from {low:g} to {high:g} m: {_percent(made.efficiency)} % less than with the damper closed,\n"
+        f"# {_percent(made.reduction)} % less than without the damper.\n"
         f"{write_yaml(scene_mapping(made))}"
     )
 
@@ -84,8 +84,11 @@ def scene_mapping(made: Design) -> dict[str, Any]:
     middle = _digits(made.points[len(made.points) // 2].amplitude, 3)
     stages = _stages(problem, made, (low, high, middle))
     duration = stages[-1][0]
-    rate = 1e3 * math.ceil(_SAMPLES * made.resonance / 1e3)
+    rate = 1e3 * math.ceil(_SAMPLES * made.frequencies[1] / 1e3)
     mapping = mapping_of(problem, made.mass_fraction, [list(point) for point in stages])
+    if problem.excitation_frequency is not None:
+        first, last = problem.excitation_frequency
+        mapping["excitation"]["frequency"] = first if first == last else [[0.0, first], [duration, last]]
     return mapping | {
         "ceiling": {
             "closed": diameter,
@@ -96,7 +99,7 @@ def scene_mapping(made: Design) -> dict[str, Any]:
         },
         "duration": duration,
         "steady_window": [round(duration - 20.0 / made.resonance, 3), duration],
-        "sensors": {"laser": {"rate": rate, "noise": _digits(min(_NOISE, _NOISE_SHARE * low), 2)}},
+        "sensors": {"laser": {"rate": rate, "noise": _NOISE}},
         "seed": 1,
     }
 

@@ -10,16 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from atpid_control.design import trade
-from atpid_control.design.cases import corners
+from atpid_control.design import grain_choice
+from atpid_control.design.beside_tuned_mass import Comparison, compare
 from atpid_control.design.check import Check, drawn, widened
+from atpid_control.design.grain_choice import Candidate
 from atpid_control.design.limits import warnings_of
 from atpid_control.design.motor import Motor, motor
 from atpid_control.design.problem import Problem, resonance
-from atpid_control.design.promise import Point, Structures, answer, point
-from atpid_control.design.trade import Candidate
+from atpid_control.design.worst_case import Interval, Point, Structures, point, response_of
 from atpid_sim.outcome import NumericalFailure
+from atpid_sim.robust import corners
 from atpid_sim.simulation.batch import on_all_cores
+from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.simulation.simulate import finite
 from atpid_sim.system import Array
 
@@ -36,7 +38,7 @@ _TRIES = 3
 
 @dataclass(frozen=True)
 class Landscape:
-    """The beam's amplitude over the height, at one support amplitude."""
+    """The beam's amplitude over the height, at one support amplitude, where the given structure moves most."""
 
     amplitude: float  # of the support [m]
     heights: Array  # (n,) [m]
@@ -59,6 +61,7 @@ class Design:
     motor: Motor
     check: Check
     landscape: Landscape
+    tuned_mass: Comparison
     warnings: list[str]
     wall_s: float  # [s]
 
@@ -68,10 +71,26 @@ class Design:
         return min(p.efficiency.low for p in self.points), max(p.efficiency.high for p in self.points)
 
     @property
+    def reduction(self) -> tuple[float, float]:
+        """Least and largest promised reduction over all amplitudes [-]."""
+        return min(p.reduction.low for p in self.points), max(p.reduction.high for p in self.points)
+
+    @property
+    def frequencies(self) -> tuple[float, float]:
+        """Least and largest frequency of the excitation [Hz]."""
+        return self.problem.excitation_frequency or (self.resonance, self.resonance)
+
+    @property
     def heights(self) -> tuple[float, float]:
         """Least and largest height over all amplitudes [m]."""
         heights = [one.height for one in self.points]
         return min(heights), max(heights)
+
+    @property
+    def bare_resonance_amplitude(self) -> float:
+        """Amplitude at the largest of the support without the damper, at the resonance the structure then has [m]."""
+        p = self.problem
+        return bare_amplitude(1.0, 1.0, 2.0 * p.damping, p.amplitudes[1], 1.0 / (2.0 * math.pi))
 
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers and text by the names of the fields, SI; not finite: None."""
@@ -80,32 +99,45 @@ class Design:
         plain["points"] = [_named(one) for one in self.points]
         plain["beyond"] = [_named(one) for one in self.beyond]
         for one, own in zip(plain["candidates"], self.candidates, strict=True):
-            one["efficiency"] = own.efficiency._asdict()
+            one |= {name: getattr(own, name)._asdict() for name in ("efficiency", "reduction")}
+        plain["tuned_mass"] |= {
+            name: [row._asdict() for row in getattr(self.tuned_mass, name)] for name in ("rows", "over_frequency")
+        }
         landscape = plain["landscape"]
         plain["landscape"] = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in landscape.items()}
         plain["efficiency"] = dict(zip(("low", "high"), self.efficiency, strict=True))
+        plain["reduction"] = dict(zip(("low", "high"), self.reduction, strict=True))
+        for name in ("frequencies", "bare_resonance_amplitude"):
+            plain[name] = getattr(self, name)
         plain["heights"] = self.heights
         shown: dict[str, Any] = finite(plain)
         return shown
 
 
 def _named(one: Point) -> dict[str, Any]:
-    return {k: v._asdict() if hasattr(v, "_asdict") else v for k, v in vars(one).items()}
+    plain = {k: v._asdict() if hasattr(v, "_asdict") else v for k, v in vars(one).items()}
+    omega = 2.0 * math.pi * one.frequency
+    return plain | {
+        "beam_acceleration": {
+            name: omega**2 * value for name, value in one.beam_amplitude._asdict().items()
+        },  # [m/s^2]
+        "over_frequency": [tone._asdict() for tone in one.over_frequency],
+    }
 
 
 def steps_of(problem: Problem) -> int:
     """Return how many steps of progress a design takes, where the first grain meets the target."""
-    return _FOR_TRADE * len(trade.fractions(problem)) + (_AMPLITUDES + 2) + (_AMPLITUDES - 1) + _LANDSCAPE
+    return _FOR_TRADE * len(grain_choice.fractions(problem)) + (_AMPLITUDES + 2) + (_AMPLITUDES - 1) + _LANDSCAPE
 
 
 def design(problem: Problem, progress: Callable[[int], None] = lambda _: None) -> Design:
     """Return the design for a problem; `progress` is called with the number of steps done.
 
-    Raises NumericalFailure where no grain can be computed, and SceneError where a value cannot be.
+    Raises NumericalFailure where no grain can be computed, and SceneError for an invalid value.
     """
     begun, count = time.perf_counter(), _counted(progress)
     candidates = _candidates(problem, count)
-    structures, points, found = _chosen(problem, trade.preferred(problem, candidates), count)
+    structures, points, found = _chosen(problem, grain_choice.preferred(problem, candidates), count)
     fraction = structures.fraction
     drive = motor(problem, fraction, points)
     chosen = next(one for one in candidates if one.mass_fraction == fraction)
@@ -121,6 +153,7 @@ def design(problem: Problem, progress: Callable[[int], None] = lambda _: None) -
         motor=drive,
         check=found,
         landscape=_landscape(structures, points[len(points) // 2], count),
+        tuned_mass=compare(problem, fraction, points),
         warnings=warnings_of(problem, fraction, points, drive, found),
         wall_s=time.perf_counter() - begun,
     )
@@ -135,16 +168,17 @@ def _chosen(problem: Problem, order: Sequence[Candidate], count: Callable[[], No
 
     At most `_TRIES` are tried: the first ones and the last.
     """
-    target, made = problem.target_reduction or 0.0, list[Promised]()
+    made = list[Promised]()
     for one in [*order[: _TRIES - 1], *order[_TRIES - 1 :][-1:]]:
         made.append(promised(problem, one.mass_fraction, count))
-        if _least(made[-1]) >= target:
+        if grain_choice.meets(problem, _least(made[-1], "efficiency"), _least(made[-1], "reduction")):
             return made[-1]
-    return max(made, key=_least)
+    return max(made, key=lambda one: _least(one, problem.aim))
 
 
-def _least(made: Promised) -> float:
-    return min(one.efficiency.low for one in made[1])
+def _least(made: Promised, name: str) -> float:
+    intervals: list[Interval] = [getattr(one, name) for one in made[1]]
+    return min(one.low for one in intervals)
 
 
 def _counted(progress: Callable[[int], None]) -> Callable[[], None]:
@@ -159,14 +193,14 @@ def _counted(progress: Callable[[int], None]) -> Callable[[], None]:
 
 
 def _candidates(problem: Problem, count: Callable[[], None]) -> list[Candidate]:
-    structures = {fraction: Structures.of(problem, fraction) for fraction in trade.fractions(problem)}
+    structures = {fraction: Structures.of(problem, fraction) for fraction in grain_choice.fractions(problem)}
     amplitudes = [float(a) for a in np.geomspace(*problem.amplitudes, _FOR_TRADE)]
     jobs = [(fraction, amplitude) for fraction in structures for amplitude in amplitudes]
-    trials: dict[tuple[float, float], trade.Trial] = {}
-    for job, found in on_all_cores(lambda job: trade.trial(structures[job[0]], job[1]), jobs):
+    trials: dict[tuple[float, float], grain_choice.Trial] = {}
+    for job, found in on_all_cores(lambda job: grain_choice.trial(structures[job[0]], job[1]), jobs):
         trials[job] = found
         count()
-    return [trade.candidate(problem, [trials[fraction, amplitude] for amplitude in amplitudes])
+    return [grain_choice.candidate(problem, [trials[fraction, amplitude] for amplitude in amplitudes])
             for fraction in structures]  # fmt: skip
 
 
@@ -182,8 +216,8 @@ def promised(
     at = [low, *map(float, np.geomspace(low, high, amplitudes)[1:-1]), high]
     points = _in_order(lambda amplitude: point(structures, amplitude), at, count)
     places = range(amplitudes - 1)
-    answers = _in_order(lambda place: drawn(problem, fraction, points, place), places, count)
-    return structures, *widened(points, answers)
+    responses = _in_order(lambda place: drawn(problem, fraction, points, place), places, count)
+    return structures, *widened(points, responses)
 
 
 def _beyond(structures: Structures, count: Callable[[], None]) -> list[Point]:
@@ -208,16 +242,16 @@ def _in_order(work: Callable[[Any], Any], jobs: Sequence[Any], count: Callable[[
 
 
 def _landscape(structures: Structures, middle: Point, count: Callable[[], None]) -> Landscape:
-    damper = structures.given.damper
+    every = min(structures.at, key=lambda row: abs(row[0].damper.frequency - middle.frequency))
+    damper = every[0].damper
     clearance = middle.best_height - damper.diameter
     heights = [damper.diameter + clearance * float(share) for share in np.linspace(_FROM, _TO, _LANDSCAPE)]
 
     def left(height: float) -> list[float]:
-        every = (structures.given, *structures.corners)
         try:
-            return [1.0 - answer(one, middle.amplitude, height).efficiency for one in every]
+            return [1.0 - response_of(one, middle.amplitude, height).efficiency for one in every]
         except NumericalFailure:
-            return [math.nan] * (1 + len(corners()))
+            return [math.nan] * (1 + len(corners(8)))
 
     rows = np.array(_in_order(left, heights, count))
     return Landscape(middle.amplitude, np.array(heights), rows[:, 0], rows[:, 1:])

@@ -3,48 +3,61 @@
 
 import base64
 import io
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from html import escape
 from importlib.resources import files
 
 from atpid_control.design import motor
+from atpid_control.design.beside_tuned_mass import Row
 from atpid_control.design.make import Design
 from atpid_control.design.picture import draw
-from atpid_control.design.problem import Uncertainty
-from atpid_control.report.picture import DARK, LIGHT, Palette
+from atpid_control.design.problem import STANDARD_GRAVITY, Uncertainty
+from atpid_control.design.sketch import sketch
+from atpid_control.design.worst_case import Interval, Point
+from atpid_control.views.report.picture import DARK, LIGHT, Palette
 
 
 def page(made: Design) -> str:
     """Return the whole page."""
     colours = f":root{{{_colours(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{_colours(DARK)}}}}}\n"
-    css = files("atpid_control.report").joinpath("data", "page.css").read_text(encoding="utf-8")
+    css = files("atpid_control.views.report").joinpath("data", "page.css").read_text(encoding="utf-8")
     title = escape(headline(made))
-    parts = (_header, _tiles, _warnings, _picture, _promise, _grains, _motor, _assumed, _next)
+    parts = (_header, _tiles, _warnings, _picture, _promise, _grains, _motor, _tuned_mass, _assumed, _next)
     return "\n".join([
         "<!doctype html>",
         f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<style>{colours}{css}img {{ width: 100%; height: auto; }}</style></head><body><main>",
         *(part(made) for part in parts),
-        f"<footer>Made by <code>python -m atpid_control design</code> in {made.wall_s:.0f} s. All numbers are in "
+        f"<footer>Made by <code>atpid design</code> in {made.wall_s:.0f} s. All numbers are in "
         "design.json. The rules and their limits: docs/design.md.</footer></main></body></html>\n",
     ])  # fmt: skip
 
 
 def headline(made: Design) -> str:
-    """Return the result in one sentence."""
-    low, high = (100.0 * value for value in made.efficiency)
-    first, last = (1e3 * value for value in made.problem.amplitudes)
-    if low <= 0.0:
-        return (
-            f"No reduction can be promised for this structure, support ±{first:.3g} to ±{last:.3g} mm: "
-            f"{low:.0f} to {high:.0f} % with a grain of {mass(made.grain_mass)}"
-        )
+    """Return the result in one sentence: what is left, then by how much less that is than today's."""
+    last = made.points[-1]
+    left = f"±{1e3 * last.beam_amplitude.high:.3g} mm, {acceleration(last, last.beam_amplitude.high):.2g} g"
+    today = f"today ±{1e3 * max(tone.bare for tone in last.over_frequency):.3g} mm"
+    low, high, *others = (100.0 * value for value in (*made.reduction, *made.efficiency))
     return (
-        f"A grain of {mass(made.grain_mass)} takes {low:.0f} to {high:.0f} % off the resonance of this structure, "
-        f"support ±{first:.3g} to ±{last:.3g} mm"
+        f"With a grain of {mass(made.grain_mass)} the structure moves by at most {left}, {today}, at a support of "
+        f"±{1e3 * last.amplitude:.3g} mm and {tone(made)}; reduction {low:.0f} to {high:.0f} %, efficiency "
+        f"{others[0]:.0f} to {others[1]:.0f} % over all amplitudes"
     )
+
+
+def tone(made: Design) -> str:
+    """Return the excitation's frequency in words."""
+    low, high = made.frequencies
+    return f"{low:.4g} Hz" if low == high else f"{low:.4g} to {high:.4g} Hz"
+
+
+def acceleration(one: Point, amplitude: float) -> float:
+    """Return the acceleration [g] of an amplitude [m] at a point's frequency."""
+    return (2.0 * math.pi * one.frequency) ** 2 * amplitude / STANDARD_GRAVITY
 
 
 def mass(value: float) -> str:
@@ -59,25 +72,38 @@ def _colours(palette: Palette) -> str:
 def _header(made: Design) -> str:
     p = made.problem
     given = f"{p.mass:g} kg · {p.frequency:g} Hz · damping ratio {p.damping:g} of the beam alone"
+    moves = f"The grain moves the resonance from {p.frequency:.2f} to {made.resonance:.2f} Hz (damper closed). "
+    if p.excitation_frequency is None:
+        stated = (
+            f"All of this is for an excitation at {made.resonance:.2f} Hz, the resonance with the closed damper. "
+            f"Today's structure has its own at {p.frequency:.2f} Hz, where it would move by "
+            f"±{1e3 * made.bare_resonance_amplitude:.3g} mm, and moves less here: for a machine that runs at a "
+            "frequency of its own, state it by --excitation-frequency."
+        )
+    else:
+        stated = f"All of this is for an excitation at {tone(made)}, at the worst of the frequencies."
     return (
         f'<header><p class="eyebrow">{escape(given)}</p><h1>{escape(headline(made))}</h1>'
-        "<p>The <b>efficiency</b> is the reduction of the structure's amplitude against the same structure under the "
-        'same excitation with a <b class="given">closed damper</b>. The interval is what all structures within the '
-        f"stated uncertainties show, {sum(one.structures for one in made.points)} runs at {len(made.points)} "
-        f"amplitudes; {made.check.structures} structures drawn anew between those amplitudes checked it.</p></header>"
+        f"<p>{escape(moves + stated)}</p><p>The <b>reduction</b> is against the structure of today, without the damper "
+        "but with its container, and the <b>efficiency</b> against the same structure with a "
+        '<b class="given">closed damper</b>, both at the same excitation. The intervals are what all structures within '
+        f"the stated uncertainties show, {sum(one.structures for one in made.points)} runs at {len(made.points)} "
+        f"amplitudes; {made.check.structures} structures drawn anew between those amplitudes checked them.</p></header>"
     )
 
 
 def _tiles(made: Design) -> str:
     low, high = made.heights
-    drive = made.motor
+    drive, last = made.motor, made.points[-1]
     shown = (
-        (f"{100 * made.efficiency[0]:.0f} %", "reduction, at least", f"at most {100 * made.efficiency[1]:.0f} %"),
+        (f"±{1e3 * last.beam_amplitude.high:.3g} mm", "structure, at most",
+         f"{acceleration(last, last.beam_amplitude.high):.2g} g at ±{1e3 * last.amplitude:.3g} mm"),
+        (f"{100 * made.reduction[0]:.0f} %", "reduction, at least",
+         f"at most {100 * made.reduction[1]:.0f} %; efficiency at least {100 * made.efficiency[0]:.0f} %"),
         (mass(made.grain_mass), f"grain, {100 * made.mass_fraction:.3g} % of all", f"⌀ {2e3 * made.radius:.1f} mm"),
         (f"{1e3 * low:.0f}–{1e3 * high:.0f} mm", "heights of the ceiling", f"closed: {2e3 * made.radius:.1f} mm"),
         (f"{1e3 * drive.speed:.3g} mm/s", "speed of the ceiling", f"{1e3 * drive.travel:.0f} mm of travel"),
-        (f"{drive.force:.4g} N", "largest force on the ceiling",
-         f"{drive.torque:.3g} N m at a lever of {1e3 * drive.lever:g} mm"),
+        (f"{drive.force:.4g} N", "largest force on the ceiling", f"on the floor {drive.floor_force:.4g} N"),
     )  # fmt: skip
     tiles = "".join(
         f'<div class="tile"><div class="big">{big}</div><div class="what">{what}</div>'
@@ -100,7 +126,8 @@ def _picture(made: Design) -> str:
     light, dark = (_embedded(made, palette) for palette in (LIGHT, DARK))
     return (
         f'<figure><picture><source media="(prefers-color-scheme: dark)" srcset="{dark}">'
-        f'<img src="{light}" alt="Grain, reduction, heights, cliff, amplitude and force"></picture></figure>'
+        f'<img src="{light}" alt="Amplitude, reduction, grain, efficiency, heights, cliff, force, a tuned mass">'
+        "</picture></figure>"
     )
 
 
@@ -110,10 +137,14 @@ def _embedded(made: Design, palette: Palette) -> str:
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _table(name: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     head = "".join(f"<th>{escape(text)}</th>" for text in heads)
     body = "".join(f"<tr>{_cells(heads, row)}</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    # a region that scrolls sideways is reached by the keyboard too
+    return (
+        f'<div class="scroll" role="region" tabindex="0" aria-label="{escape(name)}"><table><thead><tr>{head}</tr>'
+        f"</thead><tbody>{body}</tbody></table></div>"
+    )
 
 
 def _cells(heads: Sequence[str], row: Sequence[str]) -> str:
@@ -122,30 +153,35 @@ def _cells(heads: Sequence[str], row: Sequence[str]) -> str:
 
 
 def _promise(made: Design) -> str:
-    heads = ("support", "height", "efficiency", "expected", "structure", "force on the ceiling", "h' φ/A", "X/A",
-             "overlap/r", "ω²X₀/g")  # fmt: skip
+    heads = ("support [mm]", "height [mm]", "structure [mm]", "acceleration [g]", "today [mm]", "reduction [%]",
+             "efficiency [%]", "force, ceiling [N]", "force, floor [N]", "overlap / r")  # fmt: skip
     rows = [
         (
-            f"±{1e3 * one.amplitude:.3g} mm", f"{1e3 * one.height:.1f} mm",
-            f"{100 * one.efficiency.low:.1f}–{100 * one.efficiency.high:.1f} %",
-            f"{100 * one.efficiency.expected:.1f} %",
-            f"±{1e3 * one.beam_amplitude.low:.3g}–{1e3 * one.beam_amplitude.high:.3g} mm",
-            f"{one.ceiling_force.low:.3g}–{one.ceiling_force.high:.3g} N",
-            f"{one.clearance * made.mass_fraction / one.amplitude:.2f}",
-            f"{one.beam_amplitude.expected / one.amplitude:.2f}", f"{one.overlap:.3f}", f"{one.acceleration:.3g}",
+            f"±{1e3 * one.amplitude:.3g}", f"{1e3 * one.height:.1f}", span(one.beam_amplitude, 1e3, ".3g"),
+            span(one.beam_amplitude, acceleration(one, 1.0), ".2g"), span(one.bare_amplitude, 1e3, ".3g"),
+            span(one.reduction, 100.0, ".1f"), span(one.efficiency, 100.0, ".1f"),
+            span(one.ceiling_force, 1.0, ".3g"), f"{one.floor_force:.3g}", f"{one.overlap:.3f}",
         )
         for one in made.points
     ]  # fmt: skip
     note = (
-        "The last four columns have no dimension: clearance times mass fraction over the support's amplitude, "
-        "amplitude of the structure over that of the support, deepest overlap over the grain's radius, acceleration "
-        "of the closed damper over gravity."
+        "Each: what is expected of the given structure, in brackets the least and the largest of all cases. Structure: "
+        "its amplitude and acceleration with the damper; today: its amplitude without. Force on the floor: largest. "
+        "Overlap / r: how deep the grain is pressed into a wall, over its radius; Hertz's law is for up to 0.1."
     )
-    return f'<h2>Over the amplitudes</h2>{_table(heads, rows)}<p class="note">{note}</p>'
+    shown = _table("Over the amplitudes", heads, rows)
+    return f'<h2>Over the amplitudes</h2>{shown}<p class="note">{note}</p>'
+
+
+def span(one: Interval, scale: float, form: str) -> str:
+    """Return an interval in words, multiplied by a scale."""
+    expected, low, high = (f"{scale * value:{form}}" for value in one)
+    return f"{expected} ({low} to {high})"
 
 
 def _grains(made: Design) -> str:
-    heads = ("grain", "share", "diameter", "efficiency", "least expected", "heights", "force on the ceiling", "")
+    heads = ("grain", "share", "diameter", "reduction [%]", "efficiency [%]", "heights", "force on the ceiling",
+             "remark")  # fmt: skip
     rows = []
     for one in made.candidates:
         about = mass(one.grain_mass), f"{100 * one.mass_fraction:.3g} %", f"{2e3 * one.radius:.1f} mm"
@@ -153,31 +189,97 @@ def _grains(made: Design) -> str:
         if one.failure:
             rows.append((*about, "–", "–", "–", "–", one.failure))
             continue
-        spread = f"{100 * one.efficiency.low:.1f}–{100 * one.efficiency.high:.1f} %"
         heights = f"{1e3 * one.heights[0]:.0f}–{1e3 * one.heights[1]:.0f} mm"
         rows.append(
-            (*about, spread, f"{100 * one.efficiency.expected:.1f} %", heights, f"{one.ceiling_force:.3g} N", mark)
-        )
+            (*about, span(one.reduction, 100.0, ".1f"), span(one.efficiency, 100.0, ".1f"), heights,
+             f"{one.ceiling_force:.3g} N", mark)
+        )  # fmt: skip
     return (
-        f"<h2>The choice of the grain</h2>{_table(heads, rows)}"
-        '<p class="note">Over three amplitudes and the corners of the box of uncertainties; the promise of the chosen '
-        "grain is over more of both. Force: of the given structure.</p>"
+        f"<h2>The choice of the grain</h2>{_table('The choice of the grain', heads, rows)}"
+        '<p class="note">The least expected, in brackets least and largest, over three amplitudes and the corners of '
+        "the box of uncertainties; the rule of the choice: docs/design.md. The promise of the chosen grain is over "
+        "more of both. Force: of the given structure.</p>"
     )
 
 
 def _motor(made: Design) -> str:
     drive = made.motor
+    given = made.problem.yield_strength
+    bears = "" if given is None else f"; given {1e-6 * given:.4g} MPa"
     facts = {
-        "speed": f"{drive.speed:.4g} m/s: over the whole range of amplitudes, or from closed, within the time "
+        "speed": f"{1e3 * drive.speed:.4g} mm/s: over the whole range of amplitudes, or from closed, within the time "
         f"constant of the closed damper, {drive.time_constant:.3g} s",
-        "travel": f"{drive.travel:.4g} m over the amplitudes",
-        "force": f"{drive.force:.4g} N: largest contact force on the ceiling over the corners, from the contact law",
-        "torque": f"{drive.torque:.4g} N m at a lever of {drive.lever:g} m, in proportion to it",
-        "impacts": f"{drive.impact_rate:.4g} a second, {drive.impulse:.3g} N s each, "
-        f"{drive.mean_force:.3g} N on average",
+        "travel": f"{1e3 * drive.travel:.4g} mm over the amplitudes, {drive.travel_time:.3g} s at that speed; duty: "
+        "that long after each change of the excitation over its whole range, else it stands",
+        "position": f"an error of {1e3 * drive.height_error:.2g} mm costs two points of reduction at the most "
+        f"sensitive amplitude; within the promise: {1e3 * made.problem.uncertainty.height:g} mm",
+        "screw and gear": f"lead {1e3 * drive.lead:g} mm, and {drive.gear:.3g} turns of a motor with "
+        f"{drive.motor_speed:g} 1/min for one of the screw",
+        "torque on the screw": f"{drive.screw_torque:.3g} N m, {drive.screw_torque / drive.gear:.2g} N m at the motor, "
+        f"against the mean force of the impacts, a screw with {100 * motor.SCREW_EFFICIENCY:.0f} % efficiency, which "
+        "does not move back",
+        "power": f"{drive.power:.3g} W; each kg of ceiling adds {9.81 * drive.speed / motor.SCREW_EFFICIENCY:.2g} W",
+        "held at rest": f"{drive.force:.4g} N by screw and bearings at each impact, on average "
+        f"{drive.mean_force:.3g} N",
+        "force on the ceiling": f"{drive.force:.4g} N: largest contact force over the corners, from the contact law",
+        "force on the floor": f"{drive.floor_force:.4g} N, likewise",
+        "torque of a lever": f"{drive.torque:.4g} N m at {1e3 * drive.lever:g} mm, where a lever and not a screw holds "
+        "the ceiling, in proportion to it",
+        "impacts": f"{drive.impact_rate:.4g} a second, {drive.impact_rate * 86400:.2g} a day: more than 10 million "
+        f"within {1e7 / max(drive.impacts_a_day, 1e-9):.2g} days, so take fatigue strength for all that bears them; "
+        f"{drive.impulse:.3g} N s each",
+        "contact": f"peak pressure {1e-6 * drive.pressure:.4g} MPa under the largest force (Hertz); yield begins below "
+        f"the surface at {motor.YIELD_BEGINS:g} times the yield strength (Johnson 1985), so from "
+        f"{1e-6 * drive.yield_strength:.4g} MPa on nothing yields{bears}",
+        "noise": "not estimated: what an impact radiates is decided by the ringing of container and structure, which "
+        "nothing here describes; measure it",
         "speed over that of impacts": f"{drive.speed_ratio:.2g}, allowed {motor.FAST:g}",
     }
-    return f"<h2>The motor</h2><dl>{_facts(facts)}</dl>"
+    return f"<h2>Motor and container</h2><figure>{sketch(made)}</figure><dl>{_facts(facts)}</dl>"
+
+
+def _tuned_mass(made: Design) -> str:
+    one = made.tuned_mass
+    heads = ("state", "support [mm]", "excitation [Hz]", "today [mm]", "this damper [mm]", "tuned mass [mm]",
+             "reduction by this damper [%]", "by the tuned mass [%]")  # fmt: skip
+    rows = [
+        (
+            row.state, f"±{1e3 * row.amplitude:.3g}", f"{row.frequency:.4g}", f"±{1e3 * row.bare:.3g}",
+            f"±{1e3 * row.damper:.3g}", f"±{1e3 * row.tuned:.3g}",
+            *(f"{100 * value:.1f}" for value in row.reductions),
+        )
+        for row in one.rows
+    ]  # fmt: skip
+    band = (
+        "at any frequency"
+        if made.problem.excitation_frequency is None
+        else "from {:.4g} to {:.4g} Hz".format(*one.band)
+    )
+    return (
+        f"<h2>Beside a tuned mass</h2><p>{escape(verdict(one.rows))}</p>"
+        f"{_table('Beside a tuned mass', heads, rows)}"
+        f'<p class="note">A mass of {mass(one.mass)} on a spring of its own, {one.frequency:.4g} Hz, damping ratio '
+        f"{one.damping_ratio:.3g} ({one.damping:.3g} N s/m), the best {band}; it swings by ±{1e3 * one.stroke:.3g} mm "
+        "against the structure at the largest amplitude. It is ideal: linear, its spring without mass. In other "
+        "states nothing is designed anew: spring and damper stay, and the ceiling at the designed height.</p>"
+    )
+
+
+def verdict(rows: Sequence[Row]) -> str:
+    """Return which of both damps better, as designed and where a frequency has changed, and what else differs."""
+    last = rows[2]
+    better = [row.state for row in rows if row.damper < row.tuned]
+    where = f"This damper moves less at: {', '.join(better)}" if better else "It does so in every state here"
+    best = (
+        "it damps a structure that stays as it is better, at every amplitude alike: where it can be built, build it. "
+    )
+    return (
+        f"A tuned mass of the same weight leaves ±{1e3 * last.tuned:.3g} mm at the largest amplitude, this damper "
+        f"±{1e3 * last.damper:.3g} mm; {best if not any(row.damper < row.tuned for row in rows[:3]) else ''}{where}. "
+        "What this damper has and a tuned mass has not: no frequency of its own to tune or to drift, a ceiling that "
+        "follows what is measured, no spring that carries the stroke. What it has not: any effect at amplitudes that "
+        "do not throw the grain; it strikes, and it needs a motor."
+    )
 
 
 def _facts(facts: dict[str, str]) -> str:
@@ -187,7 +289,13 @@ def _facts(facts: dict[str, str]) -> str:
 def _assumed(made: Design) -> str:
     p = made.problem
     facts = {
-        "excitation": f"a tone at resonance, {made.resonance:.4g} Hz with the chosen grain; gravity {p.gravity:g} m/s²",
+        "excitation": f"a tone at {tone(made)}"
+        + (", the resonance of each structure with the closed damper" if p.excitation_frequency is None else ""),
+        "gravity": f"{p.gravity:g} m/s² along the motion"
+        if p.gravity > 0.0
+        else "none along the motion, which is "
+        "horizontal: floor and ceiling are the two end walls, height the distance between them; that the grain then "
+        "lies on a side wall, slides and rolls there (7/5 of its inertia), is left out",
         "contact": f"Tsuji's law, restitution {p.restitution:g}, Young's modulus {p.young_modulus:.3g} Pa",
         "grain": f"a sphere of {p.density:g} kg/m³",
     }
@@ -201,6 +309,6 @@ def _assumed(made: Design) -> str:
 def _next(made: Design) -> str:
     middle = made.points[len(made.points) // 2]
     return (
-        "<h2>To go on</h2><pre>python -m atpid_control bench scene.yaml --out run\n"
-        f"python -m atpid_sim simulate scene.yaml --height {middle.height:.5g}</pre>"
+        '<h2>To go on</h2><pre tabindex="0">atpid bench scene.yaml --out run\n'
+        f"atpid simulate scene.yaml --height {middle.height:.5g}</pre>"
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of a design: six panels from the choice of the grain to the force on the ceiling."""
+"""The picture of a design: eight panels from the choice of the grain to a tuned mass of the same weight."""
 
 from typing import Any
 
@@ -9,15 +9,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from atpid_control.design.make import Design
-from atpid_control.report.picture import Palette, style
+from atpid_control.views.report.picture import Palette, style
 
 
 def draw(made: Design, palette: Palette) -> Figure:
     """Draw a design in the colours of a palette."""
     with matplotlib.rc_context(style(palette)):
-        figure = Figure(figsize=(11.0, 10.4), layout="constrained")
-        panels = figure.subplots(3, 2).flat
-        drawers = (_grains, _efficiency, _heights, _cliff, _beam, _force)
+        figure = Figure(figsize=(11.0, 15.0), layout="constrained")
+        panels = figure.subplots(4, 2).flat
+        drawers = (_beam, _reduction, _grains, _efficiency, _heights, _cliff, _force, _tuned_mass)
         for axes, drawer in zip(panels, drawers, strict=True):
             drawer(axes, made, palette)
     return figure
@@ -28,9 +28,9 @@ def _title(axes: Any, text: str, x: str, y: str) -> None:
     axes.set(xlabel=x, ylabel=y)
 
 
-def _legend(axes: Any, where: str) -> None:
-    paper = axes.get_facecolor()
-    axes.legend(fontsize=8, loc=where, facecolor=paper, edgecolor=paper, framealpha=0.9)
+def _legend(axes: Any) -> None:
+    """Draw the legend below the axes, where it hides no curve."""
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
 
 
 def _band(
@@ -50,18 +50,20 @@ def _millimetres(made: Design) -> Any:
 def _grains(axes: Any, made: Design, palette: Palette) -> None:
     sound = [one for one in made.candidates if not one.failure]
     x = np.array([1e3 * one.grain_mass for one in sound])
-    expected, low, high = 100.0 * np.array([one.efficiency for one in sound]).T
+    aim = made.problem.aim
+    expected, low, high = 100.0 * np.array([getattr(one, aim) for one in sound]).T
     unit, scale = ("kg", 1e-3) if x.max() > 1e3 else ("g", 1.0)
     axes.vlines(scale * x, low, high, color=palette.soft, lw=6.0)
     axes.plot(scale * x, low, color=palette.own, lw=1.2, label="least, over amplitudes and corners")
     axes.plot(scale * x, expected, "o", color=palette.own, ms=4.0, label="least expected")
     axes.axvline(1e3 * scale * made.grain_mass, color=palette.accent, lw=1.2, label=f"chosen: {_mass(made)}")
-    if made.problem.target_reduction is not None:
-        axes.axhline(100.0 * made.problem.target_reduction, color=palette.accent, ls="--", lw=1.0, label="target")
-    _title(axes, "The grain: what each mass keeps", f"mass of the grain [{unit}]", "efficiency [%]")
-    axes.set_ylim(min(low.min(), 100.0 * made.efficiency[0]) - 3.0, 100.0)
+    target = getattr(made.problem, f"target_{aim}")
+    if target is not None:
+        axes.axhline(100.0 * target, color=palette.accent, ls="--", lw=1.0, label="target")
+    _title(axes, "The grain: what each mass keeps", f"mass of the grain [{unit}]", f"{aim} [%]")
+    axes.set_ylim(min(low.min(), 100.0 * getattr(made, aim)[0], 0.0) - 3.0, 100.0)
     axes.set_xlim(0.0, None)
-    _legend(axes, "lower right")
+    _legend(axes)
 
 
 def _mass(made: Design) -> str:
@@ -73,8 +75,22 @@ def _efficiency(axes: Any, made: Design, palette: Palette) -> None:
     _band(axes, _millimetres(made), [p.efficiency for p in made.points], palette, 100.0, "expected")
     bare = [100.0 * p.best_efficiency for p in made.points]
     axes.plot(_millimetres(made), bare, color=palette.given, lw=1.2, ls="--", label="bare optimum")
-    _title(axes, "Reduction at the design height", "support amplitude [mm]", "efficiency [%]")
-    _legend(axes, "lower right")
+    _title(axes, "Efficiency: against the closed damper", "support amplitude [mm]", "efficiency [%]")
+    _from_zero(axes)
+    _legend(axes)
+
+
+def _reduction(axes: Any, made: Design, palette: Palette) -> None:
+    _band(axes, _millimetres(made), [p.reduction for p in made.points], palette, 100.0, "expected")
+    axes.axhline(0.0, color=palette.accent, lw=1.2, label="as without the damper; below: worse")
+    _title(axes, "Reduction: against the structure of today", "support amplitude [mm]", "reduction [%]")
+    _from_zero(axes)
+    _legend(axes)
+
+
+def _from_zero(axes: Any) -> None:
+    """Let an axis in per cent include 0 and 100."""
+    axes.set_ylim(min(axes.get_ylim()[0], 0.0), 102.0)
 
 
 def _heights(axes: Any, made: Design, palette: Palette) -> None:
@@ -85,7 +101,7 @@ def _heights(axes: Any, made: Design, palette: Palette) -> None:
     axes.axhline(2e3 * made.radius, color=palette.given, lw=1.2, label="closed: the grain's diameter")
     _title(axes, "Height of the ceiling", "support amplitude [mm]", "mm")
     axes.set_ylim(0.0, None)
-    _legend(axes, "lower right")
+    _legend(axes)
 
 
 def _cliff(axes: Any, made: Design, palette: Palette) -> None:
@@ -96,22 +112,28 @@ def _cliff(axes: Any, made: Design, palette: Palette) -> None:
     axes.plot(heights, 100.0 * found.given, color=palette.own, lw=1.8, label="given structure")
     (point,) = [one for one in made.points if one.amplitude == found.amplitude]
     axes.axvline(1e3 * point.height, color=palette.accent, lw=1.2, label=f"design: {1e3 * point.height:.1f} mm")
-    title = f"What is left over the height, at {1e3 * found.amplitude:.3g} mm"
-    _title(axes, title, "height of the ceiling [mm]", "beam's amplitude over closed damper's [%]")
+    title = f"Amplitude over the height, at a support of ±{1e3 * found.amplitude:.3g} mm"
+    _title(axes, title, "height of the ceiling [mm]", "% of the closed damper's")
     axes.set_ylim(0.0, min(100.0, 125.0 * float(np.nanmax(found.cases))))
-    _legend(axes, "upper right")
+    _legend(axes)
 
 
 def _beam(axes: Any, made: Design, palette: Palette) -> None:
     x = _millimetres(made)
     axes.plot(x, [1e3 * p.closed_amplitude for p in made.points], color=palette.given_text, lw=1.4,
               label="damper closed")  # fmt: skip
+    axes.plot(x, [1e3 * p.bare_amplitude.expected for p in made.points], color=palette.accent, lw=1.4,
+              label="today, without the damper")  # fmt: skip
     _band(axes, x, [p.beam_amplitude for p in made.points], palette, 1e3, "with the damper")
-    _title(axes, "Amplitude of the structure", "support amplitude [mm]", "mm")
+    _title(axes, "Amplitude of the structure", "support amplitude [mm]", "mm, logarithmic")
+    _logarithmic(axes)
+    _legend(axes)
+
+
+def _logarithmic(axes: Any) -> None:
     axes.set_yscale("log")
     for formatted in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         formatted(FuncFormatter(_one_two_five))
-    _legend(axes, "upper left")
 
 
 def _one_two_five(value: float, _: int) -> str:
@@ -124,4 +146,20 @@ def _force(axes: Any, made: Design, palette: Palette) -> None:
     axes.axhline(made.motor.force, color=palette.accent, lw=1.2, label=f"the ceiling bears {made.motor.force:.4g} N")
     _title(axes, "Largest contact force on the ceiling", "support amplitude [mm]", "N")
     axes.set_ylim(0.0, None)
-    _legend(axes, "lower right")
+    _legend(axes)
+
+
+def _tuned_mass(axes: Any, made: Design, palette: Palette) -> None:
+    rows = made.tuned_mass.over_frequency
+    x = [one.frequency for one in rows]
+    for name, colour, style_, words in (
+        ("bare", palette.accent, "-", "today, without a damper"), ("closed", palette.given_text, "-", "damper closed"),
+        ("damper", palette.own, "-", "this damper, height held"), ("tuned", palette.ink, "--", "tuned mass"),
+    ):  # fmt: skip
+        axes.plot(x, [1e3 * getattr(one, name) for one in rows], color=colour, ls=style_, lw=1.6, label=words)
+    for at in dict.fromkeys(made.frequencies):
+        axes.axvline(at, color=palette.given, lw=0.8)
+    title = f"Beside a tuned mass, at a support of ±{1e3 * rows[0].amplitude:.3g} mm"
+    _title(axes, title, "frequency of the excitation [Hz]", "mm, logarithmic")
+    _logarithmic(axes)
+    _legend(axes)

@@ -1,29 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a design is made for: structure, amplitudes, contact, aim and uncertainties; and its scenes."""
+"""What a design is made for: structure, amplitudes, contact, aim, uncertainties; and the structures within these."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from atpid_common.errors import InputError
 from atpid_sim.contact.linear import damping_ratio_for
 from atpid_sim.fields import Block, Fraction, Hertz, Length, Mass, Modulus, Number, Words, impossible, within
+from atpid_sim.kernel_inputs import Contact, contact_of
+from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.scene.explain import explained
+from atpid_sim.simulation.quantities import bare_amplitude
+from atpid_sim.system import Array
 
 #: Poisson's ratio of grain and walls: the thesis's. The contact stiffness changes by 7 % from 0.2 to 0.3.
 POISSON = 0.2
+#: Accelerations are shown over this [m/s^2], whatever the gravity along the motion.
+STANDARD_GRAVITY = 9.80665
 #: Radii are rounded up to this [m].
 _RADIUS_STEP = 1e-4
 #: Range of the restitution, with its uncertainty [-].
 _LEAST_RESTITUTION, _MOST_RESTITUTION = 0.01, 0.99
 #: Tolerance of the scene: relative error of the amplitude [-].
 _TOLERANCE = 1e-6
+#: Relative tolerance of the runs: 0.2 % of an amplitude is resolved.
+RTOL = 1e-5
+
+#: Frequencies of a range that a design is made at: so far apart, relative, and at most so many. The box of the natural
+#: frequency fills in what lies between them.
+_APART, _MOST_FREQUENCIES = 0.03, 6
+#: Frequencies of the excitation over the natural one for which heights are selected [-].
+_LOWEST, _HIGHEST = 0.5, 2.0
 
 Share = Annotated[Number, within(0.0, 0.5, hint="a share: 10 % is 0.1")]
+SupportAmplitude = Annotated[Number, within(1e-6, 1.0, hint="in metres: 1 mm is 0.001")]
+Target = Annotated[Number, within(0.01, 0.99, hint="a share: 80 % is 0.8")] | None
 
 
 class DesignError(InputError):
@@ -34,15 +52,17 @@ class Uncertainty(Block):
     """How far each quantity may lie from its value, to either side; relative but for the height."""
 
     mass: Share = Field(default=0.02, description="mass of the beam [-]")
-    frequency: Share = Field(default=0.02, description="natural frequency; the excitation stays at resonance [-]")
+    frequency: Share = Field(default=0.02, description="natural frequency [-]")
     damping: Share = Field(default=0.1, description="damping ratio of the beam [-]")
     restitution: Share = Field(default=0.2, description="restitution [-]")
     young_modulus: Share = Field(default=0.2, description="Young's modulus of grain and walls [-]")
     detuning: Annotated[Number, within(0.0, 0.03)] = Field(
-        default=0.005, description="distance of the excitation from resonance [-]"
+        default=0.005, description="distance of the excitation from its frequency [-]"
     )
     amplitude: Share = Field(default=0.01, description="identified support amplitude [-]")
-    height: Annotated[Number, within(0.0, 0.1)] = Field(default=5e-4, description="position of the ceiling [m]")
+    height: Annotated[Number, within(0.0, 0.1, hint="in metres: 0.5 mm is 0.0005")] = Field(
+        default=5e-4, description="position of the ceiling [m]"
+    )
 
 
 class Deviation(NamedTuple):
@@ -66,8 +86,15 @@ class Problem(Block):
 
     mass: Mass = Field(description="reduced mass of beam and container, without the grain [kg]")
     frequency: Hertz = Field(description="natural frequency of the beam without the grain [Hz]")
-    damping: Annotated[Number, within(5e-4, 0.2)] = Field(description="damping ratio of the beam alone [-]")
-    amplitudes: tuple[Length, Length] = Field(description="least and largest support amplitude [m]")
+    damping: Annotated[Number, within(5e-4, 0.2, hint="a ratio: 0.8 % is 0.008")] = Field(
+        description="damping ratio of the beam alone [-]"
+    )
+    amplitudes: tuple[SupportAmplitude, SupportAmplitude] = Field(description="least and largest support amplitude [m]")
+    excitation_frequency: tuple[Hertz, Hertz] | None = Field(
+        default=None,
+        description="frequency of the excitation, or the range in which it drifts [Hz]; default: the resonance of the "
+        "structure with the closed damper",
+    )
     restitution: Annotated[Number, within(_LEAST_RESTITUTION, 0.95)] = Field(
         default=0.15, description="rebound speed over approach speed, grain and walls [-]"
     )
@@ -80,10 +107,15 @@ class Problem(Block):
         default=0.3, description="largest grain mass over the mass of beam and grain [-]"
     )
     max_height: Length = Field(default=3.0, description="largest height of the ceiling [m]")
-    target_reduction: Annotated[Number, within(0.01, 0.99, hint="a share: 80 % is 0.8")] | None = Field(
-        default=None, description="efficiency to be kept at every amplitude [-]; default: what the best grain keeps"
+    target_efficiency: Target = Field(
+        default=None, description="least efficiency, against the closed damper, at every amplitude [-]"
+    )
+    target_reduction: Target = Field(
+        default=None, description="least reduction, against the structure without the damper, at every amplitude [-]"
     )
     lever: Length = Field(default=0.01, description="lever arm of the motor's drive [m]")
+    motor_speed: Annotated[Number, within(1.0, 1e5)] = Field(default=3000.0, description="of the motor [1/min]")
+    yield_strength: Modulus | None = Field(default=None, description="of the softer of grain and walls [Pa]")
     uncertainty: Uncertainty = Uncertainty()
 
     @model_validator(mode="after")
@@ -91,7 +123,33 @@ class Problem(Block):
         if not self.amplitudes[0] < self.amplitudes[1]:
             given = Words("{:g}:{:g}".format(*self.amplitudes))
             raise impossible("amplitudes", given, "LO:HI, two rising amplitudes in metres, such as 0.001:0.004")
+        if self.excitation_frequency is not None:
+            low, high = self.excitation_frequency
+            least, most = _LOWEST * self.frequency, _HIGHEST * self.frequency
+            if not least <= low <= high <= most:
+                given = Words(f"{low:g}:{high:g}" if low != high else f"{low:g}")
+                raise impossible(
+                    "excitation_frequency", given,
+                    f"HZ, or LO:HI with LO below HI, from {least:g} to {most:g} Hz, half to twice --frequency",
+                )  # fmt: skip
         return self
+
+    @property
+    def aim(self) -> Literal["efficiency", "reduction"]:
+        """What grains are chosen by: the reduction where the excitation's frequency or such a target is given."""
+        own = self.excitation_frequency is None and self.target_reduction is None
+        return "efficiency" if own else "reduction"
+
+    @property
+    def frequencies(self) -> list[float | None]:
+        """Frequencies of the excitation to design for [Hz]; None: the resonance of each structure, damper closed."""
+        if self.excitation_frequency is None:
+            return [None]
+        low, high = self.excitation_frequency
+        if low == high:
+            return [low]
+        count = min(2 + int(math.log(high / low) / _APART), _MOST_FREQUENCIES)
+        return [low, *map(float, np.geomspace(low, high, count)[1:-1]), high]
 
 
 def problem_of(**given: Any) -> Problem:
@@ -124,20 +182,23 @@ def contact_damping_ratio(restitution: float, fraction: float) -> float:
     return float(0.5 * damping_ratio_for(restitution) * math.sqrt(5.0 * (1.0 - fraction)))
 
 
-def mapping_of(problem: Problem, fraction: float, amplitude: Any, off: Deviation = NOMINAL) -> dict[str, Any]:
+def mapping_of(
+    problem: Problem, fraction: float, amplitude: Any, off: Deviation = NOMINAL, frequency: float | None = None
+) -> dict[str, Any]:
     """Return the blocks of a scene that describe the system with a grain of a mass fraction [-], off by a deviation.
 
-    amplitude: of the support [m], or points of it. The grain's mass is known: another mass of the beam is another mass
-    fraction.
+    amplitude: of the support [m], or points of it; frequency: of the excitation [Hz], None: the structure's resonance.
+    The grain's mass is known: another mass of the beam is another mass fraction.
     """
     mass, weight = problem.mass * (1.0 + off.mass), grain_mass(problem, fraction)
     share = fraction if off.mass == 0.0 else weight / (mass + weight)
-    frequency = problem.frequency * (1.0 + off.frequency)
+    natural = problem.frequency * (1.0 + off.frequency)
     restitution = problem.restitution * (1.0 + off.restitution)
     restitution = min(max(restitution, _LEAST_RESTITUTION), _MOST_RESTITUTION)
-    detuned = frequency * math.sqrt(1.0 - share) * (1.0 + off.detuning)
+    resonant = frequency is None and off.detuning == 0.0
+    detuned = (natural * math.sqrt(1.0 - share) if frequency is None else frequency) * (1.0 + off.detuning)
     return {
-        "beam": {"mass": mass, "frequency": frequency, "damping_ratio": problem.damping * (1.0 + off.damping)},
+        "beam": {"mass": mass, "frequency": natural, "damping_ratio": problem.damping * (1.0 + off.damping)},
         "grain": {"mass_fraction": share, "radius": grain_radius(problem, fraction)},
         "contact": {
             "law": "tsuji",
@@ -145,18 +206,21 @@ def mapping_of(problem: Problem, fraction: float, amplitude: Any, off: Deviation
             "poisson_ratio": POISSON,
             "damping_ratio": contact_damping_ratio(restitution, share),
         },
-        "excitation": {"amplitude": amplitude, "frequency": "resonance" if off.detuning == 0.0 else detuned},
+        "excitation": {"amplitude": amplitude, "frequency": "resonance" if resonant else detuned},
         "gravity": problem.gravity,
         "tolerance": _TOLERANCE,
     }
 
 
-def scene_of(problem: Problem, fraction: float, amplitude: float, height: float, off: Deviation = NOMINAL) -> Scene:
+def scene_of(
+    problem: Problem, fraction: float, amplitude: float, height: float, off: Deviation = NOMINAL,
+    frequency: float | None = None,
+) -> Scene:  # fmt: skip
     """Return the scene of a structure off by a deviation, support amplitude and ceiling [m] off as well.
 
-    It lasts until the closed damper's transient is over. Raises SceneError where a value cannot be.
+    It lasts until the closed damper's transient is over. Raises SceneError for an invalid value.
     """
-    mapping = mapping_of(problem, fraction, amplitude * (1.0 + off.amplitude), off)
+    mapping = mapping_of(problem, fraction, amplitude * (1.0 + off.amplitude), off, frequency)
     diameter = 2.0 * grain_radius(problem, fraction)
     duration = 8.0 * time_constant(problem, fraction) + 40.0 / problem.frequency
     run = {"ceiling": {"height": max(height + off.height, diameter)}, "duration": duration}
@@ -171,3 +235,76 @@ def resonance(problem: Problem, fraction: float) -> float:
 def time_constant(problem: Problem, fraction: float) -> float:
     """Return the time constant [s] of the closed damper's free decay, 2 M / c."""
     return 1.0 / (2.0 * math.pi * problem.frequency * problem.damping * (1.0 - fraction))
+
+
+class Case(NamedTuple):
+    """A structure, how its support amplitude differs from the identified one, and its ceiling from the command."""
+
+    damper: DamperResponse
+    off: Deviation
+    contact: Contact
+
+    def amplitude(self, identified: float) -> float:
+        """Return the true support amplitude [m] where `identified` [m] is."""
+        return identified * (1.0 + self.off.amplitude)
+
+    def height(self, commanded: float) -> float:
+        """Return the true height [m] where `commanded` [m] is."""
+        return max(commanded + self.off.height, self.damper.diameter)
+
+    def bare(self, identified: float) -> float:
+        """Return the amplitude of the same structure without the damper at the same excitation [m]."""
+        s = self.damper.system
+        return bare_amplitude(s.beam_mass, s.stiffness, s.damping, self.amplitude(identified), self.damper.frequency)
+
+
+def deviation(problem: Problem, point: Array) -> Deviation:
+    """Return the deviation at a point (8,) of the box, from -1 to 1 in each quantity."""
+    sides = zip(point, Deviation._fields, strict=True)
+    return Deviation(*(float(side) * getattr(problem.uncertainty, name) for side, name in sides))
+
+
+def case(
+    problem: Problem, fraction: float, off: Deviation = NOMINAL, rtol: float = RTOL, frequency: float | None = None
+) -> Case:
+    """Return the case of a deviation with a grain of a mass fraction [-]; frequency: as in `mapping_of`."""
+    scene = scene_of(problem, fraction, problem.amplitudes[1], problem.max_height, off, frequency)
+    return Case(DamperResponse(scene, rtol), off, contact_of(scene))
+
+
+def cases(
+    problem: Problem, fraction: float, points: Array, frequencies: Sequence[float | None] | None = None
+) -> Iterator[Case]:
+    """Yield the case of each point (n, 8) of the box, at n frequencies of the excitation or the first of all [Hz]."""
+    at = frequencies or [problem.frequencies[0]] * len(points)
+    return (
+        case(problem, fraction, deviation(problem, point), frequency=frequency)
+        for point, frequency in zip(points, at, strict=True)
+    )
+
+
+def drawn_frequencies(problem: Problem, count: int, seed: int) -> list[float | None]:
+    """Return so many frequencies drawn evenly from the range of the excitation [Hz]."""
+    if problem.excitation_frequency is None:
+        return [None] * count
+    return [float(f) for f in np.random.default_rng(seed).uniform(*problem.excitation_frequency, count)]
+
+
+def bare_range(problem: Problem, fraction: float, amplitude: float) -> tuple[float, float]:
+    """Return the least and largest amplitude [m] without the damper within the box, for an identified amplitude [m].
+
+    Over that of the support it depends on frequency ratio and damping ratio only; all between the ends is looked at.
+    """
+    u = problem.uncertainty
+    resonant = resonance(problem, fraction)
+    low, high = problem.excitation_frequency or (resonant, resonant)
+    # the grain's mass is known, so an error of the beam's moves the resonance
+    moved = 0.5 * fraction * u.mass if problem.excitation_frequency is None else u.frequency
+    ratios = np.linspace(low * (1.0 - u.detuning) / (1.0 + moved), high * (1.0 + u.detuning) / (1.0 - moved), 501)
+    ratios = np.append(ratios / problem.frequency, np.clip(1.0, *ratios[[0, -1]] / problem.frequency))
+    found = [
+        bare_amplitude(1.0, 1.0, 2.0 * problem.damping * (1.0 + side * u.damping), amplitude, ratio / (2.0 * math.pi))
+        for ratio in ratios
+        for side in (-1.0, 1.0)
+    ]
+    return min(found) * (1.0 - u.amplitude), max(found) * (1.0 + u.amplitude)

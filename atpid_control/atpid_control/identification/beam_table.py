@@ -46,7 +46,7 @@ class SimulatedRelation:
         frequency = self._scene.frequency_hz
         duration = PERIODS / frequency
         scene = self._scene.with_(
-            height=height, amplitude=amplitude, frequency=frequency, duration=duration,
+            height=height, amplitude=amplitude, frequency=frequency, duration=duration, initial=None,
             steady_window=(duration - LOOKED_AT / frequency, duration),
         )  # fmt: skip
         rate = SAMPLES * frequency

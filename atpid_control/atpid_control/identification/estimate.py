@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from math import nan
 
 from atpid_common.errors import InputError
+from atpid_common.vocabulary import Origin, Quality
 
 
 class IdentificationError(InputError):
@@ -58,27 +58,6 @@ class Settings:
                 raise IdentificationError(f"{name}: given {getattr(self, name):g}; allowed: {allowed}")
         if self.saturation is not None and not self.saturation[0] < self.saturation[1]:
             raise IdentificationError(f"saturation: given {self.saturation}; allowed: lower below upper limit [m]")
-
-
-class Quality(IntEnum):
-    """Quality of an estimate."""
-
-    NONE = 0  # no estimate: handshake, too few samples, or no signal
-    STEADY = 1  # a steady tone, or one whose frequency drifts slowly: the estimate can be acted on
-    TRANSIENT = 2  # amplitude or frequency is changing inside the window: the estimate is a mean over it
-    POOR = 3  # a tone was fitted, but residual, harmonics, gaps, saturation or a second tone spoil it
-
-    @classmethod
-    def _missing_(cls, _value: object) -> Quality:
-        """Return POOR for the value of a message that has none of these."""
-        return cls.POOR
-
-
-class Origin(IntEnum):
-    """Which signal an estimate comes from."""
-
-    SUPPORT = 0
-    BEAM = 1
 
 
 @dataclass(frozen=True)

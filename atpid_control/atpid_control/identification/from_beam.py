@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from atpid_control.identification.estimate import Estimate, Quality
+from atpid_common.vocabulary import Quality
+from atpid_control.identification.estimate import Estimate
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 

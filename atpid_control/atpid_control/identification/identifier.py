@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from atpid_control.identification.estimate import Estimate, IdentificationError, Origin, Quality, Settings
+from atpid_common.vocabulary import Origin, Quality
+from atpid_control.identification.estimate import Estimate, IdentificationError, Settings
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder

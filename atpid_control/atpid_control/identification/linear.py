@@ -17,6 +17,8 @@ from atpid_sim.system import Array
 
 #: The modules with compiled functions.
 KERNELS = ("choice", "columns", "covariance", "drifting", "linear", "sine_fit")
+#: Columns are independent where this share of each is left beside the others [-].
+LEAST_PIVOT = 1e-11
 F = TypeVar("F", bound=Callable[..., object])
 
 share_cache("identification", (Path(__file__).parent / f"{name}.py" for name in KERNELS))
@@ -65,7 +67,7 @@ def factor(matrix: Array, chosen: Indices, lower: Array) -> bool:
             for k in range(j):
                 value -= lower[i, k] * lower[j, k]
             if i == j:
-                if not value > 1e-11 * matrix[chosen[i], chosen[i]]:
+                if not value > LEAST_PIVOT * matrix[chosen[i], chosen[i]]:
                     return False
                 lower[i, i] = np.sqrt(value)
             else:

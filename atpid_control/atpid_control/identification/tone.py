@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from atpid_common.vocabulary import Quality
 from atpid_control.identification.choice import PENALTY
-from atpid_control.identification.estimate import Quality, Settings
+from atpid_control.identification.estimate import Settings
 from atpid_control.identification.sine_fit import SineFit, fit_sine
 from atpid_control.identification.window import SampleBuffer, seed_frequency, without_clipping
 
@@ -86,7 +87,8 @@ class ToneFinder:
         return replace(short, quality=Quality.TRANSIENT) if hidden else short
 
     def _count(self, buffer: SampleBuffer, periods: float, frequency: float) -> int:
-        return min(buffer.size, math.ceil(periods / (frequency * buffer.step)))
+        # whole where the period is: the last digits of the frequency do not add a sample
+        return min(buffer.size, math.ceil(round(periods / (frequency * buffer.step), 6)))
 
     def _in_window(
         self, buffer: SampleBuffer, channel: int, frequency: float, periods: float, seed: float = math.nan

@@ -69,7 +69,7 @@ class TwoToneWatch:
         if not self.share > 0.0 or math.isnan(frequency):
             self.found, self._votes = None, 0
         elif not self._next - 2.0 * PERIODS / frequency <= time < self._next:
-            self._next = time + _BETWEEN / frequency
+            self._next = round(time + _BETWEEN / frequency, 6)
             now = self._look(frequency)
             self._votes = self._votes + 1 if (now is None) != (self.found is None) else 0
             if self._votes >= _AGREEING or (now is not None and self.found is not None):
@@ -78,11 +78,11 @@ class TwoToneWatch:
 
     def _look(self, frequency: float) -> TwoTones | None:
         buffer = self._buffer
-        count = math.ceil(PERIODS / (frequency * buffer.step))
+        count = math.ceil(round(PERIODS / (frequency * buffer.step), 6))
         if count > buffer.size:
             return None
         signal = buffer.newest(count)[0]
-        stride = max(1, int(1.0 / (_A_PERIOD * frequency * buffer.step)))
+        stride = max(1, int(round(1.0 / (_A_PERIOD * frequency * buffer.step), 6)))
         whole = signal[: signal.size // stride * stride].reshape(-1, stride)
         y, step = whole.mean(axis=1), stride * buffer.step
         valid = np.isfinite(y)

@@ -100,7 +100,7 @@ def half_peak_to_peak(signal: Array, step: float, frequency: float) -> float:
     Noise widens a range of hundreds of samples by several standard deviations, so the signal is averaged over a
     fortieth of a period first, and the attenuation of a tone at `frequency` [Hz] is corrected.
     """
-    length = 1 + 2 * int(0.0125 / (frequency * step)) if frequency > 0.0 else 1
+    length = 1 + 2 * int(round(0.0125 / (frequency * step), 6)) if frequency > 0.0 else 1
     if signal.size < length:
         return math.nan
     if length > 1:

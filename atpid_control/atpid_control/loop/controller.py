@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from atpid_common.vocabulary import EventKind, Severity
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
 from atpid_control.loop.drift import DriftAlarm, ModelCheck, Twin
 from atpid_control.loop.fallback import Fallback
 from atpid_control.loop.hold import NO_HEIGHT, OFF_RESONANCE, Hold, Verdict
-from atpid_control.loop.protocol import ALARM, INFO, Answer, Command, ControlSettings
+from atpid_control.loop.protocol import Answer, Command, ControlSettings
 from atpid_control.loop.step_back import StepBackMonitor
-from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
 
 #: A ceiling this close to where it was sent is there [m].
 _ARRIVED = 2e-3
@@ -105,9 +106,8 @@ class SelectingController:
         done = self._take_done(estimate)
         outdated = done is not None and not self._hold.inside(estimate, done.verdict.amplitude, done.verdict.frequency)
         if verdict.select and self._computation is None and (done is None or outdated):
-            excitation = (verdict.amplitude, verdict.amplitude_std, estimate.frequency)
-            select, margin = self._selector.select, self._settings.margin
-            result = self._executor.submit(select, *excitation, margin=margin, height=height)
+            margin = self._settings.margin
+            result = self._executor.submit(_select, self._selector, estimate, margin, height)
             self._computation = _Computation(verdict, margin, result, self._estimates)
         return done or self._take_done(estimate)
 
@@ -117,7 +117,7 @@ class SelectingController:
         An estimate that must not be acted on is skipped: the result waits for the next one.
         """
         done = self._computation
-        if done is None or not done.result.done() or self._hold.trouble(estimate):
+        if done is None or not done.result.done() or self._hold.reason_to_reject(estimate):
             return None
         self._computation = None
         error = done.result.exception()
@@ -144,9 +144,8 @@ class SelectingController:
             announce = verdict.select and not self._fallback.active
             held = Answer(self._command)
             return self._fallback.announced(held, amplitude, "the ceiling is held") if announce else None
-        excitation = (amplitude, estimate.amplitude_std, estimate.frequency)
         try:
-            selection = selector.select(*excitation, margin=self._settings.margin, height=height)
+            selection = _select(selector, estimate, self._settings.margin, height)
         except SelectionError:
             return None  # held, as without a fallback
         taken = Verdict.to_select(f"{self._selector.method} gave no height", estimate)
@@ -160,7 +159,11 @@ class SelectingController:
         if math.isnan(self._command.predicted_amplitude):
             # stepped back, at the end of the range, or by a method without a prediction
             self._command = replace(self._command, predicted_amplitude=self._model_check.expected)
-        return Answer(self._command, "drift", drift, estimate.beam_amplitude, ALARM) if drift else Answer(self._command)
+        return (
+            Answer(self._command, EventKind.DRIFT, drift, estimate.beam_amplitude, Severity.ALARM)
+            if drift
+            else Answer(self._command)
+        )
 
     def _restart(self) -> None:
         """Restart the monitoring: another height was commanded."""
@@ -180,7 +183,7 @@ class SelectingController:
             reason="rumble: stepped back",
         )
         text = f"the beam rumbles: the ceiling steps back from {before:.4f} to {height:.4f} m"
-        return Answer(self._command, "step_back", text, height)
+        return Answer(self._command, EventKind.STEP_BACK, text, height)
 
     def _selected(self, computed: _Computation, estimate: Estimate) -> Answer:
         """Command the height that was computed, or report why there is none."""
@@ -202,9 +205,9 @@ class SelectingController:
         self._refusal = ""
         announced, self._of_no_use = self._of_no_use, bool(selection.no_use)
         if selection.no_use and not announced:
-            return Answer(self._command, "no_use", selection.no_use, verdict.amplitude, INFO)
+            return Answer(self._command, EventKind.NO_USE, selection.no_use, verdict.amplitude, Severity.INFO)
         if selection.late:
-            return Answer(self._command, "slow", f"{selection.method}: {selection.note}", selection.wall_s)
+            return Answer(self._command, EventKind.SLOW, f"{selection.method}: {selection.note}", selection.wall_s)
         return Answer(self._command)
 
     def _limited(self, selection: Selection, verdict: Verdict) -> Command:
@@ -232,7 +235,7 @@ class SelectingController:
         if reported:
             return Answer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
-        return Answer(self._command, "refused", f"the ceiling stays: {text}", value)
+        return Answer(self._command, EventKind.REFUSED, f"the ceiling stays: {text}", value)
 
 
 class ProfileController:
@@ -258,3 +261,9 @@ class ProfileController:
                 self._command, sequence=self._command.sequence + 1, height=target, reason="prescribed by the scene"
             )
         return Answer(self._command)
+
+
+def _select(selector: HeightSelector, estimate: Estimate, margin: float, height: float) -> Selection:
+    """Return the height for an estimate; raise SelectionError where there is none."""
+    excitation = Excitation(estimate.amplitude, estimate.amplitude_std, estimate.frequency)
+    return selector.select(excitation, margin, height)

@@ -119,7 +119,7 @@ class SteadyTwin:
         duration = PERIODS / frequency
         scene = self._scene.with_(
             height=max(height, 2.0 * self._scene.grain.radius), amplitude=amplitude, frequency=frequency,
-            duration=duration, steady_window=(duration - LOOKED_AT / frequency, duration),
+            duration=duration, steady_window=(duration - LOOKED_AT / frequency, duration), initial=None,
         )  # fmt: skip
         try:
             result = simulate(scene, check=False)
@@ -162,7 +162,7 @@ class ModelCheck:
         excitation: amplitude [m] and frequency [Hz]; height: of the ceiling [m]; beam: its amplitude [m].
         """
         if self._pending is None and time >= self._next:
-            self._next = time + 1.0 / excitation[1]
+            self._next = round(time + 1.0 / excitation[1], 6)  # on the samples' own grid, whatever the last digits are
             self._pending = self._executor.submit(self._twin.expected, *excitation, height), beam
         if self._pending is None or not self._pending[0].done():
             return ""

@@ -3,7 +3,8 @@
 
 from dataclasses import replace
 
-from atpid_control.loop.protocol import ALARM, INFO, Answer
+from atpid_common.vocabulary import EventKind, Severity
+from atpid_control.loop.protocol import Answer
 from atpid_control.selection.protocol import HeightSelector
 
 
@@ -31,7 +32,9 @@ class Fallback:
         if not self._announced:
             return answer
         self._announced = False
-        return replace(answer, kind="fallback", text=f"{self._method} gives heights in time again", severity=INFO)
+        return replace(
+            answer, kind=EventKind.FALLBACK, text=f"{self._method} gives heights in time again", severity=Severity.INFO
+        )
 
     def not_asked(self) -> None:
         """Take an estimate that asks for no height: what was counted is over."""
@@ -43,4 +46,4 @@ class Fallback:
             return answer
         self._announced = True
         text = f"{self._method} has given no height for {self._unanswered} estimates: {what}"
-        return replace(answer, kind="fallback", text=text, value=amplitude, severity=ALARM)
+        return replace(answer, kind=EventKind.FALLBACK, text=text, value=amplitude, severity=Severity.ALARM)

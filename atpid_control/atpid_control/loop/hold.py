@@ -22,6 +22,8 @@ UNSETTLED_COUNT = 40
 _WAITING = "waiting for a steady excitation"
 UNSETTLED = f"the excitation has not settled for {UNSETTLED_COUNT} estimates, or changes faster than is followed"
 
+#: Relative differences up to this are the arithmetic's, which another processor rounds otherwise: they decide nothing.
+_ROUNDING = 1e-9
 #: How far a frequency may have moved on since its height was asked for [-]: a drift of 1 % a second, and a slow method.
 _MOVED_ON = 0.01
 
@@ -68,14 +70,13 @@ class Verdict:
     select: bool
     reason: str
     amplitude: float = math.nan
-    amplitude_std: float = math.nan
     refused: bool = False
     frequency: float = math.nan
 
     @staticmethod
     def to_select(reason: str, estimate: Estimate) -> Verdict:
         """Return the verdict to select for an estimate."""
-        return Verdict(True, reason, estimate.amplitude, estimate.amplitude_std, frequency=estimate.frequency)
+        return Verdict(True, reason, estimate.amplitude, frequency=estimate.frequency)
 
 
 class Hold:
@@ -106,12 +107,12 @@ class Hold:
         return Verdict(False, UNSETTLED, refused=True) if self._undecided >= UNSETTLED_COUNT else verdict
 
     def _judged(self, estimate: Estimate) -> Verdict:
-        trouble = self.trouble(estimate)
-        if trouble:
+        reason = self.reason_to_reject(estimate)
+        if reason:
             self._reset()
             # while the excitation changes its frequency has not settled either
-            settling = estimate.quality == Quality.TRANSIENT and trouble == OFF_RESONANCE
-            return Verdict(False, trouble, refused=estimate.quality != Quality.NONE and not settling)
+            settling = estimate.quality == Quality.TRANSIENT and reason == OFF_RESONANCE
+            return Verdict(False, reason, refused=estimate.quality != Quality.NONE and not settling)
         same_amplitude = self.inside(estimate, self.acted_amplitude)
         if same_amplitude and self._same_frequency(estimate, self._acted_frequency) and not self._select_anew:
             self._reset()
@@ -140,9 +141,9 @@ class Hold:
     def agrees(self, amplitude: float, estimate: Estimate, frequency: float = math.nan) -> bool:
         """Whether a height computed for `amplitude` [m] and `frequency` [Hz] is right for an estimate since.
 
-        It is where the excitation is still the same, and where it has moved on in the same direction: then that height
-        lies between the present one and the next. A frequency may have moved on by a hundredth: one that drifts is
-        never the same when its height comes, and the next height is on its way.
+        True if the excitation is unchanged, or has moved further in the same direction: then that height lies between
+        the present one and the next. A frequency may have moved on by a hundredth: one that drifts is never the same
+        when its height comes, and the next height is on its way.
         """
         if self._settings.reach is not None and abs(estimate.frequency / frequency - 1.0) > _MOVED_ON:
             return False
@@ -172,7 +173,7 @@ class Hold:
         """Whether the last estimates rise one after the other."""
         last = [item.amplitude for item in self._rising][-self._settings.rising_count :]
         enough = len(last) == self._settings.rising_count
-        return enough and all(right > left for left, right in pairwise(last))
+        return enough and all(right > (1.0 + _ROUNDING) * left for left, right in pairwise(last))
 
     def inside(self, estimate: Estimate, reference: float, frequency: float = math.nan) -> bool:
         """Whether a change from `reference` [m] is inside the dead band or the noise; False where there is none.
@@ -182,7 +183,7 @@ class Hold:
         if math.isnan(reference):
             return False
         noise = self._settings.sigmas * estimate.amplitude_std
-        same = abs(estimate.amplitude - reference) <= max(self._settings.dead_band * reference, noise)
+        same = abs(estimate.amplitude - reference) <= max((self._settings.dead_band + _ROUNDING) * reference, noise)
         return same and self._same_frequency(estimate, frequency)
 
     def _same_frequency(self, estimate: Estimate, reference: float) -> bool:
@@ -190,9 +191,10 @@ class Hold:
         if self._settings.reach is None or math.isnan(reference):
             return True
         noise = self._settings.sigmas * estimate.frequency_std if math.isfinite(estimate.frequency_std) else 0.0
-        return abs(estimate.frequency - reference) <= max(self._settings.frequency_band * reference, noise)
+        band = (self._settings.frequency_band + _ROUNDING) * reference
+        return abs(estimate.frequency - reference) <= max(band, noise)
 
-    def trouble(self, estimate: Estimate) -> str:
+    def reason_to_reject(self, estimate: Estimate) -> str:
         """Return why the estimate must not be acted on; empty if it may."""
         if estimate.quality == Quality.NONE:
             return "no estimate yet" if math.isnan(self.acted_amplitude) else "no estimate"
@@ -207,8 +209,9 @@ class Hold:
     def _reaches(self, frequency: float) -> bool:
         """Whether there are heights for a frequency [Hz]."""
         if self._settings.reach is not None:
-            return self._settings.reach[0] <= frequency <= self._settings.reach[1]
-        return abs(frequency / self._settings.frequency - 1.0) <= self._settings.frequency_tolerance
+            low, high = self._settings.reach
+            return (1.0 - _ROUNDING) * low <= frequency <= (1.0 + _ROUNDING) * high
+        return abs(frequency / self._settings.frequency - 1.0) <= self._settings.frequency_tolerance + _ROUNDING
 
     def _reset(self) -> None:
         self._rising.clear()

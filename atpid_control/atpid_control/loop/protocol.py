@@ -7,13 +7,11 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from atpid_common.vocabulary import Severity
 from atpid_control.identification import Estimate
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings
 from atpid_control.loop.step_back import StepBack
-
-#: Severities of an Event.
-INFO, WARNING, ALARM = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Answer:
     kind: str = ""  # refused, no_use, slow, step_back, drift or fallback; empty: no event
     text: str = ""
     value: float = math.nan
-    severity: int = WARNING
+    severity: int = Severity.WARNING
 
 
 class Controller(Protocol):

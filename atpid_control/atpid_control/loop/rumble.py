@@ -90,7 +90,7 @@ class RumbleWatch:
         self.state = RumbleState(periods=self.state.periods)
 
     def _take_periods(self, rate: float, frequency: float) -> None:
-        length = rate / frequency
+        length = round(rate / frequency, 6)  # where it is whole, the last digits of the frequency do not matter
         while self._boundary + length <= self._first + self._held.size:
             begin, end = round(self._boundary) - self._first, round(self._boundary + length) - self._first
             self._take(self._held[begin:end], 1.0 / rate, frequency)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from atpid_common.vocabulary import EventKind
 from atpid_control.identification import Estimate
 from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
 from atpid_control.selection.search import Plan, SearchError, StepSearch
@@ -143,7 +144,7 @@ class SearchingController:
 
     def on_event(self, kind: str) -> None:
         """See `Controller.on_event`: a search crosses rumble, so while it runs that is not passed on."""
-        if kind != "rumble" or self.run is None or self.run.done:
+        if kind != EventKind.RUMBLE or self.run is None or self.run.done:
             self._inner.on_event(kind)
 
     def configure(self, settings: ControlSettings) -> None:

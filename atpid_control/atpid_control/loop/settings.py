@@ -16,8 +16,8 @@ from atpid_control.loop.rumble import RumbleSettings
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection import HeightSelector, make_selector
 from atpid_control.selection.checks import reach_of
-from atpid_control.selection.registry import anywhere
-from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
+from atpid_control.selection.registry import at_any_frequency
+from atpid_sim.scene import Scene
 
 #: The value of a parameter; raises a ValueError of ours where the parameter file has none.
 Value = Callable[[str], Any]
@@ -37,11 +37,12 @@ def selector_of(
     from atpid_control.selection.direct import DirectSelector
     from atpid_control.selection.uncertain import Uncertainty
 
-    uncertainty = Uncertainty(stiffness=float(value("stiffness_uncertainty")))
+    # in the loop the frequency is identified, and with it the beam's mass is known but for its stiffness
+    uncertainty = Uncertainty(stiffness=float(value("stiffness_uncertainty")), mass=5e-3, frequency=5e-4)
     deadline = math.inf if lockstep else float(value("selection_deadline"))
     made = DirectSelector(scene, uncertainty, deadline=deadline)
     made.prepare()
-    return anywhere(made, scene)
+    return at_any_frequency(made, scene)
 
 
 def control_settings(value: Value, frequency: float, selector: HeightSelector | None = None) -> ControlSettings:
@@ -75,10 +76,10 @@ def controller_of(
     Raises HoldError or WatchError where the parameters contradict
     themselves.
     """
-    if not isinstance(scene.ceiling, ControlledCeiling):
+    if not scene.ceiling.controlled:
         return ProfileController(scene.ceiling.heights)
     # only a tone has a steady state to compare the beam with
-    twin = SteadyTwin(scene) if isinstance(scene.excitation, HarmonicExcitation) else None
+    twin = SteadyTwin(scene) if scene.excitation.is_tone else None
     settings = control_settings(value, scene.frequency_hz, selector)
     return SelectingController(settings, selector, scene.ceiling.range, twin, executor, fallback)
 

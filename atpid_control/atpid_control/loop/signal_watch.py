@@ -4,28 +4,17 @@
 Time is counted in samples. A sensor that is wrong but plausible is not found here: no single channel can show that.
 """
 
-from collections import deque
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
+from atpid_common.channel_monitor import ChannelMonitor, ChannelState, Finding
 from atpid_sim.system import Array
 
 #: The motion before a stop is judged over so long [s].
 _BEFORE = 1.0
 #: A signal that stops with this share of its amplitude, in displacement and velocity together, has not come to rest.
 _ABRUPT = 0.1
-
-
-class SignalState(Enum):
-    """States of a channel; the value is what messages call it."""
-
-    PLAUSIBLE = "plausible"
-    DEAD = "no valid readings"
-    FROZEN = "frozen"
-    IMPOSSIBLE = "impossible readings"
-    INTERMITTENT = "intermittent"
 
 
 @dataclass(frozen=True)
@@ -39,66 +28,46 @@ class SignalSettings:
     invalid_share: float  # of the readings of a second from which they come intermittently [-]
 
 
-class SignalWatch:
-    """Judges one channel block by block; a fault holds at once, recovery after `recovery_time`."""
+class SignalWatch(ChannelMonitor[int]):
+    """Judges one channel; it is plausible again after `recovery_time`. Of each block its invalid readings are kept."""
 
     def __init__(self, settings: SignalSettings) -> None:
+        super().__init__()
         self.settings = settings
-        self.state = SignalState.PLAUSIBLE
-        self.text = "plausible"
-        self._rate = 0.0
-        self._invalid = self._better = 0  # samples without a valid reading; samples better than the state
         self._recent = np.empty(0)  # valid readings of the last `_BEFORE`, those that are constant left out
-        self._counts: deque[tuple[int, int]] = deque()  # readings and invalid ones of the last blocks
         self._constant = 0  # readings that are exactly the last one
         self._last = self._end = np.nan  # last valid reading; last reading
 
-    def push(self, rate: float, readings: Array) -> SignalState | None:
-        """Take the next readings (n,) at `rate` [Hz], NaN where invalid; return the state where it has changed."""
+    def push(self, rate: float, readings: Array) -> Finding | None:
+        """Take the next readings (n,) at `rate` [Hz], NaN where invalid; return a change of state, else None."""
         if not readings.size or not rate > 0.0:
             return None
-        if rate != self._rate:
-            self._rate, self._recent, self._constant = rate, np.empty(0), 0
-            self._counts.clear()
-        found, text = self._judge(readings)
-        if found is self.state:
-            self._better = 0
-            return None
-        if found is SignalState.PLAUSIBLE:
-            self._better += readings.size
-            if self._better < self.settings.recovery_time * rate:
-                return None
-        self.state, self.text, self._better = found, text, 0
-        return found
+        if self._begin(rate):
+            self._recent, self._constant = np.empty(0), 0
+        return self._settle(self._judge(readings), readings.size, self.settings.recovery_time)
 
-    def _judge(self, readings: Array) -> tuple[SignalState, str]:
+    def _judge(self, readings: Array) -> Finding:
         limits, rate = self.settings, self._rate
-        valid = np.flatnonzero(np.isfinite(readings))
-        self._invalid = readings.size - 1 - int(valid[-1]) if valid.size else self._invalid + readings.size
+        valid = np.isfinite(readings)
+        self._count_unusable(valid)
         self._follow(readings[valid])
         steps = np.abs(np.diff(readings, prepend=self._end))  # NaN beside an invalid reading
         self._end = float(readings[-1])
-        if self._invalid >= limits.dead_time * rate:
-            self._counts.clear()
-            return SignalState.DEAD, f"no valid reading for {limits.dead_time:g} s"
+        if self._unusable >= limits.dead_time * rate:
+            self._blocks.clear()
+            return Finding(ChannelState.INVALID, f"no valid reading for {limits.dead_time:g} s")
         fast = int(np.count_nonzero(steps > limits.largest_velocity / rate)) if limits.largest_velocity else 0
         if fast > 1:  # one may be the step at which a fault ends
-            fastest = float(np.nanmax(steps)) * rate
-            return SignalState.IMPOSSIBLE, f"impossible readings: {fast} steps in a block of up to {fastest:.3g} m/s"
+            text = f"impossible readings: {fast} steps in a block of up to {float(np.nanmax(steps)) * rate:.3g} m/s"
+            return Finding(ChannelState.IMPOSSIBLE, text)
         if self._constant >= limits.frozen_time * rate and self._stopped_abruptly():
-            return SignalState.FROZEN, f"frozen at {self._last:.5g} for {limits.frozen_time:g} s"
-        share = self._share(readings.size, readings.size - valid.size)
-        if share >= limits.invalid_share:
-            return SignalState.INTERMITTENT, f"intermittent: {share:.0%} of the readings of {_BEFORE:g} s are invalid"
-        return SignalState.PLAUSIBLE, "plausible again"
-
-    def _share(self, readings: int, invalid: int) -> float:
-        """Take the counts of a block; return the share of invalid readings over `_BEFORE`, 0 until that has passed."""
-        self._counts.append((readings, invalid))
-        total = sum(count for count, _ in self._counts)
-        while total - self._counts[0][0] >= _BEFORE * self._rate:
-            total -= self._counts.popleft()[0]
-        return sum(count for _, count in self._counts) / total if total >= _BEFORE * self._rate else 0.0
+            return Finding(ChannelState.FROZEN, f"frozen at {self._last:.5g} for {limits.frozen_time:g} s")
+        full = self._keep(readings.size, int(np.count_nonzero(~valid)), _BEFORE)
+        share = sum(invalid for _, invalid in self._blocks) / self._scans
+        if full and share >= limits.invalid_share:
+            text = f"intermittent: {share:.0%} of the readings of {_BEFORE:g} s are invalid"
+            return Finding(ChannelState.INTERMITTENT, text)
+        return Finding()
 
     def _follow(self, valid: Array) -> None:
         """Take the valid readings of a block: when they have last changed, and how they moved before."""

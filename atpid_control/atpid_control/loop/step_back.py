@@ -5,6 +5,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from atpid_common.vocabulary import EventKind
 from atpid_control.loop.hold import HoldError
 
 #: An amplitude below this share of the one before the span, so many values, is decaying.
@@ -58,9 +59,9 @@ class StepBackMonitor:
 
     def on_event(self, kind: str) -> None:
         """Take an event: `rumble`, or `calm` when that has ended."""
-        if kind not in ("rumble", "calm"):
+        if kind not in (EventKind.RUMBLE, EventKind.CALM):
             return
-        self._rumbling = kind == "rumble"
+        self._rumbling = kind == EventKind.RUMBLE
         if self._rumbling and self._stood > self.settings.settle and self._amplitudes:
             # a burst is detected near its end: its size shows in the amplitudes before
             self._bursts += not max(self._amplitudes) <= self._limit

@@ -7,23 +7,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Schema
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
-from atpid_common.message_checks import CHECKS, check_as
-from atpid_common.nodes.dropped import Dropped
+from atpid_common.message_checks import CHECKS
+from atpid_common.nodes.checked import Dropped
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_control.bags.decode import Decoder
-from atpid_control.bags.definitions import message_type, split_name
-from atpid_control.bags.errors import BagError
-from atpid_control.bags.read import stamp_of
-from atpid_control.bags.topics import DEFAULT, Topic, parse
-from atpid_control.nodes.wire import class_of, subscription_qos
-from atpid_control.traces.records import Record
-from atpid_control.traces.server import HOST, Server
-from atpid_control.traces.tracer import TraceError, Tracer
+from atpid_control.nodes.bag_qos import class_of, subscription_qos
+from atpid_control.runs.cdr import decoder_of
+from atpid_control.runs.contents import kind_of, reason_to_leave_out
+from atpid_control.runs.decode import Decoder
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.losses import stamp_of
+from atpid_control.runs.topics import DEFAULT, Topic, parse
+from atpid_control.views.traces.records import Record
+from atpid_control.views.traces.server import HOST, Server
+from atpid_control.views.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import load_scene
 
 PARAMETERS = (
@@ -36,13 +35,12 @@ PARAMETERS = (
 class FoxgloveNode(Node):
     """Parameters, topics, and one call into the tracer for each message."""
 
-    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Serve and subscribe. Raises ServerError, SceneError, ParameterError."""
-        super().__init__("foxglove_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("foxglove_node", **node_options)
         values = declare(self, PARAMETERS)
         scene = load_scene(Path(values["scene"])) if values["scene"] else None
         self._tracer = Tracer(scene, values["rate"])
-        self._decoder, self._ids = Decoder(), dict[str, int]()
         self.server = Server(values["port"])
         for topic in parse(DEFAULT, lockstep=False):
             self._subscribe(replace(topic, name=self.resolve_topic_name(topic.name)))
@@ -50,30 +48,25 @@ class FoxgloveNode(Node):
 
     def _subscribe(self, topic: Topic) -> None:
         self.server.offer(topic.name, topic.type)
-        if topic.type not in self._ids:
-            self._ids[topic.type] = len(self._ids)
-            text = message_type(topic.type).definition.encode()
-            self._decoder.add(Schema(id=self._ids[topic.type], name=topic.type, encoding="ros2msg", data=text))
         # no publisher waits for a viewer: what it is too slow for is lost to it alone
         asked = subscription_qos(replace(topic, best_effort=not topic.transient_local))
-        take = partial(self._on_message, topic)
+        take = partial(self._on_message, topic, decoder_of(topic.type))
         self.create_subscription(class_of(topic.type), topic.name, take, asked, raw=True)
 
-    def _on_message(self, topic: Topic, data: bytes) -> None:
-        package, kind = split_name(topic.type)
-        own = package == "atpid_interfaces" and kind in CHECKS
+    def _on_message(self, topic: Topic, decoder: Decoder, data: bytes) -> None:
+        kind = kind_of(topic.type)
         try:
-            message = self._decoder.decode(self._ids[topic.type], data)
+            message = decoder.decode(0, data)
         except BagError as error:
             Dropped.of(self).add(topic.name, str(error))
             return
-        if own and (reason := check_as(kind, message)):
+        if reason := reason_to_leave_out(kind, message):
             Dropped.of(self).add(topic.name, reason)
         elif not getattr(message, "handshake", False):
             now_ns = int(self.get_clock().now().nanoseconds)
             time_ns = stamp_of(message) if topic.has_header else now_ns
             self.server.send(Record(topic.name, topic.type, time_ns, data))
-            if own:
+            if kind in CHECKS:
                 self._trace(topic, kind, message)
 
     def _trace(self, topic: Topic, kind: str, message: Any) -> None:
@@ -88,7 +81,6 @@ class FoxgloveNode(Node):
         self.server.close()
 
 
-#: Runs the server as a process of its own; returns the exit status.
 main = partial(run_node, FoxgloveNode)
 
 if __name__ == "__main__":

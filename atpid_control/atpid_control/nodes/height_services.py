@@ -16,7 +16,7 @@ from rclpy.task import Future
 
 from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
-from atpid_control.selection import HeightSelector, Selection
+from atpid_control.selection import Excitation, HeightSelector, Selection
 from atpid_control.selection.checks import Request, Resonance, range_warnings, reach_of, resolved
 from atpid_sim.scene import Scene
 
@@ -76,7 +76,7 @@ class HeightServices:
             excitation, chosen = await computed(self._node, self._executor, ask)
         except AtpidError as error:
             return refused(method, str(error), response)
-        except Exception as error:  # a defect: reported, but the loop goes on
+        except Exception as error:  # noqa: BLE001  # a defect: reported, but the loop goes on
             self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
             return refused(method, f"internal error: {type(error).__name__}: {error}", response)
         filled(chosen, excitation.amplitude, response)
@@ -92,8 +92,8 @@ class HeightServices:
             self._selectors[method] = self._make(method)
         selector = self._selectors[method]
         asked = resolved(request, latest, replace(resonance, reach=reach_of(selector)))
-        given = (asked.amplitude, asked.amplitude_std, asked.frequency)
-        return asked, selector.select(*given, margin=asked.margin, height=height)
+        excitation = Excitation(asked.amplitude, asked.amplitude_std, asked.frequency)
+        return asked, selector.select(excitation, asked.margin, height)
 
 
 def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:

@@ -10,9 +10,7 @@ import numpy as np
 from atpid_interfaces.msg import CeilingState, Event, Excitation, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT
@@ -20,7 +18,7 @@ from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, nanoseconds_of, time_of
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
@@ -46,12 +44,12 @@ Live = tuple[Settings, RumbleSettings, float, tuple[SignalSettings, float]]
 class IdentifierNode(Node):
     """Parameters, topics, and one call into the identification for each block."""
 
-    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Raise ParameterError, IdentificationError, WatchError or SceneError, in one line, for bad parameters.
 
         `done`: exit status.
         """
-        super().__init__("identifier_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("identifier_node", **node_options)
         self.parameters = LiveParameters(self, IDENTIFIER)
         self._names = (self.parameters["support_channel"], self.parameters["beam_channel"])
         inverse = inverse_of(self.parameters.__getitem__)
@@ -86,7 +84,7 @@ class IdentifierNode(Node):
         subscribe(self, SampleBlock, ACCELEROMETER, self._on_accelerometer, BLOCKS)
         if from_beam:
             subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
-        self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._alone_timer = self.create_timer(1.0, self._check_alone, clock=STEADY)
 
     def _statuses(self) -> list[DiagnosticStatus]:
         second = "" if self._two_tones is None else self._two_tones.sentence
@@ -256,7 +254,6 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
     return fields | {"quality": int(estimate.quality), "origin": int(estimate.origin)}
 
 
-#: Runs the identifier as a process of its own; returns the exit status.
 main = partial(run_node, IdentifierNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from atpid_interfaces.msg import (
 )
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from atpid_common.nodes.checked import subscribe
@@ -32,10 +31,10 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS_KEPT, STATUS
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
-from atpid_control.live.address import HOST, PORT, TOKEN, address_of, require_library
-from atpid_control.live.view import LiveView
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.selection.registry import methods
+from atpid_control.views.live.address import HOST, PORT, TOKEN, address_of, require_library
+from atpid_control.views.live.view import LiveView
 from atpid_sim.scene import load_scene
 
 PARAMETERS = (
@@ -52,12 +51,12 @@ NICE = 10
 class LiveNode(Node):
     """Parameters, topics, and one call into the view for each message."""
 
-    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Serve the page. Raises LiveError, ParameterError or SceneError, in one line."""
-        super().__init__("live_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("live_node", **node_options)
         values = declare(self, PARAMETERS)
         require_library()
-        from atpid_control.live.server import LiveServer  # needs the library
+        from atpid_control.views.live.server import LiveServer  # needs the library
 
         address = address_of(values["host"], values["port"])
         self.view = LiveView(load_scene(values["scene"]) if values["scene"] else None)
@@ -72,13 +71,14 @@ class LiveNode(Node):
             ("sensors/laser", SampleBlock, view.on_block),
             ("plant/truth", PlantTruth, view.on_truth),
             ("excitation", Excitation, view.on_excitation),
-            ("ceiling/command", CeilingCommand, view.on_command),
-            ("ceiling/state", CeilingState, view.on_motor),
-            ("supervisor/state", SupervisorState, view.on_supervisor),
+            ("ceiling/command", CeilingCommand, partial(view.on_state, "ceiling/command")),
+            ("ceiling/state", CeilingState, partial(view.on_state, "ceiling/state")),
+            ("supervisor/state", SupervisorState, partial(view.on_state, "supervisor/state")),
         ):
             subscribe(self, kind, topic, partial(_pass_on, take), NEWEST)
         subscribe(self, Event, "events", partial(_pass_on, view.on_event), EVENTS_KEPT)
-        subscribe(self, RecorderStatus, "recorder/status", partial(_pass_on, view.on_recorder), STATUS)
+        recorder = partial(view.on_state, "recorder/status")
+        subscribe(self, RecorderStatus, "recorder/status", partial(_pass_on, recorder), STATUS)
         self.create_subscription(DiagnosticArray, DIAGNOSTICS, partial(_pass_on, view.on_diagnostics), NEWEST)
 
     def close(self) -> None:

@@ -12,8 +12,8 @@ from rclpy.task import Future
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATES, STATUS
-from atpid_control.supervision.loop_check import Ceiling, Found, Sensors, failures
-from atpid_sim.scene import ControlledCeiling, load_scene
+from atpid_control.supervision.loop_check import Ceiling, LoopSnapshot, Sensors, failures
+from atpid_sim.scene import load_scene
 
 _LIMITS = ["lowest", "highest", "speed"]
 
@@ -28,12 +28,12 @@ class LoopChecker:
         """
         self._nodes, self._allowed = nodes, allowed
         ceiling = load_scene(scene).ceiling if scene else None
-        self._scene = Ceiling(*ceiling.range, ceiling.speed) if isinstance(ceiling, ControlledCeiling) else None
+        self._scene = Ceiling(*ceiling.range, ceiling.speed) if ceiling is not None and ceiling.controlled else None
         self._sensors, self._motor = Sensors(), Ceiling(nan, nan, nan)
         self._status, self._errors = RecorderStatus(), dict[str, str]()
         self._channels: set[str] = set()
         self._begun: float | None = None
-        self.passed = allowed == 0.0
+        self.decided = allowed == 0.0
         self._limits = node.create_client(GetParameters, "motor_node/get_parameters")
         self._asked: Future | None = None
         subscribe(node, RecorderStatus, "recorder/status", self._on_recorder, STATUS)
@@ -52,17 +52,17 @@ class LoopChecker:
         if self._asked is None and self._scene is not None and self._limits.service_is_ready():
             self._asked = self._limits.call_async(GetParameters.Request(names=_LIMITS))
             self._asked.add_done_callback(self._on_limits)
-        if self.passed or self._begun is None:
+        if self.decided or self._begun is None:
             return []
         found = self.failures(now)
-        self.passed = not found or now - self._begun > self._allowed  # it is made once
-        return found if self.passed else []
+        self.decided = not found or now - self._begun > self._allowed  # it is made once
+        return found if self.decided else []
 
     def failures(self, now: float) -> list[str]:
         """Return what fails at the steady time `now` [s], one line each."""
         motor = self._motor if np.isfinite(self._motor.speed) else None
         return failures(
-            Found(
+            LoopSnapshot(
                 now=now,
                 sensors=self._sensors,
                 scene=self._scene if "motor_node" in self._nodes else None,

@@ -8,21 +8,20 @@ import threading
 import time
 import traceback
 from concurrent.futures import Executor
-from typing import Any
 
 import numpy as np
 from atpid_interfaces.action import ComputeMap
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
 from atpid_common.errors import AtpidError, InputError
+from atpid_common.nodes.messages import STEADY
 from atpid_control.loop.computation import threaded
 from atpid_control.nodes.search_server import concluded
 from atpid_sim.maps import HeightMap, MapError, build_map
-from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
+from atpid_sim.maps.response import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import load_scene
 
 #: Period of the feedback [s].
@@ -73,7 +72,7 @@ class MapServer:
         self._goal: ServerGoalHandle | None = None
         self._ended: Future | None = None
         # published by the node's timer: the thread that makes maps must not use the middleware
-        self._timer = node.create_timer(_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(_PERIOD, self._report, clock=STEADY)
         accept = CancelResponse.ACCEPT
         self._server = ActionServer(node, ComputeMap, "~/compute_map", self._execute, cancel_callback=lambda _: accept)
 
@@ -104,7 +103,7 @@ class MapServer:
         job, self._job, self._goal = self._job, None, None
         return concluded(goal, self._result(job, goal.request.out))
 
-    def _result(self, job: _MapJob, out: str) -> Any:
+    def _result(self, job: _MapJob, out: str) -> ComputeMap.Result:
         defect = job.result.exception()
         if defect is not None:  # reported, and the loop goes on
             self._node.get_logger().error("".join(traceback.format_exception(defect)))

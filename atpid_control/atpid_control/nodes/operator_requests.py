@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Does what the live page asks for, by the services and topics that anybody at the stand may use."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from atpid_interfaces.msg import Event
-from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -13,15 +13,13 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
-from atpid_control.live.requests import Hold, Method, Note, Request
+from atpid_control.views.live.requests import Hold, Method, Note, Plain, Request
 
 Answer = Callable[[tuple[bool, str]], None]
-#: Services (std_srvs/Trigger) of each request: a stop is latched in the supervisor and reaches the motor at once.
-TRIGGERED = {
-    "stop": ("motor_node/stop", "supervisor_node/stop"),
-    "disarm": ("motor_node/stop",),
-    "arm": ("supervisor_node/rearm",),
-}
+MOTOR, SUPERVISOR, ARM = "motor_node/stop", "supervisor_node/stop", "supervisor_node/rearm"
+#: Services (std_srvs/Trigger) of each request, all of which are called; the first of them in the graph answers it.
+#: A stop is latched in the supervisor and reaches the motor at once: whether it is off, the motor itself confirms.
+TRIGGERED = {"stop": (MOTOR, SUPERVISOR), "disarm": (MOTOR,), "arm": (ARM,)}
 SELECTOR = "selector_node"
 
 
@@ -31,8 +29,7 @@ class OperatorRequests:
     def __init__(self, node: Node, events: EventPublisher) -> None:
         """Make the clients."""
         self._node, self._events = node, events
-        names = sorted({name for group in TRIGGERED.values() for name in group})
-        self._triggers = {name: node.create_client(Trigger, name) for name in names}
+        self._triggers = {name: node.create_client(Trigger, name) for name in (MOTOR, SUPERVISOR, ARM)}
         self._set = node.create_client(SetParameters, f"{SELECTOR}/set_parameters")
 
     def do(self, request: Request, answer: Answer) -> None:
@@ -41,45 +38,42 @@ class OperatorRequests:
             self._events.publish(Event.INFO, Event.NOTE, request.text)
             answer((True, f"noted: {request.text}"))
         elif isinstance(request, Hold):
-            self._set_parameter("hold", request.on, answer)
+            done = "the ceiling is held" if request.on else "the controller goes on"
+            self._set_parameter("hold", request.on, done, answer)
         elif isinstance(request, Method):
-            self._set_parameter("method", request.name, answer)
+            self._set_parameter("method", request.name, f"{SELECTOR}: method is {request.name}", answer)
         else:
-            self._trigger(TRIGGERED[request.do], answer)
+            self._trigger(request, answer)
 
-    def _trigger(self, names: Sequence[str], answer: Answer) -> None:
-        """Call every one of these services that is there; the first that succeeds answers, else the last."""
-        ready = [self._triggers[name] for name in names if self._triggers[name].service_is_ready()]
+    def _trigger(self, request: Plain, answer: Answer) -> None:
+        names = TRIGGERED[request.do]
+        ready = [name for name in names if self._triggers[name].service_is_ready()]
         if not ready:
             nodes = " and ".join(name.partition("/")[0] for name in names)
             answer((False, f"{nodes}: not in the graph; nothing was done"))
-        left = len(ready)
+            return
+        answers = [self._triggers[name].call_async(Trigger.Request()) for name in ready]
+        answers[0].add_done_callback(lambda future: answer(_outcome(future, partial(_in_words, ready[0]))))
 
-        def answered(future: Future) -> None:
-            nonlocal left
-            left -= 1
-            success, text = _outcome(future, lambda done: (bool(done.success), str(done.message)))
-            if success or not left:
-                answer((success, text))
-
-        for client in ready:
-            client.call_async(Trigger.Request()).add_done_callback(answered)
-
-    def _set_parameter(self, name: str, value: bool | str, answer: Answer) -> None:
+    def _set_parameter(self, name: str, value: bool | str, done: str, answer: Answer) -> None:
         if not self._set.service_is_ready():
             answer((False, f"{SELECTOR}: not in the graph; nothing was done"))
             return
-        request = SetParameters.Request(parameters=[_message(name, value)])
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
 
         def answered(future: Future) -> None:
-            done = f"{SELECTOR}: {name} is {str(value).lower() if isinstance(value, bool) else value}"
             answer(_outcome(future, lambda found: (found.results[0].successful, found.results[0].reason or done)))
 
         self._set.call_async(request).add_done_callback(answered)
 
 
-def _message(name: str, value: bool | str) -> ParameterMessage:
-    return Parameter(name, value=value).to_parameter_msg()
+def _in_words(service: str, found: Any) -> tuple[bool, str]:
+    """Return success and one line of an answer; of the motor itself in the words of the page."""
+    if service != MOTOR:
+        return bool(found.success), str(found.message)
+    if found.success:
+        return True, "motor off, confirmed by the motor node; Arm again arms it"
+    return False, f"motor off is not confirmed: use the emergency stop ({found.message})"
 
 
 def _outcome(future: Future, read: Callable[[Any], tuple[bool, str]]) -> tuple[bool, str]:

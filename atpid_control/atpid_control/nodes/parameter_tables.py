@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of identifier and selector; `config/*.yaml` have the same values, docs/parameters.md the tables."""
+"""The parameters of identifier, selector and supervisor.
+
+`python -m studies parameters` makes docs/parameters.md and `config/*.yaml` from these tables.
+"""
 
 import math
 from dataclasses import replace
@@ -24,7 +27,7 @@ IDENTIFIER = (
     ),
     Row("scene", "", "scene file with the beam and damper, for origin: beam"),
     Row("lockstep", False, "true: time is that of the stamps, so that no silence is reported"),
-    Row("window_periods", 2.0, "length of the sliding window in periods of the tone", "-", 1.0, 20.0),
+    Row("window_periods", 2.0, "sliding window in periods of the tone; 1 is enough for a steady one", "-", 1.0, 20.0),
     Row("lowest_frequency", 1.0, "tones are looked for above this", "Hz", 0.01, 1e4),
     Row("highest_frequency", 40.0, "tones are looked for below this", "Hz", 0.02, 1e4),
     Row("mains_frequency", 50.0, "hum that joins the fit where it is present; 0: none", "Hz", 0.0, 1e4),
@@ -37,8 +40,9 @@ IDENTIFIER = (
         1e6,
     ),
     _live(
-        "second_tone", 0.1, "amplitude over the first's from which another tone makes an estimate poor; 0: none does",
-        "-", 0.0, 0.9,
+        "second_tone", 0.1,
+        "amplitude over the first's from which another tone makes an estimate poor, since heights are selected for "
+        "one; 0: none does", "-", 0.0, 0.9,
     ),
     _live("slow_drift", 0.03, "relative rate of a frequency up to which its tone is steady", "1/s", 0.0, 0.9),
     _live("poor_residual", 0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
@@ -49,7 +53,7 @@ IDENTIFIER = (
     _live("rumble_calm", 0.03, "scatter below which a period is calm, at most rumble_onset", "-", 1e-4, 0.99),
     _live("rumble_calm_periods", 3, "consecutive calm periods that end the rumble", "", 1, 1000),
     _live("rumble_least_amplitude", 0.002, "a smaller response of the beam is not judged", "m", 0.0, 10.0),
-    _live("stale_timeout", 0.4, "silence of sensors/laser after which an event is published", "s", 0.1, 60.0),
+    _live("stale_timeout", 0.4, "silence of sensors/laser that is an event, at least three blocks", "s", 0.1, 60.0),
     _live("dead_time", 0.2, "a channel without one valid reading for so long is dead", "s", 0.01, 60.0),
     _live("frozen_time", 0.2, "a channel that stops in mid-motion for so long is frozen", "s", 0.01, 60.0),
     _live("largest_velocity", 30.0, "faster steps of a displacement are impossible; 0: not judged", "m/s", 0.0, 1e6),
@@ -64,23 +68,29 @@ SELECTOR = (
     _live("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
     _live("hold", False, "true: the ceiling stays where it is, whatever is selected"),
     Row("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
-    _live("dead_band", 0.01, "relative change of amplitude that moves nothing", "-", 0.0, 0.9),
+    _live(
+        "dead_band", 0.01, "relative change of amplitude that moves nothing: below 0.01 the ceiling moves by less than "
+        "it can be positioned", "-", 0.0, 0.9,
+    ),
     _live("sigmas", 4.0, "a change must also exceed this many standard deviations", "-", 0.0, 100.0),
     _live("steady_count", 4, "consecutive agreeing steady estimates that are acted on", "", 1, 1000),
     _live("rising_count", 4, "consecutive rising estimates that are a ramp to follow", "", 2, 1000),
     _live("falling_count", 2, "consecutive lower estimates before the ceiling goes down", "", 1, 1000),
     _live(
         "frequency_tolerance", 0.03,
-        "relative distance from the scene's frequency at which heights of a method for that one still hold", "-", 1e-6,
-        1.0,
+        "relative distance from the scene's frequency at which heights of a method for that one still hold; the "
+        "standard bench's half-power points lie 0.022 beside it", "-", 1e-6, 1.0,
     ),
     _live(
         "frequency_band", 0.0025,
-        "relative change of frequency that moves nothing, of a method that selects at any frequency", "-", 0.0, 0.9,
+        "relative change of frequency that moves nothing, of a method that selects at any frequency: "
+        "0.01 is up to 0.05 of the height", "-", 0.0, 0.9,
     ),
     _live("step_back", 0.06, "share of the clearance given up when the beam rumbles", "-", 1e-3, 0.9),
     _live(
-        "settle_count", 24, "estimates after the ceiling has come to rest that do not count as rumble", "", 0, 10_000,
+        "settle_count", 24,
+        "estimates after the ceiling has come to rest that do not count as rumble: the closed beam's decay time",
+        "", 0, 10_000,
     ),
     _live(
         "rumble_count", 6, "consecutive estimates that rumble after that, before the ceiling steps back", "", 1, 10_000,
@@ -109,14 +119,14 @@ SELECTOR = (
     Row("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
     Row("selection_deadline", 0.15, "time for a selection by direct with a margin; not in lockstep", "s", 0.01, 60.0),
     _live(
-        "stale_timeout", 0.4, "silence of excitation or ceiling/state after which an event is published", "s", 0.1,
-        60.0,
+        "stale_timeout", 0.4, "silence of excitation or ceiling/state that is an event, at least three blocks", "s",
+        0.1, 60.0,
     ),
 )  # fmt: skip
 
 _NODES = ["identifier_node", "selector_node", "motor_node", "recorder_node"]
 SUPERVISOR = (
-    Row("nodes", _NODES, "nodes that have to answer"),
+    Row("nodes", _NODES, "nodes that have to answer; the bench and the stand add the sources"),
     Row(
         "needed", ["identifier_node", "selector_node", "recorder_node"],
         "those of them without whose answers the ceiling is held and the motor gets no heartbeat",
@@ -125,6 +135,11 @@ SUPERVISOR = (
     Row("check_time", 5.0, "time from the first sample until the loop check has to pass; 0: none", "s", 0.0, 3600.0),
     Row("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
     Row("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
+    Row(
+        "restart_time", 0.0,
+        "how long one whose process has ended may be away before that counts; 0: nobody starts it again", "s", 0.0,
+        3600.0,
+    ),
     *(
         Row(f"{name}_{level}", math.inf, f"{level} level of its magnitude; .inf: none [{unit}]")
         for name, unit in QUANTITIES.items()

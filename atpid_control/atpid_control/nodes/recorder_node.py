@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records the graph's topics to a bag; serialised messages are written as they are received."""
 
-import math
-import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -15,44 +12,43 @@ from typing import Any
 import yaml
 from atpid_interfaces.msg import Event, RecorderStatus
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from atpid_common.errors import BAD_INPUT
-from atpid_common.injected_faults import RECORDER, FaultError, parsed
+from atpid_common.nodes.checked import Dropped
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
-from atpid_common.nodes.dropped import Dropped
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import STATUS, time_of
+from atpid_common.nodes.messages import STATUS, STEADY, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.real_time import LOOP_PRIORITY
-from atpid_control.bags import BagError, Qos, check_new, new_run
-from atpid_control.bags.errors import MessageError
-from atpid_control.bags.faulty_sink import DiskWatch, FaultySink
-from atpid_control.bags.session import Session
-from atpid_control.bags.topics import parse
-from atpid_control.bags.trigger import PreTrigger
-from atpid_control.bags.writer import Sink
-from atpid_control.nodes.recorder_parameters import PARAMETERS, writing_of
-from atpid_control.nodes.wire import DEPTH, ParameterReader, class_of, qos_of, subscription_qos
+from atpid_control.nodes.bag_qos import DEPTH, class_of, qos_of, subscription_qos
+from atpid_control.nodes.recorder_parameters import PARAMETERS, ParameterReader, writing_of
+from atpid_control.recording.session import Session
+from atpid_control.recording.trigger import PreTrigger
+from atpid_control.runs.errors import BagError, MessageError
+from atpid_control.runs.flush import DiskWatch
+from atpid_control.runs.metadata import Qos, new_run
+from atpid_control.runs.topics import parse
+from atpid_control.runs.writer import Sink, check_new
 
 TURN = 0.05  # between two checks whether the run has ended [s]
 STATUS_PERIOD = 1.0  # [s]
-#: Writing that takes longer is reported, and that for so long none did [s].
-SLOW_WRITE, DISK_WELL = 0.4, 2.0
+#: How long messages gather, which a kill loses beside those of the chunk [s].
+GATHER = 0.01
+#: Writing that takes longer is reported, and that for so long none did: at least and, where it comes back, at most [s].
+SLOW_WRITE, DISK_WELL = 0.4, (2.0, 60.0)
 
 
 class RecorderNode(Node):
     """Parameters, topics, and one call into the session for each message."""
 
-    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Check the parameters; the bag is made on the executor's first turn. Raises BagError, ParameterError."""
-        super().__init__("recorder_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("recorder_node", **node_options)
         self._values = declare(self, PARAMETERS)
         self._lockstep = bool(self._values["lockstep"])
         self._chunk_period = 0.0 if self._lockstep else float(self._values["chunk_period"])
@@ -60,10 +56,7 @@ class RecorderNode(Node):
         self.topics = [replace(topic, name=self.resolve_topic_name(topic.name)) for topic in chosen]
         files = [Path(name) for name in self._values["files"] if name]
         scene = Path(self._values["scene"]) if self._values["scene"] else None
-        self._faults = parsed(self._values["faults"], RECORDER, "the recorder")
-        if self._faults and self._lockstep:
-            raise FaultError("faults: given to a recorder in lockstep, which is no process; allowed: in real time")
-        self._disk = DiskWatch(SLOW_WRITE, DISK_WELL)
+        self._disk = DiskWatch(SLOW_WRITE, *DISK_WELL)
         clock = "lockstep" if self._lockstep else "real time"
         facts = {"clock": clock} if self._lockstep else {"clock": clock, "chunk_period": f"{self._chunk_period:g}"}
         self.run = new_run(scene, files, self._values["run_id"], self._values["commit"], **facts)
@@ -86,14 +79,13 @@ class RecorderNode(Node):
             self.create_subscription(class_of(topic.type), topic.name, take, subscription_qos(topic), raw=True)
         nodes = [] if self._lockstep else [name for name in self._values["parameters_of"] if name]
         self._parameter_reader = ParameterReader(self, nodes, self._keep_parameters)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._own_timers = [
-            self.create_timer(TURN, partial(self._guarded, self._turn), clock=steady),
-            self.create_timer(STATUS_PERIOD, self._each_second, clock=steady),
+            self.create_timer(TURN, partial(self._guarded, self._turn), clock=STEADY),
+            self.create_timer(STATUS_PERIOD, self._each_second, clock=STEADY),
         ]
         for period, act in ((self._values["sync_period"], self._sync), (self._chunk_period, self._end_chunk)):
             if period > 0.0:
-                self._own_timers.append(self.create_timer(period, partial(self._guarded, act), clock=steady))
+                self._own_timers.append(self.create_timer(period, partial(self._guarded, act), clock=STEADY))
 
     # recording
 
@@ -110,10 +102,8 @@ class RecorderNode(Node):
         return self.session
 
     def _sink(self, path: Path) -> Sink:
-        return FaultySink(path, self._faults, self._elapsed) if self._faults else Sink(path)
-
-    def _elapsed(self) -> float:
-        return math.nan if self.session is None else self.session.elapsed
+        """Open a file of the bag."""
+        return Sink(path)
 
     def _on_message(self, topic: str, data: bytes, info: dict[str, int]) -> None:
         if self.error:
@@ -177,8 +167,6 @@ class RecorderNode(Node):
             self._publish_event(Event.INFO, Event.RECOVERED, f"{self.bag} is written without delay again")
 
     def _turn(self) -> None:
-        if any(fault.kind == "off" and fault.active(self._elapsed()) for fault in self._faults):
-            os.kill(os.getpid(), signal.SIGKILL)
         session = self._open()
         self._judge_disk(session.writer.flush_seconds, "flushing")
         if session.complete:
@@ -277,8 +265,7 @@ class RecorderNode(Node):
             self.get_logger().error(self.error)
 
 
-#: Runs the recorder as a process of its own; returns the exit status.
-main = partial(run_node, RecorderNode, priority=LOOP_PRIORITY)
+main = partial(run_node, RecorderNode, priority=LOOP_PRIORITY, gather=GATHER)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of recorder_node, and what they mean for the session."""
+"""The parameters of recorder_node, what they mean for the session, and those of the other nodes, which it keeps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+
 from atpid_common.nodes.parameters import Row
-from atpid_control.bags.session import Writing
-from atpid_control.bags.topics import DEFAULT, Topic
-from atpid_control.bags.trigger import EDGES, trigger_of
-from atpid_control.bags.writer import CHUNK, COMPRESSIONS, Split
+from atpid_control.recording.session import Writing
+from atpid_control.recording.trigger import EDGES, trigger_of
+from atpid_control.runs.topics import DEFAULT, Topic
+from atpid_control.runs.writer import CHUNK, COMPRESSIONS, Split
 from atpid_sim.scene import load_scene
 
 NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node"]
@@ -40,11 +47,6 @@ PARAMETERS = (
         0.0,
         3600.0,
     ),
-    Row(
-        "faults",
-        [""],
-        "faults to act in real time: 'recorder KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
-    ),
     Row("sync_period", 1.0, "between two flushes to the disk: what a power cut can lose; 0: never", "s", 0.0, 3600.0),
 )
 
@@ -58,3 +60,42 @@ def writing_of(values: Mapping[str, Any], topics: list[Topic], scene: Path | Non
         split=Split(values["max_bag_size"], values["max_bag_duration"]),
         trigger=trigger_of(values["trigger"], topics, **settings),
     )
+
+
+#: Parameters that rclpy declares for every node.
+_OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+Keep = Callable[[str, Mapping[str, Any]], None]
+
+
+class ParameterReader:
+    """Gets the parameters of each node once, as soon as its services are there."""
+
+    def __init__(self, node: Node, names: Sequence[str], keep: Keep) -> None:
+        """Take the nodes' names; `keep` is called with a node's name and its parameters."""
+        self._node, self._keep = node, keep
+        self._open = {name: self._client(ListParameters, name, "list_parameters") for name in names}
+        self._requested: set[str] = set()
+
+    def poll(self) -> None:
+        """Request the parameters of nodes that have appeared since; to be called periodically."""
+        for name, client in self._open.items():
+            if name not in self._requested and client.service_is_ready():
+                self._requested.add(name)
+                client.call_async(ListParameters.Request()).add_done_callback(partial(self._request_values, name))
+
+    def _request_values(self, name: str, answer: Future) -> None:
+        listed = [key for key in answer.result().result.names if not key.startswith(_OF_RCLPY)]
+        client = self._client(GetParameters, name, "get_parameters")
+        request = GetParameters.Request(names=listed)
+        client.call_async(request).add_done_callback(partial(self._take_values, name, listed, client))
+
+    def _take_values(self, name: str, listed: Sequence[str], client: Client, answer: Future) -> None:
+        values = map(parameter_value_to_python, answer.result().values)
+        plain = (v if v is None or isinstance(v, bool | int | float | str) else list(v) for v in values)
+        self._keep(name, dict(zip(listed, plain, strict=False)))
+        self._node.destroy_client(client)
+        self._node.destroy_client(self._open.pop(name))
+
+    def _client(self, kind: Any, name: str, service: str) -> Client:
+        return self._node.create_client(kind, f"{name}/{service}")

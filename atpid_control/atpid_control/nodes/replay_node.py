@@ -9,9 +9,7 @@ from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, Event, Excitation
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from atpid_common.errors import BAD_INPUT, DONE
@@ -20,15 +18,15 @@ from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import Handshake, empty_block
-from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
+from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import started_twice
-from atpid_control.bags.errors import BagError
-from atpid_control.bags.playback import Item, load_playback
-from atpid_control.bags.topics import BLOCK
-from atpid_control.nodes.wire import class_of
+from atpid_control.nodes.bag_qos import class_of
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.playback import Item, load_playback
+from atpid_control.runs.topics import BLOCK
 
 TURN = 0.005  # resolution of a paced replay, and of /clock [s]
 TIMEOUT = 5.0  # how long an answer may take before a warning [s]
@@ -53,9 +51,9 @@ PARAMETERS = (
 class ReplayNode(Node):
     """Parameters, topics, the handshake, and one message after the other."""
 
-    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Read the bag; raise BagError where it cannot be played. `done` receives the exit status."""
-        super().__init__("replay_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("replay_node", **node_options)
         values = declare(self, PARAMETERS)
         self._rate, self._answer = float(values["rate"]), str(values["answer"])
         if not values["bag"]:
@@ -63,7 +61,7 @@ class ReplayNode(Node):
         self._bag = Path(values["bag"])
         self.playback = load_playback(self._bag, list(values["topics"]))
         for note in self.playback.notes:
-            self.get_logger().warning(note)
+            self.get_logger().info(note)
         self.played = 0
         self._awaited: int | None = None  # stamp of the answer after which the next block is played [ns]
         self._played_at = self._started = 0.0  # steady clock [s]
@@ -98,7 +96,7 @@ class ReplayNode(Node):
             recorder=expect_recorder,
         )
         # paced by the steady clock whatever /clock is: this node publishes it
-        self._turn_timer = self.create_timer(TURN, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._turn_timer = self.create_timer(TURN, self._turn, clock=STEADY)
         self._turn_timer.cancel()
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
@@ -216,7 +214,6 @@ class ReplayNode(Node):
         self._diagnostics.cancel()
 
 
-#: Runs the replay as a process of its own; returns the exit status.
 main = partial(run_node, ReplayNode)
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
-from atpid_interfaces.action import SearchHeight
+from atpid_interfaces.action import ComputeMap, SearchHeight
 from atpid_interfaces.msg import SampleBlock
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -19,6 +19,7 @@ from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
 
 _BEAM = "beam_displacement"
+R = TypeVar("R", SearchHeight.Result, ComputeMap.Result)
 
 
 class SearchServer:
@@ -94,7 +95,7 @@ class SearchServer:
         self._controller.watch(begin * 1e-9 + len(values) / block.rate, beam)
 
 
-def _result(run: SearchRun) -> Any:
+def _result(run: SearchRun) -> SearchHeight.Result:
     found = run.search
     if found.iterations == 0:
         return _no_result(run.message)
@@ -108,11 +109,11 @@ def _result(run: SearchRun) -> Any:
     )
 
 
-def _no_result(message: str) -> Any:
+def _no_result(message: str) -> SearchHeight.Result:
     return SearchHeight.Result(success=False, message=message, height=math.nan, beam_amplitude=math.nan)
 
 
-def concluded(goal: ServerGoalHandle, result: Any) -> Any:
+def concluded(goal: ServerGoalHandle, result: R) -> R:
     """Put a goal in its final state, by `result.success` unless it was cancelled; return the result."""
     if goal.is_cancel_requested:
         goal.canceled()

@@ -14,10 +14,8 @@ from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event, Excitation
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
@@ -26,7 +24,7 @@ from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of
+from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
@@ -34,6 +32,7 @@ from atpid_common.nodes.stale_monitor import MISSING
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
+from atpid_control import selection
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
 from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
@@ -46,7 +45,6 @@ from atpid_control.nodes.search_server import SearchServer
 from atpid_control.selection import HeightSelector, SelectionError
 from atpid_control.selection.checks import Resonance
 from atpid_sim.nodes.scene_parameter import scene_given
-from atpid_sim.scene import ControlledCeiling
 
 #: A command answers each block; a gap this long: controller or sensors have stopped [s].
 COMMAND_DEADLINE = 0.5
@@ -57,13 +55,13 @@ ESTIMATES, STATE, COMMANDS = "excitation", "ceiling/state", "ceiling/command"
 class SelectorNode(Node):
     """Parameters, topics, services, and one call into the controller for each estimate."""
 
-    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Read scene and map; raise an AtpidError where they, or parameters, do not fit. `done`: exit status."""
-        super().__init__("selector_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("selector_node", **node_options)
         self.parameters = LiveParameters(self, selector_table())
         self._scene = scene_given(self)
         self._block, self._lockstep = self._scene.recording.block, bool(self.parameters["lockstep"])
-        self._method = self.parameters["method"] or getattr(self._scene.ceiling, "controller", "fixed")
+        self._method = self.parameters["method"] or self._scene.ceiling.controller or "fixed"
         # selections for the loop and on request run in executors of their own
         self._loop_executor, self._request_executor = (
             InlineExecutor() if self._lockstep else threaded(name) for name in ("loop-selection", "requested-selection")
@@ -88,22 +86,22 @@ class SelectorNode(Node):
 
     def _make_selector(self, method: str) -> HeightSelector:
         given = self.parameters["map"]
-        height_map = Path(given) if given else getattr(self._scene.ceiling, "map", None)
+        height_map = Path(given) if given else self._scene.ceiling.map
         return selector_of(self.parameters.__getitem__, method, self._scene, height_map, lockstep=self._lockstep)
 
     def _make_controller(self) -> tuple[HeightSelector, Controller]:
         selector, inner = self._made_for(self._method)
         ceiling = self._scene.ceiling
-        return selector, SearchingController(inner, ceiling.range) if isinstance(ceiling, ControlledCeiling) else inner
+        return selector, SearchingController(inner, ceiling.range) if ceiling.controlled else inner
 
     def _made_for(self, method: str) -> tuple[HeightSelector, Controller]:
         """Return the selector of a method and its controller."""
         scene, selector = self._scene, self._make_selector(method)
-        if not isinstance(scene.ceiling, ControlledCeiling):
+        if not scene.ceiling.controlled:
             return selector, controller_of(self.parameters.__getitem__, scene, selector)
         # warm-up call: a method that simulates loads its kernels now, not while the structure vibrates
         with suppress(SelectionError):
-            selector.select(scene.grain.radius, frequency=scene.frequency_hz)
+            selector.select(selection.Excitation(scene.grain.radius, frequency=scene.frequency_hz))
         given = self.parameters["map"] or scene.ceiling.map
         fallback = self._make_selector("lookup") if selector.simulates and given else None
         return selector, controller_of(self.parameters.__getitem__, scene, selector, self._loop_executor, fallback)
@@ -140,7 +138,7 @@ class SelectorNode(Node):
         # a ceiling that no controller moves cannot be searched
         borrowed = self._controller if isinstance(self._controller, SearchingController) else None
         self._search = SearchServer(self, borrowed, lambda: self._start_ns) if borrowed else None
-        self._alone_timer = self.create_timer(1.0, self._check_alone, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._alone_timer = self.create_timer(1.0, self._check_alone, clock=STEADY)
 
     # parameters that change while the node runs
 
@@ -156,7 +154,7 @@ class SelectorNode(Node):
 
     def _make_another(self) -> None:
         """Make the controller of another method where one was chosen, beside the loop, which goes on by the last."""
-        wanted = self.parameters["method"] or getattr(self._scene.ceiling, "controller", self._method)
+        wanted = self.parameters["method"] or self._scene.ceiling.controller or self._method
         if self._making is None and wanted != self._method:
             self._making = wanted, self._request_executor.submit(self._made_for, wanted)
 
@@ -283,7 +281,6 @@ class SelectorNode(Node):
         self._alone_timer.cancel()
 
 
-#: Runs the selector as a process of its own; returns the exit status.
 main = partial(run_node, SelectorNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":

@@ -10,10 +10,11 @@ from atpid_interfaces.msg import Event, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
+from atpid_common.channel_monitor import ChannelState
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import nanoseconds_of, time_of
-from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalState, SignalWatch
+from atpid_control.loop.signal_watch import ClockWatch, SignalSettings, SignalWatch
 
 
 class SignalFaults:
@@ -42,7 +43,8 @@ class SignalFaults:
             watch.settings = self._settings if unit == "m" else replace(self._settings, largest_velocity=0.0)
             changed = watch.push(block.rate, data[:, column])
             if changed is not None:
-                self._publish(changed is not SignalState.PLAUSIBLE, f"{name}: {watch.text}", math.nan, last_ns)
+                again = " again" if changed.state is ChannelState.PLAUSIBLE else ""
+                self._publish(not again, f"{name}: {changed.text}{again}", math.nan, last_ns)
         device = str(block.header.frame_id)
         clock = self._clocks.setdefault(device, ClockWatch(self._clock_tolerance))
         faulty = clock.push(nanoseconds_of(block.header.stamp) * 1e-9, block.first_index, block.rate)
@@ -58,9 +60,9 @@ class SignalFaults:
         """Return one status for each channel and clock."""
         found = []
         for name, watch in self._watches.items():
-            level = DiagnosticStatus.OK if watch.state is SignalState.PLAUSIBLE else DiagnosticStatus.ERROR
-            values: dict[str, Any] = {"state": watch.state.value}
-            found.append(status(self._node, name, level, watch.text, values))
+            level = DiagnosticStatus.ERROR if watch.finding.state.severity else DiagnosticStatus.OK
+            values: dict[str, Any] = {"state": watch.finding.state.value}
+            found.append(status(self._node, name, level, watch.finding.text, values))
         for device, clock in self._clocks.items():
             level = DiagnosticStatus.ERROR if clock.faulty else DiagnosticStatus.OK
             text = f"stamps {clock.off:+.3f} s off their indices"

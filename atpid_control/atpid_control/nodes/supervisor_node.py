@@ -11,9 +11,9 @@ from typing import Any
 
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock, SupervisorState
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -21,38 +21,42 @@ from atpid_common.errors import BAD_INPUT
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher, status
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import BLOCKS, STATES
+from atpid_common.nodes.messages import BLOCKS, STATES, STEADY
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import declare
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import RunState
 from atpid_control.nodes.loop_checker import LoopChecker
+from atpid_control.nodes.motor_requests import MOTOR, MotorRequests
 from atpid_control.nodes.node_questions import NodeQuestions
 from atpid_control.nodes.parameter_tables import SUPERVISOR
 from atpid_control.nodes.quantity_watch import QuantityWatch
-from atpid_control.supervision.answers import Answers, Change
+from atpid_control.supervision.answers import Change, NodeLiveness
 from atpid_control.supervision.limits import QUANTITIES, Levels, Limits, Passed, Severity
-from atpid_control.supervision.states import Situation, State, Supervision
+from atpid_control.supervision.states import Situation, Supervision
 
 #: Between two turns [s]; a turn later than twice that was held up.
 TURN = 0.05
+#: How long the last state and events may take to reach those who have subscribed, one of whom may hang [s].
+_DELIVERY = 1.0
 SENSORS = ("sensors/laser", "sensors/accelerometer")
 LEVELS = {
-    State.READY: DiagnosticStatus.OK,
-    State.STARTING: DiagnosticStatus.WARN,
-    State.DEGRADED: DiagnosticStatus.WARN,
+    RunState.READY: DiagnosticStatus.OK,
+    RunState.STARTING: DiagnosticStatus.WARN,
+    RunState.DEGRADED: DiagnosticStatus.WARN,
 }
 
 
 class SupervisorNode(Node):
     """Parameters, topics, services, and one call into the rules for each turn, block and state."""
 
-    def __init__(self, *, parameter_overrides: list[Parameter] | None = None, **node_options: Any) -> None:
+    def __init__(self, **node_options: Any) -> None:
         """Raise ParameterError or SupervisionError, in one line, for bad parameters. `done`: exit status."""
-        super().__init__("supervisor_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("supervisor_node", **node_options)
         self._values = declare(self, SUPERVISOR)
         nodes = [name for name in self._values["nodes"] if name]
-        self._answers = Answers(nodes, self._values["answer_time"], 2.0 * TURN)
+        self._answers = NodeLiveness(nodes, self._values["answer_time"], 2.0 * TURN)
         self._supervision = Supervision(self._answers, [name for name in self._values["needed"] if name])
         levels = {
             name: Levels(*(self._values[f"{name}_{kind}"] for kind in ("warning", "abort"))) for name in QUANTITIES
@@ -69,40 +73,45 @@ class SupervisorNode(Node):
         self._states = self.create_publisher(SupervisorState, "supervisor/state", STATES)
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         self._questions = NodeQuestions(self, self._answers)
+        self._motor = MotorRequests(self)
+        self._stops = 0  # requests and causes to stop so far
         self._check = LoopChecker(self, self._answers.nodes, self._values["scene"], self._values["check_time"])
         for topic in SENSORS:
             subscribe(self, SampleBlock, topic, self._on_block, BLOCKS)
         subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
-        self.create_service(Trigger, "~/stop", self._on_stop)
-        self.create_service(Trigger, "~/rearm", self._on_rearm)
+        waiting = ReentrantCallbackGroup()  # while these wait for the motor's answer, all else goes on
+        self.create_service(Trigger, "~/stop", self._on_stop, callback_group=waiting)
+        self.create_service(Trigger, "~/rearm", self._on_rearm, callback_group=waiting)
         self.create_service(Trigger, "~/check", self._on_check)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._own_timers = [
-            self.create_timer(TURN, self._turn, clock=steady),
-            self.create_timer(1.0, self._check_alone, clock=steady),
+            self.create_timer(TURN, self._turn, clock=STEADY),
+            self.create_timer(1.0, self._check_alone, clock=STEADY),
         ]
 
     def _turn(self) -> None:
         now = time.monotonic()
-        for change in self._answers.check(now):
+        # one that is not needed may end in order, and the run with it
+        for change in self._answers.check(now, self._questions.ended().intersection(self._values["needed"])):
             self._report(change)
         self._questions.ask(now)
         self._publish(now)
-        lost = self._supervision.given_up(now, self._values["give_up"])
+        limits = self._values["give_up"], self._values["restart_time"]
+        lost = self._supervision.given_up(now, *limits, self._questions.runs_here)
         if lost:
             silence = self._answers.silence(lost, now)
-            self._end(f"{lost} has not answered for {self._values['give_up']:g} s: the run ends", silence)
+            passed = max(limit for limit in limits if limit < silence)
+            self._end(f"{lost} has not answered for {passed:g} s: the run ends", silence)
         self._check_loop(now)
 
     def _check_loop(self, now: float) -> None:
-        before = self._check.passed
+        before = self._check.decided
         found = self._check.turn(now)
         for line in found:
             self._events.publish(Event.ALARM, Event.ABORT, f"loop check: {line}")
         if found:
             self._stop(f"loop check: {'; '.join(found)}")
             self._end(f"loop check: {'; '.join(found)}", float(len(found)))
-        elif self._check.passed and not before:
+        elif self._check.decided and not before:
             self._events.publish(Event.INFO, Event.SUPERVISION, "loop check passed")
 
     def _end(self, text: str, value: float) -> None:
@@ -121,7 +130,7 @@ class SupervisorNode(Node):
             return
         why = self._questions.in_words(change.name)
         needed = change.name in self._values["needed"]
-        held = "the ceiling is held, without heartbeats" if needed else "the run goes on"
+        held = "the ceiling is held, without heartbeats" if needed else "motion stays permitted"
         severity = Event.ALARM if needed else Event.WARNING
         text = f"{change.name} {why} for {change.silence:.2f} s: {held}"
         self._events.publish(severity, Event.STALE, text, change.silence)
@@ -137,7 +146,7 @@ class SupervisorNode(Node):
         before, self._situation = self._situation, situation
         if before is None or before.state != situation.state:
             text = f"{situation.state.name.lower()}{': ' if situation.reason else ''}{situation.reason}"
-            expected = situation.permit or situation.state in (State.STARTING, State.SHUTDOWN)
+            expected = situation.permit or situation.state in (RunState.STARTING, RunState.SHUTDOWN)
             severity = Event.INFO if expected else Event.ALARM
             self._events.publish(severity, Event.SUPERVISION, text)
             self._diagnostics.publish()
@@ -149,6 +158,7 @@ class SupervisorNode(Node):
 
     def _on_state(self, state: CeilingState) -> None:
         if not state.handshake:
+            self._motor.on_state(state)
             self._quantities.on_motor(state.mode in (CeilingState.HOMING, CeilingState.MOVING), time.monotonic())
 
     def _on_passed(self, passed: Passed) -> None:
@@ -159,25 +169,49 @@ class SupervisorNode(Node):
         self._events.publish(Event.ALARM, Event.ABORT, f"{passed}: motor off", passed.value)
 
     def _stop(self, reason: str) -> None:
+        self._stops += 1
         if self._supervision.stop(reason):
             self._publish(time.monotonic())  # now: the motor need not wait for the next turn
 
-    def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop on request of the operator: motor off until `~/rearm`."""
+    async def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Stop on request of the operator: motor off until `~/rearm`. A success is confirmed by the motor itself."""
         self._stop("stopped by the operator")
-        response.success, response.message = True, f"motor off: {self._supervision.stopped}; ~/rearm arms it again"
+        problem = await self._motor.stop()
+        response.success, response.message = True, "motor off, confirmed; supervisor_node/rearm arms it again"
+        if problem:
+            text = f"permission withdrawn; motor off not confirmed ({problem}): use the emergency stop"
+            response.success, response.message = False, text
         return response
 
-    def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Clear a stop or an abort whose cause is gone, and activate the motor; only on request of a person."""
-        above = self._quantities.still_above()
-        problem = f"{', '.join(above)}: still above the abort level" if above else self._supervision.rearm()
-        response.success, response.message = not problem, problem or "cleared; the motor is armed, and homed if needed"
-        if not problem:
+    async def _on_rearm(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Clear a stop or an abort whose cause is gone, and arm the motor; only on request of a person.
+
+        Where the motor does not confirm that it is armed, the run is stopped: nothing may arm or move it later.
+        """
+        stops = self._stops
+        motor = await self._motor.lifecycle_state()  # one that hangs must not find the request when it goes on
+        text = self._rearm_refusal(motor, stops)
+        response.success = not text
+        if not text:
             self._quantities.rearm()
             self._publish(time.monotonic())
-            self._questions.rearm_motor()
+            response.success, text = await self._motor.arm(motor)
+            if self._stops > stops:
+                response.success, text = False, f"stopped meanwhile: {self._supervision.stopped}"
+            elif not response.success:
+                self._stop(f"not armed: {text}")
+        response.message = f"armed; {text}" if response.success else f"not armed: {text}"
         return response
+
+    def _rearm_refusal(self, motor: str, stops: int) -> str:
+        """Return why nothing is armed, one line; empty: the stop is cleared. motor: lifecycle state of its node."""
+        if self._stops > stops:
+            return f"stopped meanwhile: {self._supervision.stopped}"
+        if not motor:
+            return f"{MOTOR} {self._questions.in_words(MOTOR)}: end the run and start it again"
+        if above := self._quantities.still_above():
+            return f"{', '.join(above)}: still above the abort level"
+        return self._supervision.rearm()
 
     def _on_check(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Make the loop check now; nothing is moved or stopped."""
@@ -202,12 +236,14 @@ class SupervisorNode(Node):
         self._supervision.end()
         if self.context.ok():
             self._publish(time.monotonic())
+            # why a run ends and that the motor is off must not be lost with this process
+            for publisher in (self._events.publisher, self._states):
+                publisher.wait_for_all_acked(Duration(seconds=_DELIVERY))
         self._diagnostics.cancel()
         for timer in self._own_timers:
             timer.cancel()
 
 
-#: Runs the supervisor as a process of its own; returns the exit status.
 main = partial(run_node, SupervisorNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Height selection: one protocol, one small file a method, chosen by name from the registry."""
 
-from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
 from atpid_control.selection.registry import METHODS, make_selector, methods
 
-__all__ = ["METHODS", "HeightSelector", "Selection", "SelectionError", "make_selector", "methods"]
+__all__ = ["METHODS", "Excitation", "HeightSelector", "Selection", "SelectionError", "make_selector", "methods"]

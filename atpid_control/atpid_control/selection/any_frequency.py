@@ -8,10 +8,10 @@ lift it, above it the open damper brings the beam without its grain into resonan
 import math
 from dataclasses import replace
 
-from atpid_control.selection.checks import check_excitation, frequencies_of
-from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
+from atpid_control.selection.checks import frequencies_of
+from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
 from atpid_sim.maps import DamperResponse
-from atpid_sim.maps.use import LEAST_USE, closed_over_gravity, rests
+from atpid_sim.maps.response import LEAST_USE
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 
@@ -22,29 +22,27 @@ class AnyFrequency:
     def __init__(self, selector: HeightSelector, scene: Scene) -> None:
         """Take the method and the scene it selects for."""
         self._selector, self._damper = selector, DamperResponse(scene)
-        self._lowest = max(self._damper.diameter, getattr(scene.ceiling, "range", (0.0,))[0])
+        self._lowest = scene.height_limits[0]
         self.method, self.simulates = selector.method, selector.simulates
         #: Lowest and highest frequency it selects for [Hz].
         self.frequencies = frequencies_of(scene)
 
-    def select(
-        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:  # fmt: skip
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the best height, or that of the closed damper where it is of no use; see `HeightSelector.select`."""
-        check_excitation(amplitude, amplitude_std, frequency, margin)
+        excitation.spread(margin)  # refuses a margin that is none
+        amplitude, frequency = excitation.amplitude, excitation.frequency
         damper = self._damper
         if not math.isnan(frequency):
             self._check_frequency(frequency)
             damper = damper.at_frequency(frequency)
         try:
-            resting = rests(damper, amplitude)
+            resting = damper.rests(amplitude)
         except NumericalFailure as error:
             raise SelectionError(f"{self.method}: {error}") from error
         if resting:
-            lifts = f"the closed beam's acceleration, {closed_over_gravity(damper, amplitude):.2f} g, does not lift it"
+            lifts = f"the closed beam's acceleration, {damper.closed_over_gravity(amplitude):.2f} g, does not lift it"
             return self._closed(damper, amplitude, Selection(math.nan, math.nan, math.nan, self.method), lifts)
-        chosen = self._selector.select(amplitude, amplitude_std, frequency, margin=margin, height=height)
+        chosen = self._selector.select(excitation, margin, height)
         if not chosen.efficiency < LEAST_USE:
             return chosen
         found = f"the best height found, {chosen.height:.4f} m, takes {100.0 * chosen.efficiency:.1f} % off the beam"
@@ -62,7 +60,7 @@ class AnyFrequency:
         shut = self._lowest <= damper.diameter * (1.0 + 1e-9)
         kept = "it stays closed" if shut else f"the ceiling stays at its lowest, {self._lowest:g} m"
         where = f"the damper is of no use at {amplitude:.4g} m and {damper.frequency:.4g} Hz"
-        beam = damper.closed_amplitude(amplitude) if shut or rests(damper, amplitude) else math.nan
+        beam = damper.closed_amplitude(amplitude) if shut or damper.rests(amplitude) else math.nan
         efficiency = 0.0 if math.isfinite(beam) else math.nan
         return replace(
             chosen, height=self._lowest, beam_amplitude=beam, efficiency=efficiency, price=0.0,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a selector's input, of a request and of the height, and the simulation for a frequency."""
+"""Checks of a request and of the height, and the simulation for a frequency."""
 
 import math
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from atpid_control.identification import Estimate
 from atpid_control.selection.protocol import HeightSelector, Selection, SelectionError
 from atpid_sim.maps import DamperResponse
-from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
-from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene, SceneError
+from atpid_sim.maps.response import HIGHEST_RATIO, LOWEST_RATIO
+from atpid_sim.scene import Scene, SceneError
 
 #: A measured frequency this close to the scene's is the scene's: resonance is 2 % wide [relative].
 _SAME = 1e-3
@@ -17,23 +17,11 @@ _SAME = 1e-3
 _AT_THE_END = 0.02
 
 
-def check_excitation(amplitude: float, amplitude_std: float, frequency: float, margin: float) -> None:
-    """Raise SelectionError, in one line, for numbers without a height."""
-    if not (math.isfinite(amplitude) and amplitude > 0.0):
-        raise SelectionError(f"amplitude: given {amplitude:g} m; allowed is a number above 0; the ceiling stays")
-    if not (math.isfinite(amplitude_std) and amplitude_std >= 0.0):
-        raise SelectionError(f"amplitude_std: given {amplitude_std:g} m; allowed is a number from 0; the ceiling stays")
-    if not (math.isnan(frequency) or 0.0 < frequency < math.inf):
-        raise SelectionError(f"frequency: given {frequency:g} Hz; allowed is a number above 0, or NaN for the scene's")
-    if not (math.isfinite(margin) and margin >= 0.0):
-        raise SelectionError(f"margin: given {margin:g}; allowed is a number of standard deviations from 0")
-
-
 def response_at(damper: DamperResponse, scene: Scene, frequency: float, rtol: float) -> DamperResponse:
     """Return the damper's response, or that of the same system at another frequency [Hz]; NaN: the scene's own."""
     if math.isnan(frequency) or abs(frequency / damper.frequency - 1.0) < _SAME:
         return damper
-    if not isinstance(scene.excitation, HarmonicExcitation):
+    if not scene.excitation.is_tone:
         raise SelectionError("frequency: heights are selected for a tone; the scene's excitation has no amplitude")
     try:
         return DamperResponse(scene.with_(frequency=frequency), rtol)
@@ -54,7 +42,7 @@ def reach_of(selector: HeightSelector) -> tuple[float, float] | None:
 
 def range_warnings(scene: Scene, chosen: Selection) -> list[str]:
     """Return what the range of a controlled ceiling does to a selected height: a line, or nothing."""
-    if not isinstance(scene.ceiling, ControlledCeiling):
+    if not scene.ceiling.controlled:
         return []
     low, high = scene.ceiling.range
     height, allowed = f"height: {chosen.height:.4f} m", f"ceiling.range ({low:g} to {high:g} m)"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from atpid_control.selection.protocol import SelectionError
-from atpid_sim.maps.best import Mapper
+from atpid_sim.maps.ratings import Mapper
 
 
 class OutOfTimeError(Exception):
@@ -18,7 +18,7 @@ class Deadline:
     """A time from now on."""
 
     def __init__(self, seconds: float) -> None:
-        """Take the time [s]; math.inf: there is no deadline. Raises SelectionError for one that cannot be."""
+        """Take the time [s]; math.inf: there is no deadline. Raises SelectionError for an invalid one."""
         if not seconds > 0.0:
             raise SelectionError(f"deadline: given {seconds:g} s; allowed is a time above 0 s")
         self.seconds, self._begun = seconds, time.monotonic()

@@ -7,17 +7,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, partial
 
-from atpid_control.selection.checks import check_excitation, response_at
+from atpid_control.selection.checks import response_at
 from atpid_control.selection.deadline import Deadline, OutOfTimeError
-from atpid_control.selection.margin import Excitation, Robust, robust_height
-from atpid_control.selection.protocol import DEADLINE, Selection, SelectionError, Stage
+from atpid_control.selection.margin import IRREGULAR, Robust, robust_height
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError, Stage
 from atpid_control.selection.uncertain import System, Uncertainty, systems_of
 from atpid_control.selection.workers import Workers, without_collection
-from atpid_sim.maps import FROM_CLOSED, Checked, DamperResponse, Timing, quick_best, travelled
-from atpid_sim.maps.best import FLAT
+from atpid_sim.maps import FROM_CLOSED, Best, DamperResponse, Timing, best_height, travelled
+from atpid_sim.maps.ratings import FLAT
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import cores
+from atpid_sim.simulation.quantities import efficiency
 
 #: Tolerance of the complete runs: 0.2 % of an amplitude is resolved.
 _RTOL = 1e-5
@@ -30,6 +31,8 @@ _LATER = 0.37
 #: Shares of the deadline after which no more run of the bare optimum is begun, and no more run at all. What is left is
 #: for runs that have begun, and for threads that wait for their processor on a busy machine.
 _BARE, _ALL = 0.5, 0.85
+#: What lies between the systems of a margin may be so much worse: efficiency [-].
+_UNSEEN = 0.01
 
 
 class DirectSelector:
@@ -42,16 +45,16 @@ class DirectSelector:
         scene: Scene,
         uncertainty: Uncertainty | None = None,
         workers: int | None = None,
-        deadline: float = DEADLINE,
+        deadline: float = math.inf,
     ) -> None:
         """Take the system of a scene, and the ceiling's range and speed where it is controlled.
 
-        deadline: time in which a selection with a margin ends with what it has found [s]; math.inf: none, so that it
-        does not depend on how busy the machine is.
+        deadline: time in which a selection with a margin ends with what it has found [s]; by default none, so that it
+        verifies every system and does not depend on how busy the machine is.
         """
         self._scene, self._workers, self._deadline = scene, workers or cores(), Deadline(deadline).seconds
-        self._limits = getattr(scene.ceiling, "range", (2.0 * scene.grain.radius, math.inf))
-        self._speed = float(getattr(scene.ceiling, "speed", _SPEED))
+        self._limits = scene.height_limits
+        self._speed = _SPEED if math.isnan(scene.ceiling.speed) else scene.ceiling.speed
         self._uncertainty = uncertainty or Uncertainty()
         self._damper = DamperResponse(scene, _RTOL)
         # compiled now, or loaded from the cache, so that the first selection is as fast as the next
@@ -70,24 +73,21 @@ class DirectSelector:
         """Make what a margin needs now, so that the first selection with one is as fast as the next."""
         _ = self._systems
 
-    def select(
-        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:  # fmt: skip
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the best height reached from `height` [m], or from closed; see `HeightSelector.select`."""
-        check_excitation(amplitude, amplitude_std, frequency, margin)
+        spread = excitation.spread(margin)
         if margin > 0.0:
             self.prepare()
         deadline = Deadline(self._deadline if margin > 0.0 else math.inf)
-        damper = response_at(self._damper, self._scene, frequency, _RTOL)
+        damper = response_at(self._damper, self._scene, excitation.frequency, _RTOL)
         approaches = FROM_CLOSED
         if height > damper.diameter * (1.0 + 1e-6):
             approaches = travelled(height, self._speed), travelled(height, self._speed, _LATER * damper.period)
-        bare = partial(quick_best, damper, amplitude, limits=self._limits, approaches=approaches)
+        bare = partial(best_height, damper, excitation.amplitude, limits=self._limits, approaches=approaches)
         try:
             with without_collection(), Workers(self._workers) as workers:
                 if margin > 0.0:
-                    given = Excitation(amplitude, margin * amplitude_std, damper.frequency)
+                    given = Excitation(excitation.amplitude, spread, damper.frequency)
                     return self._with_margin(damper, given, bare, workers, deadline)
                 best = bare(mapper=workers.map)
         except NumericalFailure as error:
@@ -100,33 +100,45 @@ class DirectSelector:
         )  # fmt: skip
 
     def _with_margin(
-        self, damper: DamperResponse, given: Excitation, bare: Callable[..., Checked], workers: Workers,
+        self, damper: DamperResponse, given: Excitation, bare: Callable[..., Best], workers: Workers,
         deadline: Deadline,
     ) -> Selection:  # fmt: skip
-        """Return the height that is best in the worst case; bare: computes the bare optimum, given a mapper."""
+        """Return the height that is best in the worst case.
+
+        given: with the margin's whole error bar as its deviation; bare: computes the bare optimum, given a mapper.
+        """
         try:
-            best: Checked | None = bare(mapper=deadline.limited(workers.map, _BARE))
+            best: Best | None = bare(mapper=deadline.limited(workers.map, _BARE))
         except OutOfTimeError:
             best = None  # as where many motions are irregular: the margin begins with a first look instead
         begin = math.nan if best is None else best.height
         late = partial(deadline.near, _ALL)
         found = robust_height(self._systems, given, begin, self._limits, workers.map, late)
-        efficiency = 1.0 - found.amplitude / damper.closed_amplitude(given.amplitude)
+        reduction = efficiency(found.amplitude, damper.closed_amplitude(given.amplitude))
         searched = _unfinished(_BARE * self._deadline) if best is None else _searched(best)
-        guaranteed = _guaranteed(found, deadline)
+        held = guaranteed(found, deadline)
         return Selection(
-            found.height, found.amplitude, efficiency, self.method,
+            found.height, found.amplitude, reduction, self.method,
             found.evaluations + (best.evaluations if best else 0), deadline.spent,
-            best.efficiency - efficiency if best else math.nan, (searched, guaranteed), note=guaranteed.note,
+            best.efficiency - reduction if best else math.nan, (searched, held), note=held.note,
             late=deadline.passed(),
         )  # fmt: skip
 
 
-def _guaranteed(found: Robust, deadline: Deadline) -> Stage:
-    rumble = "" if found.regular else "; irregular in the worst of them"
+def guaranteed(found: Robust, deadline: Deadline) -> Stage:
+    """Return what a margin holds for: a bound only where each system was verified and the motion is regular in all."""
     late = f"; late: {deadline.spent:.3f} s of {deadline.seconds:g} s" if deadline.passed() else ""
-    held = f"least efficiency {found.least:.3f} in {found.verified} of {found.sampled} sampled systems"
-    return Stage("margin", found.height, found.worst, held + rumble + late)
+    every = found.verified == found.sampled
+    least = math.floor(1e3 * (found.least - _UNSEEN)) / 1e3  # a bound is not rounded up
+    if every and not found.irregular:
+        held = f"least efficiency {least:.3f} in {found.verified} of {found.sampled} sampled systems"
+    else:
+        held = f"least efficiency of those looked at {least:.3f}, no bound: verified"
+        held += f" in {found.verified} of {found.sampled} sampled systems, irregular in {found.irregular} of them"
+    if every and found.irregular:
+        none = f"no lower height that leaves less than {IRREGULAR:g} times this beam is regular in all of them"
+        held = f"{none}: {held}"
+    return Stage("margin", found.height, found.worst, held + late)
 
 
 def _unfinished(seconds: float) -> Stage:
@@ -134,7 +146,7 @@ def _unfinished(seconds: float) -> Stage:
     return Stage("search", math.nan, math.nan, text)
 
 
-def _searched(best: Checked) -> Stage:
+def _searched(best: Best) -> Stage:
     if best.searched == best.checked:
         return Stage("search", best.height, best.amplitude, f"with {best.checked}, which leaves out nothing")
     if best.disagreement == 0.0:

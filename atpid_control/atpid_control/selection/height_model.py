@@ -36,14 +36,14 @@ INPUTS = ("acceleration", "mass_fraction", "damping_ratio", "restitution")
 LEAST_RATIO = 2.0
 #: The height selected, as a share of the best clearance: below it by about the error that 5 % of systems exceed.
 SHARE = 0.96
-#: Smoothing of the spline, chosen by cross-validation from 0.01 to 10 (docs/decisions/0027-learned-selector.md).
+#: Smoothing of the spline, chosen by cross-validation from 0.01 to 10 (docs/decisions/0026-thesis-side-by-side.md).
 _SMOOTHING = 1.0
 
 #: Most systems of a model: solving it takes their number squared in memory, cubed in time. Largest file [bytes].
 MOST_SYSTEMS, _LARGEST = 4096, 2_000_000
 
 _GRIDS = ("inputs", "clearances", "remaining", "drawn_from")
-_MAKE = "train one with `python -m atpid_control learn --out DIR`"
+_MAKE = "train one with `atpid learn --out DIR`"
 
 
 class ModelError(InputError):
@@ -58,7 +58,7 @@ class HeightModel:
     clearances: Array  # (n,) best clearance over the ballistic one [-]
     remaining: Array  # (n,) amplitude at SHARE of that clearance over the closed damper's, worst approach [-]
     drawn_from: Array  # (2, 4) lowest and highest value of each input among which the systems were drawn [-]
-    errors: tuple[dict[str, Any], ...] = ()  # on systems left out of the training (`studies.learning`)
+    errors: tuple[dict[str, Any], ...] = ()  # on systems left out of the training (`selection.learning`)
     source: str = "the model"  # its name in messages
 
     def predict(self, inputs: Array) -> Array:

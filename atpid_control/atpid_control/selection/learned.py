@@ -6,9 +6,8 @@ import time
 from pathlib import Path
 
 from atpid_common.folders import share_folder
-from atpid_control.selection.checks import check_excitation
 from atpid_control.selection.height_model import INPUTS, LEAST_RATIO, SHARE, HeightModel, inputs_of
-from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
@@ -20,7 +19,7 @@ _ON_RESONANCE = 0.03
 #: What is refused is a value beyond the model's range by more than this share.
 _SLACK = 1e-9
 #: What a user may do instead.
-_INSTEAD = "select with direct, or train a model with `python -m atpid_control learn`"
+_INSTEAD = "select with direct, or train a model with `atpid learn`"
 
 
 class LearnedSelector:
@@ -36,19 +35,16 @@ class LearnedSelector:
         self._check_system(inputs_of(scene, self._damper, 1.0))
         model.predict(model.inputs[:1])  # solved now, so that the first selection is as fast as the next
 
-    def select(
-        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:  # fmt: skip
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the height of the regression; see `HeightSelector.select`."""
         del height  # the height holds for a ceiling opened from closed, at once or slowly
-        check_excitation(amplitude, amplitude_std, frequency, margin)
+        amplitude, spread = excitation.amplitude, excitation.spread(margin)
         begun = time.perf_counter()
-        if not math.isnan(frequency):
-            self._check_frequency(frequency)
+        if not math.isnan(excitation.frequency):
+            self._check_frequency(excitation.frequency)
         self._check_amplitude(amplitude)
         # the best height grows with the amplitude: that of the error bar's lower end is safe for all of it
-        lower = max(amplitude - margin * amplitude_std, self._amplitudes(amplitude)[0])
+        lower = max(amplitude - spread, self._amplitudes(amplitude)[0])
         clearance, remaining = self._model.predict(inputs_of(self._scene, self._damper, lower)[None])[0]
         chosen = self._damper.diameter + SHARE * float(clearance) * self._damper.ballistic_clearance(lower)
         price = math.nan if margin > 0.0 else 0.0

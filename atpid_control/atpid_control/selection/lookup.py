@@ -4,9 +4,9 @@
 import math
 import time
 
-from atpid_control.selection.protocol import Selection, SelectionError
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 from atpid_sim.maps import HeightMap, MapError
-from atpid_sim.maps.use import LEAST_USE
+from atpid_sim.maps.response import LEAST_USE
 from atpid_sim.scene import Scene
 
 
@@ -19,12 +19,9 @@ class FixedSelector:
         """Take the height [m]."""
         self._height = height
 
-    def select(
-        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:  # fmt: skip
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the height; see `HeightSelector.select`."""
-        del amplitude, amplitude_std, frequency, margin, height
+        del excitation, margin, height
         return Selection(self._height, math.nan, math.nan, self.method)
 
 
@@ -43,18 +40,16 @@ class LookupSelector:
         #: Lowest and highest frequency of a map over several [Hz]; None: it holds for one.
         self.frequencies = None if ratios is None else (self._natural * ratios[0], self._natural * ratios[-1])
 
-    def select(
-        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:  # fmt: skip
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the height of the map; see `HeightSelector.select`."""
         del height  # a map holds for any ceiling before; one for a single frequency is guarded by the hold
         begun = time.perf_counter()
+        amplitude, frequency, spread = excitation.amplitude, excitation.frequency, excitation.spread(margin)
         ratio = (self._frequency if math.isnan(frequency) else frequency) / self._natural
         try:
             best = self._map.lookup(amplitude, self._mass_fraction, ratio)
             # the best height grows with the amplitude: that of the error bar's lower end is safe for all of it
-            lower = max(amplitude - margin * amplitude_std, float(self._map.amplitudes[0]))
+            lower = max(amplitude - spread, float(self._map.amplitudes[0]))
             safe = self._map.lookup(lower, self._mass_fraction, ratio) if margin > 0.0 else best
         except MapError as error:
             raise SelectionError(str(error)) from None

@@ -13,12 +13,13 @@ import numpy as np
 
 from atpid_common.errors import InputError
 from atpid_common.folders import cache_root, share_folder
+from atpid_control.selection.registry import make_selector
 from atpid_sim.display import counting, working
 from atpid_sim.maps import DamperResponse, HeightMap, MapError, best_height, build_map, map_tolerance
 from atpid_sim.maps.identity import identity_of
-from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
+from atpid_sim.maps.response import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.scene import ControlledCeiling, HarmonicExcitation, Scene
+from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import CONTROLLERS
 from atpid_sim.simulation.excitation import frequency_points
 
@@ -39,7 +40,7 @@ def map_for(scene: Scene) -> Path | None:
     tried, and where none fits one is made there, with progress shown on standard error.
     """
     ceiling = scene.ceiling
-    if not isinstance(ceiling, ControlledCeiling):
+    if not ceiling.controlled:
         return None
     if ceiling.controller != "lookup":
         return ceiling.map if ceiling.controller == "learned" or ceiling.controller not in CONTROLLERS else None
@@ -53,6 +54,22 @@ def map_for(scene: Scene) -> Path | None:
     return next((path for path in known if _fits(path, scene)), None) or _make(scene, folder)
 
 
+def map_of_run(scene: Scene, given: Path | None, method: str = "") -> Path | None:
+    """Return the map that a run's selector starts with: the one given (`--map`), else that of `map_for`.
+
+    method: selects in place of the scene's controller; "": that does. Raises InputError where no selector can be made
+    with it: here, before a node is started.
+    """
+    if not scene.ceiling.controlled:
+        return given
+    chosen = given or map_for(scene)
+    try:
+        make_selector(method or scene.ceiling.controller, scene, chosen)
+    except InputError as error:
+        raise MapError(f"--map: {error}") if given else error from None
+    return chosen
+
+
 def user_cache() -> Path:
     """Return where maps made here are kept: $XDG_CACHE_HOME/atpid/maps, or ~/.cache/atpid/maps."""
     return cache_root() / "maps"
@@ -60,11 +77,9 @@ def user_cache() -> Path:
 
 def amplitudes_of(scene: Scene) -> tuple[float, float]:
     """Return the smallest and largest steady excitation amplitude of the scene above zero [m]."""
-    if not isinstance(scene.excitation, HarmonicExcitation):
+    if not scene.excitation.is_tone:
         return _USUAL
-    given = scene.excitation.amplitude
-    values = [given] if isinstance(given, float) else [amplitude for _, amplitude in given]
-    positive = [value for value in values if value > 0.0]
+    positive = [amplitude for _, amplitude in scene.excitation.amplitude_points if amplitude > 0.0]
     return (min(positive), max(positive)) if positive else _USUAL
 
 

@@ -2,31 +2,39 @@
 """A height with a margin: the best in the worst of many systems that may be the true one, found by a deadline.
 
 Heights are looked at in those systems that fail first; then the height that is least in the worst of them is verified
-in one system after another. What does not hold gives way to the next height. So there is an answer at any time, and
-with it the number of systems it holds in.
+in one system after another. What does not hold gives way to the next height, and one with an irregular motion in any
+system to all that leave the beam less than twice as much, down to nearly closed. So there is an answer at any
+time, and with it the number of systems it holds in.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from atpid_control.selection.protocol import Excitation
 from atpid_control.selection.uncertain import System
 from atpid_sim.maps import DamperResponse, Ending, Timing
-from atpid_sim.maps.best import BELOW_RESONANCE, FLAT, LAST_BELOW, Mapper
+from atpid_sim.maps.height_search import BELOW_RESONANCE, LAST_BELOW
+from atpid_sim.maps.ratings import FLAT, Mapper
+from atpid_sim.robust.worst_case import RUMBLE, Response, lowest_best
+from atpid_sim.simulation.quantities import efficiency
 
-#: Clearances that are looked at, as shares of the bare optimum's: so many at a time, this far apart, down to the least.
-_BATCH, _STEP, _LEAST = 7, 0.05, 0.1
+#: Clearances that are looked at, as shares of the bare optimum's: so many at a time, each by this share less than the
+#: one before, down to the least.
+_BATCH, _STEP, _LEAST = 7, 0.05, 0.02
+#: A height of irregular motion in any system gives way to regular ones that leave the beam less than so many times its
+#: amplitude [-].
+IRREGULAR = 2.0
 #: And between the best and its neighbours, in these steps.
 _BETWEEN = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)
 #: Clearances of the expected system, as shares of the ballistic one, where its bare optimum is not known.
 _FIRST, _LAST, _COARSE = 0.30, 1.02, 0.08
-#: An irregular motion in any case counts as this many times as large: the margin is to avoid it.
-_RUMBLE = 1.5
 #: How near to its steady motion a run ends, relative, and periods the next height is watched after the one below it.
 _CLOSE, _NEXT = 5e-3, Timing(12.0, 6.0)
+#: The same of a run that verifies a height, how many times as long as a transient it settles, and periods watched.
+_VERIFIED_CLOSE, _PATIENT, _WATCHED = 5e-4, 2.0, 24.0
 #: Another height has to promise less by this share for one to give way to it: not all is known of it.
 _NOTABLE = 0.02
 #: Systems verified before the next look at whether another height promises less.
@@ -51,30 +59,8 @@ class Robust:
     least: float  # least efficiency there, against the closed damper of the same system [-]
     verified: int  # systems it was verified in
     sampled: int  # systems there are
-    regular: bool  # in all of them the motion repeats
+    irregular: int  # systems among them in which the motion does not repeat
     evaluations: int
-
-
-@dataclass(frozen=True)
-class Excitation:
-    """What was identified."""
-
-    amplitude: float  # of the support [m]
-    spread: float  # to either side [m]
-    frequency: float  # [Hz]
-
-
-class Verified(NamedTuple):
-    """What a height comes to in a system."""
-
-    amplitude: float  # of the beam [m]
-    remaining: float  # over that of the closed damper [-]
-    regular: bool
-
-    @property
-    def rating(self) -> float:
-        """The amplitude [m], raised where the motion is irregular."""
-        return self.amplitude * (1.0 if self.regular else _RUMBLE)
 
 
 def robust_height(
@@ -83,8 +69,9 @@ def robust_height(
 ) -> Robust:  # fmt: skip
     """Return the height whose largest amplitude over the systems is least.
 
-    bare: the bare optimum [m], NaN: unknown; limits: of the height [m]; late: whether to end with what has been found
-    so far, asked before every run. Only the expected system is verified in any case. Raises NumericalFailure.
+    excitation: its amplitude may lie its deviation to either side; bare: the bare optimum [m], NaN: unknown; limits: of
+    the height [m]; late: whether to end with what has been found so far, asked before every run. Only the expected
+    system is verified in any case. Raises NumericalFailure.
     """
     search = MarginSearch(systems, excitation, limits, mapper, late)
     search.look(search.bare() if math.isnan(bare) else bare)
@@ -105,6 +92,9 @@ class MarginSearch:
         level = expected.sufficient(excitation.amplitude, FLAT).fidelity
         self._error = math.inf if level != expected.fidelity else 0.0
         self._worst: dict[float, float] = {}  # height [m]: largest amplitude found so far [m]
+        self._clearance, self._top = math.nan, 1.0  # of the bare optimum [m], and the share looked at next
+        self._irregular = set[float]()  # heights of irregular motion in some system [m]
+        self._known: dict[float, dict[int, Response]] = {}  # height [m]: what it comes to, by the system's number
         # the cliff lies at a share of the ballistic clearance, so it is lowest where that is least
         units = [damper.ballistic_clearance(a) for damper, a, _ in map(self._excited, range(len(systems)))]
         self._dangerous = sorted(range(len(systems)), key=lambda number: units[number])  # those first that fail first
@@ -129,44 +119,54 @@ class MarginSearch:
 
         Lower ones follow until the best in the worst of these systems lies inside, then some between the best of them.
         """
-        clearance, top = bare - self._diameter, 1.0
-        while top > _LEAST:
-            lowest = self._raise(self._allowed(clearance, [top - _STEP * k for k in range(_BATCH)]))
-            if self.height > lowest or lowest <= self._limits[0] or self._late():
-                break
-            top -= _STEP * _BATCH
-        between = [self.height - self._diameter + part * _STEP * clearance for part in _BETWEEN]
-        self._raise(self._allowed(1.0, [length for length in between if length <= clearance]))
+        self._clearance = bare - self._diameter
+        while self._lower() and self.height == min(self._worst) and not self._late():
+            pass
+        length = self.height - self._diameter
+        between = [length * (1.0 + part * _STEP) for part in _BETWEEN]
+        self._raise(self._allowed(1.0, [one for one in between if one <= self._clearance]))
+
+    def _lower(self) -> bool:
+        """Look at the next lower heights; return whether there were any."""
+        if self._top < _LEAST or min(self._worst, default=math.inf) <= max(self._limits[0], self._diameter):
+            return False
+        shares = [self._top * (1.0 - _STEP) ** k for k in range(_BATCH)]
+        self._top = shares[-1] * (1.0 - _STEP)
+        self._raise(self._allowed(self._clearance, shares))
+        return True
 
     def _allowed(self, unit: float, shares: Sequence[float]) -> list[float]:
         """Return the heights [m] at shares of a clearance [m], rising, within the limits."""
         low, high = self._limits
         return sorted({min(max(self._diameter + unit * share, low), high) for share in shares})
 
-    def _raise(self, heights: list[float]) -> float:
-        """Look at rising heights [m]; return the lowest. Where none is seen in all systems, that is what is left."""
+    def _raise(self, heights: list[float]) -> None:
+        """Look at rising heights [m]. Where none is seen in all systems, the lowest is what is left."""
         jobs = [(number, heights) for number in self._shown]
         found = list(self._map(self._raised, jobs))
         self.evaluations += sum(map(len, found))
         seen = list(zip(*(values[: min(map(len, found))] for values in found), strict=True))
-        self._worst.update(zip(heights, map(max, seen), strict=False))
+        for height, worst in zip(heights, map(max, seen), strict=False):
+            self._worst.setdefault(height, worst)
         if not self._worst:
             self._worst[heights[0]] = math.inf
-        return heights[0]
 
     @property
     def height(self) -> float:
         """The best height as far as is known [m]: the lowest that is not notably worse than the best."""
-        limit = min(self._worst.values()) * (1.0 + FLAT)
-        return min(height for height, value in self._worst.items() if value <= limit)
+        return lowest_best(self._worst)
 
     def verify(self) -> Robust:
-        """Verify the best height in one system after another, the expected one first; return what it holds for."""
+        """Verify the best height in one system after another, the expected one first; return what it holds for.
+
+        One with an irregular motion gives way to all others, and where there is no other, lower ones are looked at.
+        """
         while True:
-            height, known = self.height, dict[int, Verified]()
+            height = self.height
+            known = self._known.setdefault(height, {})
             order = [0, *(number for number in self._dangerous if number != 0)]
-            while len(known) < len(order):
-                numbers = order[len(known) : len(known) + _VERIFIED]
+            while left := [number for number in order if number not in known]:
+                numbers = left[:_VERIFIED]
                 found = self._map(self._verified, [(number, height) for number in numbers])
                 known.update((k, one) for k, one in zip(numbers, found, strict=True) if one is not None)
                 if self._late():
@@ -176,38 +176,42 @@ class MarginSearch:
             else:
                 return self._held(height, known)
 
-    def _held(self, height: float, known: dict[int, Verified]) -> Robust:
+    def _held(self, height: float, known: dict[int, Response]) -> Robust:
         """Return a height [m] with what it has been found to hold for."""
         found = known.values()
         return Robust(
             height=height,
             amplitude=known[0].amplitude,
             worst=max(one.amplitude for one in found),
-            least=1.0 - max(one.remaining for one in found),
+            least=min(one.efficiency for one in found),
             verified=len(found),
             sampled=len(self._systems),
-            regular=all(one.regular for one in found),
-            evaluations=self.evaluations + len(found),
+            irregular=sum(not one.regular for one in found),
+            evaluations=self.evaluations + sum(map(len, self._known.values())),
         )
 
-    def _gives_way(self, height: float, known: dict[int, Verified]) -> bool:
-        """Enter the worst found at a height [m]; return whether another one promises notably less.
+    def _gives_way(self, height: float, known: dict[int, Response]) -> bool:
+        """Enter the worst found at a height [m]; return whether another one is looked at in its place.
 
         The system that was the worst is the first in which the other one is verified.
         """
-        worst = max(known, key=lambda number: known[number].rating)
-        self._worst[height] = max(self._worst[height], known[worst].rating)
+        worst = max(known, key=lambda number: (not known[number].regular, known[number].amplitude))
+        largest = max(one.amplitude for one in known.values())
+        self._worst[height] = max(self._worst[height], largest * (1.0 if known[worst].regular else IRREGULAR))
+        if not known[worst].regular:
+            self._irregular.add(height)
+            while self.height in self._irregular and not self._late() and self._lower():
+                pass
         if (1.0 + _NOTABLE) * self._worst[self.height] >= self._worst[height]:
             return False
         self._dangerous.remove(worst)
         self._dangerous.insert(0, worst)
-        self.evaluations += len(known)
         return True
 
     def _excited(self, number: int) -> tuple[DamperResponse, float, float]:
         """Return response, support amplitude [m] and offset of the ceiling [m] of a system."""
         one, given = self._systems[number], self._given
-        amplitude = max(given.amplitude + one.amplitude * given.spread, _LEAST_AMPLITUDE * given.amplitude)
+        amplitude = max(given.amplitude + one.amplitude * given.amplitude_std, _LEAST_AMPLITUDE * given.amplitude)
         damper = one.damper.at_frequency(given.frequency * one.frequency)
         return damper.sufficient(amplitude, self._error), amplitude, one.offset
 
@@ -228,19 +232,21 @@ class MarginSearch:
                 response = damper.follow_on(amplitude, state, path, timing, Ending(_CLOSE))
                 rumbles = response.variation > _RUMBLING
                 irregular = irregular + 1 if rumbles else 0
-                value = response.amplitude * (_RUMBLE if rumbles else 1.0)
+                value = response.amplitude * (RUMBLE if rumbles else 1.0)
             found.append(value)
             timing = _NEXT
         return found
 
-    def _verified(self, job: tuple[int, float]) -> Verified | None:
+    def _verified(self, job: tuple[int, float]) -> Response | None:
         """What a height [m] comes to in a system; None: the time has passed, and it is not the expected one."""
         number, height = job
         if number != 0 and self._late():
             return None
         damper, amplitude, offset = self._excited(number)
         reached = max(height + offset, damper.diameter)
-        travel, state = self._systems[number].travel, damper.closed_state(amplitude)
-        path = ((0.0, damper.diameter), (travel, reached)) if travel > 0.0 else ((0.0, reached),)
-        response = damper.follow_on(amplitude, state, path, Timing(damper.settling(), 12.0))
-        return Verified(response.amplitude, response.amplitude / damper.closed_amplitude(amplitude), response.regular)
+        rest, state = 0.5 * damper.settling() * damper.period, damper.closed_state(amplitude)
+        path = self._systems[number].approach(damper, reached, rest)
+        timing = Timing(_PATIENT * damper.settling(), _WATCHED)
+        response = damper.follow_on(amplitude, state, path, timing, Ending(_VERIFIED_CLOSE))
+        reduction = efficiency(response.amplitude, damper.closed_amplitude(amplitude))
+        return Response(response.amplitude, reduction, response.regular)

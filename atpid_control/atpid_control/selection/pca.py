@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from atpid_control.selection.checks import check_excitation, response_at
+from atpid_control.selection.checks import response_at
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import simplified
-from atpid_control.selection.protocol import Selection, SelectionError, Stage
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError, Stage
 from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.quantities import efficiency
 
 #: First step, as a share of the height, and how much smaller each change of direction makes it.
 _SHARE, _DIVISOR = 0.10, 1.5
@@ -73,32 +74,31 @@ class PcaSelector:
 
         Without gravity all models are computed as if there were none (Fig. 4.43).
         """
-        self._limits = getattr(scene.ceiling, "range", (0.0, math.inf))
+        self._limits = scene.height_limits
         self._scene = scene if gravity else scene.with_(gravity=0.0)
         self._damper = DamperResponse(self._scene, _RTOL)
         with suppress(NumericalFailure):  # a first run, for its kernel's sake
             self._damper.opened(1e-6, 4.0 * self._damper.diameter, Timing(1.0, 4.0))
 
-    def select(
-        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:  # fmt: skip
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the height for an excitation; see `HeightSelector.select`."""
         del height  # the algorithm begins with the closed damper, wherever the ceiling is
-        check_excitation(amplitude, amplitude_std, frequency, margin)
         begun = time.perf_counter()
         # the best height grows with the amplitude, so the lower end of the error bar is safe for all of it
-        used = amplitude - margin * amplitude_std
+        amplitude = excitation.amplitude
+        used = amplitude - excitation.spread(margin)
         if used <= 0.0:
-            raise SelectionError(f"amplitude: its error bar ({margin:g} x {amplitude_std:g} m) reaches below 0")
-        run = _Run(response_at(self._damper, self._scene, frequency, _RTOL), used, self._limits)
+            raise SelectionError(
+                f"amplitude: its error bar ({margin:g} x {excitation.amplitude_std:g} m) reaches below 0"
+            )
+        run = _Run(response_at(self._damper, self._scene, excitation.frequency, _RTOL), used, self._limits)
         try:
             best, observed = run.whole()
         except NumericalFailure as error:
             raise SelectionError(f"pca: {error}") from error
-        efficiency = 1.0 - observed / run.damper.closed_amplitude(amplitude)
+        reduction = efficiency(observed, run.damper.closed_amplitude(amplitude))
         return Selection(
-            best, observed, efficiency, self.method, run.evaluations, time.perf_counter() - begun,
+            best, observed, reduction, self.method, run.evaluations, time.perf_counter() - begun,
             0.0 if used == amplitude else math.nan, tuple(run.stages),
         )  # fmt: skip
 

@@ -8,13 +8,35 @@ from typing import Protocol
 
 from atpid_common.errors import InputError
 
-#: Time for a selection with a margin, where it can be given one [s]: less than a period of the thesis's bench, with
-#: what a busy machine adds.
-DEADLINE = 0.15
-
 
 class SelectionError(InputError):
     """No height can be selected for this excitation; the ceiling should stay where it is."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """The support's tone as it was identified. Raises SelectionError, in one line, for numbers without a height."""
+
+    amplitude: float  # [m]
+    amplitude_std: float = 0.0  # standard deviation of the amplitude [m]
+    frequency: float = math.nan  # [Hz], NaN: that of the scene
+
+    def __post_init__(self) -> None:
+        """Raise SelectionError."""
+        stays, amplitude, std = "the ceiling stays", self.amplitude, self.amplitude_std
+        if not (math.isfinite(amplitude) and amplitude > 0.0):
+            raise SelectionError(f"amplitude: given {amplitude:g} m; allowed is a number above 0; {stays}")
+        if not (math.isfinite(std) and std >= 0.0):
+            raise SelectionError(f"amplitude_std: given {std:g} m; allowed is a number from 0; {stays}")
+        if not (math.isnan(self.frequency) or 0.0 < self.frequency < math.inf):
+            allowed = "allowed is a number above 0, or NaN for the scene's"
+            raise SelectionError(f"frequency: given {self.frequency:g} Hz; {allowed}")
+
+    def spread(self, margin: float) -> float:
+        """Return `margin` standard deviations of the amplitude [m]; raise SelectionError for a margin below 0."""
+        if not (math.isfinite(margin) and margin >= 0.0):
+            raise SelectionError(f"margin: given {margin:g}; allowed is a number of standard deviations from 0")
+        return margin * self.amplitude_std
 
 
 @dataclass(frozen=True)
@@ -60,24 +82,12 @@ class HeightSelector(Protocol):
     def simulates(self) -> bool:
         """Whether a selection is computed by simulation, which takes longer than the loop can wait."""
 
-    def select(
-        self,
-        amplitude: float,
-        amplitude_std: float = 0.0,
-        frequency: float = math.nan,
-        *,
-        margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the best height for an excitation.
 
-        amplitude, amplitude_std: of the support [m]; frequency [Hz], NaN: resonance of the closed damper;
         margin: standard deviations of the amplitude the height must be safe for [-]; height: where the ceiling is [m],
         NaN: unknown. Raises SelectionError, in one line, where no height can be given.
         """
-
-
-_IMPOSSIBLE = (math.nan, math.inf, 0.0, -0.01)
 
 
 def violations(selector: HeightSelector, amplitude: float, closed: float) -> list[str]:
@@ -91,11 +101,11 @@ def violations(selector: HeightSelector, amplitude: float, closed: float) -> lis
         found.append(f"method: {selector.method!r} is not a name")
     if not isinstance(selector.simulates, bool):
         found.append(f"simulates: {selector.simulates!r} is not a bool")
-    return [*found, *_of_a_selection(selector, amplitude, closed), *_of_refusals(selector)]
+    return [*found, *_of_a_selection(selector, amplitude, closed)]
 
 
 def _of_a_selection(selector: HeightSelector, amplitude: float, closed: float) -> Iterator[str]:
-    bare = selector.select(amplitude)
+    bare = selector.select(Excitation(amplitude))
     if not isinstance(bare, Selection):
         yield f"select: returns {type(bare).__name__}, not a Selection"
         return
@@ -105,17 +115,6 @@ def _of_a_selection(selector: HeightSelector, amplitude: float, closed: float) -
         yield f"select: height {bare.height:g} m is not at least that of the closed damper, {closed:g} m"
     if bare.beam_amplitude <= 0.0 or bare.efficiency > 1.0:
         yield f"select: amplitude {bare.beam_amplitude:g} m and efficiency {bare.efficiency:g} cannot be; NaN: unknown"
-    safe = selector.select(amplitude, 0.02 * amplitude, margin=2.0)
+    safe = selector.select(Excitation(amplitude, 0.02 * amplitude), margin=2.0)
     if safe.height > bare.height * (1.0 + 1e-9):
         yield f"select: with a margin the height is {safe.height:g} m, above {bare.height:g} m without"
-
-
-def _of_refusals(selector: HeightSelector) -> Iterator[str]:
-    for given in _IMPOSSIBLE:
-        try:
-            chosen = selector.select(given)
-        except SelectionError as error:
-            if "\n" in str(error) or not str(error):
-                yield f"select: the refusal of amplitude {given:g} m is not one line"
-        else:
-            yield f"select: amplitude {given:g} m gives {chosen.height:g} m; needed: SelectionError"

@@ -23,7 +23,8 @@ Factory = Callable[[Scene, Path | None], HeightSelector]
 def _lookup(scene: Scene, height_map: Path | None) -> HeightSelector:
     if height_map is None:
         raise SelectionError(
-            "method lookup: no map given; make one with `python -m atpid_sim map SCENE.yaml ...` and name it"
+            "method lookup: no map given; make one with `atpid map SCENE.yaml ...` and name it: "
+            "--map FILE, map:=FILE, or `map` of the scene's ceiling"
         )
     return LookupSelector(scene, HeightMap.load(height_map))
 
@@ -38,12 +39,12 @@ def _computing(module: str, name: str) -> Factory:
     """Return the factory of a class that takes the scene alone; its module, with the simulation, is loaded at need."""
 
     def make(scene: Scene, _height_map: Path | None) -> HeightSelector:
-        return anywhere(getattr(import_module(f"atpid_control.selection.{module}"), name)(scene), scene)
+        return at_any_frequency(getattr(import_module(f"atpid_control.selection.{module}"), name)(scene), scene)
 
     return make
 
 
-def anywhere(selector: HeightSelector, scene: Scene) -> HeightSelector:
+def at_any_frequency(selector: HeightSelector, scene: Scene) -> HeightSelector:
     """Return a method that simulates as one that stays closed where the damper is of no use, at any frequency."""
     from atpid_control.selection.any_frequency import AnyFrequency
 

@@ -5,15 +5,13 @@ import math
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
 from atpid_common.errors import InputError
-from atpid_control.selection.checks import check_excitation
-from atpid_control.selection.protocol import Selection, SelectionError, Stage
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError, Stage
 from atpid_sim.maps import DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
 
 
 class SearchError(InputError):
@@ -80,22 +78,20 @@ class SearchSelector:
 
     def __init__(self, scene: Scene, plan: Plan | None = None) -> None:
         """Take the plant of a scene, and the ceiling's range and speed where it is controlled."""
-        self._scene, self._plan = scene, plan
+        self._scene, self._plan = scene.with_(initial=None), plan
         self._damper = DamperResponse(scene)
-        self._limits = getattr(scene.ceiling, "range", (self._damper.diameter, math.inf))
-        self._speed = getattr(scene.ceiling, "speed", None)
+        self._limits = scene.height_limits
+        self._speed = scene.ceiling.speed
 
-    def select(
-        self, amplitude: float, amplitude_std: float = 0.0, frequency: float = math.nan, *, margin: float = 0.0,
-        height: float = math.nan,
-    ) -> Selection:  # fmt: skip
+    def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the height the search ends at, begun with the closed damper; see `HeightSelector.select`."""
         del height  # it begins with the closed damper, as the thesis does
-        check_excitation(amplitude, amplitude_std, frequency, margin)
+        excitation.spread(margin)  # refuses a margin that is none
+        amplitude = excitation.amplitude
         begun = time.perf_counter()
         plan = self._plan or self._scaled(amplitude)
         search = StepSearch(plan)
-        plant = self._plant(amplitude, frequency, plan)
+        plant = self._plant(amplitude, excitation.frequency, plan)
         stages: list[Stage] = []
         try:
             while not search.done:
@@ -108,9 +104,9 @@ class SearchSelector:
         except NumericalFailure as error:
             raise SelectionError(f"search: {error}") from error
         stages.append(Stage("result", search.target, seen, f"{plant.time:.0f} s on the plant"))
-        efficiency = 1.0 - seen / self._damper.closed_amplitude(amplitude)
+        reduction = efficiency(seen, self._damper.closed_amplitude(amplitude))
         wall, price = time.perf_counter() - begun, math.nan if margin else 0.0
-        found = (search.target, seen, efficiency, self.method)
+        found = (search.target, seen, reduction, self.method)
         return Selection(*found, search.iterations, wall, price, tuple(stages), plant.time)
 
     def _scaled(self, amplitude: float) -> Plan:
@@ -118,10 +114,14 @@ class SearchSelector:
         highest = min(self._limits[1], self._damper.diameter + 1.4 * _STEPS * step)
         return Plan(step, max(_DWELL, 4.0 * self._damper.decay_periods * self._damper.period), self._limits[0], highest)
 
+    def _speed_of(self, plan: Plan) -> float:
+        """Return the ceiling's speed [m/s]: the scene's, or a step in the thesis's opening time."""
+        return plan.step / _TRAVEL if math.isnan(self._speed) else self._speed
+
     def _plant(self, amplitude: float, frequency: float, plan: Plan) -> Plant:
         steps = math.ceil((plan.highest - plan.lowest) / plan.step) + 3
-        travel = plan.step / self._speed if self._speed else _TRAVEL
-        back = (plan.highest - plan.lowest) / (self._speed or plan.step / _TRAVEL)
+        speed = self._speed_of(plan)
+        travel, back = plan.step / speed, (plan.highest - plan.lowest) / speed
         changes: dict[str, float] = {} if math.isnan(frequency) else {"frequency": frequency}
         duration = steps * (travel + plan.dwell + 1.0) + back
         scene = self._scene.with_(
@@ -131,11 +131,11 @@ class SearchSelector:
 
     def _watch(self, plant: Plant, height: float, plan: Plan) -> float:
         """Move the ceiling to a height [m], wait, and return half the beam's range in the last second of the dwell."""
-        speed = self._speed or plan.step / _TRAVEL
+        speed = self._speed_of(plan)
         travel = math.ceil(abs(height - plant.height) / speed * _RATE) + 1
         plant.advance(travel, _RATE, height, speed)
         watched = min(_WATCHED, plan.dwell)
         if plan.dwell > watched:
             plant.advance(math.ceil((plan.dwell - watched) * _RATE), _RATE, height, 0.0)
         beam = plant.advance(math.ceil(watched * _RATE), _RATE, height, 0.0).beam
-        return float(0.5 * np.ptp(beam))
+        return half_peak_to_peak(beam)

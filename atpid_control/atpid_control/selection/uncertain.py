@@ -2,34 +2,27 @@
 """The systems that may be the true one, where a structure, its excitation and its ceiling are known within limits.
 
 They are the corners of the box of uncertainties, in the order of a two-level design, so that the first ones already
-show every quantity at both ends, and after them random ones inside.
+show every quantity at both ends, after them random ones inside, the ends of each quantity alone, and the corners twice
+again: opened in the other way to a height that is too low, and raised from half the clearance at once.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import hadamard
-from scipy.optimize import brentq
 
-from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
-from atpid_sim.maps import DamperResponse
-from atpid_sim.scene import HarmonicExcitation, Scene
-from atpid_sim.system import Array, reduced_mass
+from atpid_sim.maps import Approach, DamperResponse
+from atpid_sim.maps.approaches import JUMPS, at_once, opened
+from atpid_sim.robust import corners, inside, with_beam, with_restitution
+from atpid_sim.scene import Scene
+from atpid_sim.system import Array
 
 #: Tolerance of the runs: 0.2 % of an amplitude is resolved.
 _RTOL = 1e-4
-#: Columns of the Hadamard matrix of order 16 that are the fractional factorial design 2^(5-1) of resolution V: five
-#: factors at two levels in 16 runs, products of two clear of each other (Box, Hunter and Hunter: E = ABCD).
-_COLUMNS = (1, 2, 4, 8, 15)
-_CORNERS = 16
 #: Random systems inside the box, and their seed.
 _INSIDE, _SEED = 16, 18
-#: Time in which the ceiling opens slowly [s].
-_TRAVEL = 1.0
-#: Largest logarithm of the factor by which the damping of a contact is changed, and the speed at which its restitution
-#: is what it shall be [m/s].
-_WIDEST, _SPEED = 5.0, 1.0
+#: Corners of a two-level design; there are twice as many.
+_CORNERS = 16
 
 
 @dataclass(frozen=True)
@@ -38,8 +31,8 @@ class Uncertainty:
 
     stiffness: float = 0.05  # relative, of the beam: the model's own uncertainty [-]
     resolution: float = 5e-4  # of the ceiling's position [m]
-    mass: float = 5e-3  # relative, of the beam [-]
-    frequency: float = 5e-4  # relative, of the excitation: what identification leaves open [-]
+    mass: float = 0.05  # relative, of the beam [-]
+    frequency: float = 5e-3  # relative, of the excitation [-]
     restitution: float = 0.05  # relative [-]
 
 
@@ -51,7 +44,7 @@ class System:
     amplitude: float  # how far the support's amplitude lies from the identified one, in its error bars [-]
     frequency: float  # of the excitation, over the identified one [-]
     offset: float  # of the ceiling [m]
-    travel: float  # time in which the ceiling opens [s]
+    approach: Approach  # how the ceiling comes to its height
 
 
 def systems_of(scene: Scene, damper: DamperResponse, uncertainty: Uncertainty) -> list[System]:
@@ -60,76 +53,51 @@ def systems_of(scene: Scene, damper: DamperResponse, uncertainty: Uncertainty) -
     Each mass and restitution has a table of contacts, so they and the stiffness lie at their ends only.
     """
     made: dict[tuple[float, ...], DamperResponse] = {}
-    found = [System(damper, 0.0, 1.0, 0.0, 0.0)]
-    for k, (amplitude, frequency, *ends) in enumerate(points().tolist()):
+    found = [System(damper, 0.0, 1.0, 0.0, at_once)]
+    for (amplitude, frequency, *ends), (approach, side) in zip(points().tolist(), _approaches(), strict=True):
         key = tuple(ends)
         if key not in made:
             made[key] = _changed(scene, damper.frequency, uncertainty, *ends)
-        # a corner and the one that differs from it in the restitution alone are opened in different ways
-        travel = _TRAVEL * ((k + k // _CORNERS) % 2)
         driven = 1.0 + frequency * uncertainty.frequency
-        found.append(System(made[key], amplitude, driven, uncertainty.resolution, travel))
+        found.append(System(made[key], amplitude, driven, side * uncertainty.resolution, approach))
     return found
 
 
 def points() -> Array:
     """Return points (n, 5) of the box: amplitude, frequency, mass, stiffness, restitution, each from -1 to 1.
 
-    16 corners of a design, the 16 others, then corners of the last three with the first two anywhere inside.
+    16 corners of a design, the 16 others, then corners of the last three with the first two anywhere inside, the middle
+    of each face, and the 32 corners twice again.
     """
-    first = np.asarray(hadamard(_CORNERS)[:, _COLUMNS], dtype=float)
+    first = corners(5)
     second = first * np.array([1.0, 1.0, 1.0, 1.0, -1.0])
-    inside = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_INSIDE, 5))
-    inside[:, 2:] = np.sign(inside[:, 2:])
-    return np.concatenate([first, second, inside])
+    drawn = inside(_INSIDE, 5, _SEED)
+    drawn[:, 2:] = np.sign(drawn[:, 2:])
+    return np.concatenate([first, second, drawn, np.eye(5), -np.eye(5), *(2 * [first, second])])
+
+
+def _approaches() -> list[tuple[Approach, float]]:
+    """Return how the ceiling comes to its height at each of `points`, and to which side of it it errs (1 or -1).
+
+    A corner and the one that differs from it in the restitution alone are opened in different ways.
+    """
+    pair, size = 2 * _CORNERS, len(points()) - 2 * 2 * _CORNERS
+    turns = [(k + k // _CORNERS) % 2 for k in range(size)]
+    first = [((at_once, opened)[turn], 1.0) for turn in turns]
+    lower = [((opened, at_once)[turn], -1.0) for turn in turns[:pair]]
+    return [*first, *lower, *((JUMPS[turn], 1.0) for turn in turns[:pair])]
 
 
 def _changed(
     scene: Scene, frequency: float, uncertainty: Uncertainty, mass: float, stiffness: float, restitution: float
 ) -> DamperResponse:
     """Return the response of a system at these ends, driven at the same frequency [Hz], its grain unchanged."""
-    beam = scene.beam.model_dump()
-    beam["mass"] *= 1.0 + mass * uncertainty.mass
-    beam["stiffness"] *= 1.0 + stiffness * uncertainty.stiffness
-    fraction = scene.grain_mass / (scene.grain_mass + beam["mass"])
-    changed = scene.with_(beam=beam, mass_fraction=fraction)
-    if isinstance(scene.excitation, HarmonicExcitation):
+    changed = with_beam(scene, mass=1.0 + mass * uncertainty.mass, stiffness=1.0 + stiffness * uncertainty.stiffness)
+    if scene.excitation.is_tone:
         changed = changed.with_(frequency=frequency)
     if uncertainty.restitution > 0.0:
-        changed = with_restitution(changed, 1.0 + restitution * uncertainty.restitution)
+        # a contact without such a parameter stays as it is
+        changed = with_restitution(changed, 1.0 + restitution * uncertainty.restitution) or changed
     made = DamperResponse(changed, _RTOL)
     made.sufficient(0.0, math.inf)  # its table of contacts, in milliseconds
     return made
-
-
-def with_stiffness(scene: Scene, damper: DamperResponse, factor: float) -> DamperResponse:
-    """Return the response of a beam whose stiffness is `factor` times as large, driven at the same frequency."""
-    beam = scene.beam.model_dump()
-    beam["stiffness"] *= factor
-    return DamperResponse(scene.with_(beam=beam, frequency=damper.frequency), _RTOL)
-
-
-def with_restitution(scene: Scene, factor: float) -> Scene:
-    """Return the scene with a contact whose restitution is `factor` times as large, at most 1.
-
-    It is changed by the parameter that damps the contact, at the speed of the beam on its support's amplitude; a law
-    without such a parameter, or without damping, stays as it is.
-    """
-    contact = scene.contact.model_dump(exclude_none=True)
-    if "restitution" in contact:
-        return scene.with_(contact=contact | {"restitution": min(contact["restitution"] * factor, 1.0)})
-    name = next((name for name in ("damping_ratio", "damping") if contact.get(name)), None)
-    if name is None:
-        return scene
-    mass, speed = reduced_mass(system_of(scene)), _SPEED
-    wanted = min(restitution_of(contact_of(scene), speed, mass) * factor, 1.0 - 1e-9)
-
-    def with_damping(log_factor: float) -> Scene:
-        return scene.with_(contact=contact | {name: contact[name] * math.exp(log_factor)})
-
-    def excess(log_factor: float) -> float:
-        return restitution_of(contact_of(with_damping(log_factor)), speed, mass) - wanted
-
-    if not excess(-_WIDEST) > 0.0 > excess(_WIDEST):
-        return scene
-    return with_damping(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))

@@ -2,14 +2,14 @@
 """Which nodes answer: each is asked again and again, and is silent when it has not answered for the answer time."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from atpid_common.errors import InputError
 
 
 class SupervisionError(InputError):
-    """Settings of the supervision that cannot be."""
+    """Invalid settings of the supervision."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Change:
     back: bool
 
 
-class Answers:
+class NodeLiveness:
     """The answers of the nodes. Times are steady [s]; those in which the supervisor itself was held up do not count."""
 
     def __init__(self, nodes: Sequence[str], answer_time: float, turn: float) -> None:
@@ -46,21 +46,24 @@ class Answers:
             raise SupervisionError(f"nodes: given an answer of {name}; allowed: {', '.join(self.nodes)}")
         self._last[name] = max(now, self._last.get(name, -math.inf))
 
-    def check(self, now: float) -> list[Change]:
-        """Return which nodes have fallen silent, and which answer again, since the last check."""
+    def check(self, now: float, ended: Collection[str] = ()) -> list[Change]:
+        """Return which nodes have fallen silent, and which answer again, since the last check.
+
+        ended: nodes whose process is known to have ended; they are silent at once.
+        """
         held_up = 0.0 if self._checked is None else max(now - self._checked - self._turn, 0.0)
         self._checked = now
         changes = []
         for name in self._last:
             silence = now - self._last[name]
             if name in self._silent:
-                if silence <= self._answer_time:
+                if silence <= self._answer_time and name not in ended:
                     self._silent.remove(name)
                     changes.append(Change(name, silence, back=True))
                 continue
             # what came meanwhile has not been received yet: the time in which this process stood does not count
             self._last[name] = min(self._last[name] + held_up, now)
-            if now - self._last[name] > self._answer_time:
+            if now - self._last[name] > self._answer_time or name in ended:
                 self._silent.add(name)
                 changes.append(Change(name, silence, back=False))
         return changes

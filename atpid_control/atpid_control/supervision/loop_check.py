@@ -26,7 +26,7 @@ class Ceiling:
 
 
 @dataclass
-class Found:
+class LoopSnapshot:
     """What is known when the check is made."""
 
     now: float  # steady [s]
@@ -62,15 +62,15 @@ class Sensors:
         return lines
 
 
-def failures(found: Found) -> list[str]:
+def failures(snapshot: LoopSnapshot) -> list[str]:
     """Return what fails, one line each; empty: the loop may run."""
-    lines = found.sensors.failures(found.now)
-    lines += [f"{channel}: {text}" for channel, text in found.errors.items()]
-    if found.scene is not None:
-        lines += disagreements(found.scene, found.motor)
-    if found.recorder_expected and not found.recording:
+    lines = snapshot.sensors.failures(snapshot.now)
+    lines += [f"{channel}: {text}" for channel, text in snapshot.errors.items()]
+    if snapshot.scene is not None:
+        lines += disagreements(snapshot.scene, snapshot.motor)
+    if snapshot.recorder_expected and not snapshot.recording:
         lines.append("recorder_node: no bag is open")
-    elif found.recorder_expected and not found.written:
+    elif snapshot.recorder_expected and not snapshot.written:
         lines.append("recorder_node: nothing has been written to its bag")
     return lines
 

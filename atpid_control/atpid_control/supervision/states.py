@@ -1,29 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The states of a supervised run, and what each permits the motor (docs/graph.md, "Supervision")."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
-from atpid_control.supervision.answers import Answers, SupervisionError
-
-
-class State(IntEnum):
-    """State of the run; the numbers are those of atpid_interfaces/SupervisorState."""
-
-    STARTING = 0
-    READY = 1
-    DEGRADED = 2
-    FAULT = 3
-    SAFE = 4
-    SHUTDOWN = 5
+from atpid_common.vocabulary import RunState
+from atpid_control.supervision.answers import NodeLiveness, SupervisionError
 
 
 @dataclass(frozen=True)
 class Situation:
     """The state, what the motor may do, and why."""
 
-    state: State
+    state: RunState
     permit: bool  # the motor may be armed, and may move
     stop: bool  # the motor is to be switched off at once, and stays off
     reason: str  # one line; empty: ready
@@ -32,7 +22,7 @@ class Situation:
 class Supervision:
     """Decides the state from the answers of the nodes; a stop is latched until `rearm`."""
 
-    def __init__(self, answers: Answers, needed: Sequence[str]) -> None:
+    def __init__(self, answers: NodeLiveness, needed: Sequence[str]) -> None:
         """Begin. needed: nodes without whose answers the motor must not move. Raises SupervisionError."""
         unknown = [name for name in needed if name not in answers.nodes]
         if unknown or not needed:
@@ -41,6 +31,7 @@ class Supervision:
         self._answers, self._needed = answers, tuple(needed)
         self._stopped = ""
         self._ended = False
+        self._absent: dict[str, float] = {}  # when a node's process was last seen to be missing, steady [s]
 
     @property
     def stopped(self) -> str:
@@ -70,21 +61,33 @@ class Supervision:
         """Return state, permission and reason."""
         silent, awaited = self._answers.silent, self._answers.awaited
         if self._stopped:
-            return Situation(State.SAFE, permit=False, stop=True, reason=self._stopped)
+            text = f"{self._stopped}; supervisor_node/rearm arms it again"
+            return Situation(RunState.SAFE, permit=False, stop=True, reason=text)
         if self._ended:
-            return Situation(State.SHUTDOWN, permit=False, stop=False, reason="the supervisor ends")
+            return Situation(RunState.SHUTDOWN, permit=False, stop=False, reason="the supervisor ends")
         lost = [name for name in silent if name in self._needed]
         if lost:
-            return Situation(State.FAULT, permit=False, stop=False, reason=f"no answer of {', '.join(lost)}")
+            return Situation(RunState.FAULT, permit=False, stop=False, reason=f"no answer of {', '.join(lost)}")
         permit = not any(name in self._needed for name in awaited)
         if awaited:
-            return Situation(State.STARTING, permit, stop=False, reason=f"no answer yet of {', '.join(awaited)}")
+            return Situation(RunState.STARTING, permit, stop=False, reason=f"no answer yet of {', '.join(awaited)}")
         if silent:
-            return Situation(State.DEGRADED, permit, stop=False, reason=f"no answer of {', '.join(silent)}")
-        return Situation(State.READY, permit, stop=False, reason="")
+            return Situation(RunState.DEGRADED, permit, stop=False, reason=f"no answer of {', '.join(silent)}")
+        return Situation(RunState.READY, permit, stop=False, reason="")
 
-    def given_up(self, now: float, give_up: float) -> str:
-        """Return the needed node that has been silent for `give_up` [s] (0: never); empty: none."""
-        lost = [name for name in self._answers.silent if name in self._needed]
-        late = [name for name in lost if self._answers.silence(name, now) > give_up > 0.0]
-        return late[0] if late else ""
+    def given_up(
+        self, now: float, give_up: float, restart_time: float = 0.0, runs: Callable[[str], bool] = lambda _: True
+    ) -> str:
+        """Return the needed node that has been silent for `give_up` [s] (0: never); empty: none.
+
+        restart_time: how long one whose process has ended may be away [s], in which its silence does not count;
+        runs: whether a node has a process.
+        """
+        for name in self._answers.silent:
+            silence = self._answers.silence(name, now)
+            if name in self._needed and silence < restart_time and not runs(name):
+                self._absent[name] = now
+            since = self._absent.get(name, -math.inf) if silence < restart_time else -math.inf
+            if name in self._needed and min(silence, now - since) > give_up > 0.0:
+                return name
+        return ""

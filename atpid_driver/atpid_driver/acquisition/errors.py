@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of an acquisition device, one line each: what happened, what is expected, what to do."""
 
-from atpid_driver.errors import DriverError
+from atpid_driver import DriverError
 
 
 class AcquisitionError(DriverError):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from atpid_driver.acquisition import errors
-from atpid_driver.acquisition.protocol import Block, Device, Identity
+from atpid_driver.acquisition.protocol import Device, Identity, Volts
 from atpid_driver.acquisition.settings import LabJackSettings
 
 DUMMY_VOLTS = -9999.0
@@ -79,8 +79,6 @@ class LabJackAcquisition(Device):
         self._settings: LabJackSettings = settings
         self._ljm: Any = None
         self._handle: int | None = None
-        self._rate: float | None = None
-        self._next = self._dropped = 0
 
     def open(self) -> Identity:
         """Connect over `connection` and check the serial number."""
@@ -98,30 +96,21 @@ class LabJackAcquisition(Device):
         terminals = [channel.terminal for channel in settings.channels]
         addresses = self._call("namesToAddresses", len(terminals), terminals)[0]
         arguments = (self._handle, settings.scans_per_block, len(addresses), addresses, settings.rate)
-        rate = self._call("eStreamStart", *arguments)
-        self._rate, self._next, self._dropped = float(rate), 0, 0
-        return self._rate
+        return self._started(float(self._call("eStreamStart", *arguments)))
 
     def skew(self) -> tuple[float, ...]:
         """Return the delays: the T7 has one converter, which samples the channels one after the other."""
         return skew_s(self._rate or self._settings.rate, len(self._settings.channels))
 
-    def read(self) -> Block:
-        """Wait in LJM for the next block; -9999 V becomes NaN and is counted."""
-        if self._rate is None:
-            raise errors.NotStreamingError("no block can be read: start the stream first")
-        try:
-            data, device_backlog, host_backlog = self._call("eStreamRead", self._handle)
-        except errors.AcquisitionError:
-            self._rate = None  # a read error has stopped the stream
-            raise
+    def _take(self) -> tuple[Volts, int]:
+        """Wait in LJM, which a read error stops; -9999 V becomes NaN and is counted."""
+        data, device_backlog, host_backlog = self._call("eStreamRead", self._handle)
         volts = np.array(data, dtype=np.float64).reshape(-1, len(self._settings.channels))
         lost = volts == DUMMY_VOLTS
         if lost.any():
             volts[lost] = np.nan
             self._dropped += int(lost.any(axis=1).sum())
-        first, self._next = self._next, self._next + len(volts)
-        return Block(first, volts, self._dropped, max(0, device_backlog) + max(0, host_backlog))
+        return volts, max(0, device_backlog) + max(0, host_backlog)
 
     def stop(self) -> None:
         """Stop the stream; a stream that stopped by itself, or a device that is gone, is stopped too."""

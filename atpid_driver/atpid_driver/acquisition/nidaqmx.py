@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from atpid_driver.acquisition import errors
-from atpid_driver.acquisition.protocol import Block, Device, Identity
+from atpid_driver.acquisition.protocol import Device, Identity, Volts
 from atpid_driver.acquisition.settings import Channel, NiSettings
 
 BUFFER_SECONDS = 10.0
@@ -57,8 +57,6 @@ class NiAcquisition(Device):
         self._link: Any = None
         self._task: Any = None
         self._reader: Any = None
-        self._running = False
-        self._next = 0
 
     def open(self) -> Identity:
         """Read the module's type and serial number, and check the latter."""
@@ -88,29 +86,19 @@ class NiAcquisition(Device):
             self._task.start()
             self._reader = readers.AnalogMultiChannelReader(self._task.in_stream)
             self._reader.verify_array_shape = False
-            self._running, self._next = True, 0
-            return float(self._task.timing.samp_clk_rate)
+            return self._started(float(self._task.timing.samp_clk_rate))
 
-    def read(self) -> Block:
-        """Wait in DAQmx for the next block, paced by the module's clock."""
-        if not self._running:
-            raise errors.NotStreamingError("no block can be read: start the stream first")
+    def _take(self) -> tuple[Volts, int]:
+        """Wait in DAQmx, paced by the module's clock."""
         scans = self._settings.scans_per_block
         columns = np.empty((len(self._settings.channels), scans))
-        try:
-            with self._named_errors():
-                self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
-                backlog = int(self._task.in_stream.avail_samp_per_chan)
-        except errors.AcquisitionError:
-            self._running = False
-            raise
-        volts = np.ascontiguousarray(columns.T)
-        first, self._next = self._next, self._next + len(volts)
-        return Block(first, volts, 0, backlog)
+        with self._named_errors():
+            self._reader.read_many_sample(columns, scans, READ_TIMEOUT + 2.0 * scans / self._settings.rate)
+            return np.ascontiguousarray(columns.T), int(self._task.in_stream.avail_samp_per_chan)
 
     def stop(self) -> None:
         """Stop and clear the task, whatever state the module is in."""
-        task, self._task, self._running = self._task, None, False
+        task, self._task, self._rate = self._task, None, None
         if task is None:
             return
         try:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_driver.acquisition.errors import WrongDeviceError
+from atpid_driver.acquisition.errors import AcquisitionError, NotStreamingError, WrongDeviceError
 from atpid_driver.acquisition.settings import Settings
 
 Volts = NDArray[np.float64]
@@ -72,10 +72,16 @@ class Acquisition(Protocol):
 
 
 class Device:
-    """What the built-in backends share: names of channels that are sampled at once, the check of the serial number."""
+    """What the built-in backends share: names of channels that are sampled at once, the serial number, the indices.
+
+    `_take` of the subclass waits for the next scans (n_scans, n_channels) [V] and returns them with the backlog.
+    """
 
     _settings: Settings
+    _take: Callable[[], tuple[Volts, int]]
     close: Callable[[], None]
+    _rate: float | None = None  # of the stream [Hz]; None: there is none
+    _next = _dropped = 0  # index of the next scan; scans lost in this stream
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -85,6 +91,23 @@ class Device:
     def skew(self) -> tuple[float, ...]:
         """Return zeros: each channel has a converter of its own, and all sample at once."""
         return (0.0,) * len(self._settings.channels)
+
+    def read(self) -> Block:
+        """Wait for the next block and return it; an error ends the stream."""
+        if self._rate is None:
+            raise NotStreamingError("no block can be read: start the stream first")
+        try:
+            volts, backlog = self._take()
+        except AcquisitionError:
+            self._rate = None
+            raise
+        first, self._next = self._next, self._next + len(volts)
+        return Block(first, volts, self._dropped, backlog)
+
+    def _started(self, rate: float) -> float:
+        """Note that a stream has begun at `rate` [Hz], which is returned."""
+        self._rate, self._next, self._dropped = rate, 0, 0
+        return rate
 
     def _check_serial(self, found: str, serial: int) -> None:
         """Close and raise WrongDeviceError where `serial`, that of the device `found`, is not the one asked for."""

@@ -188,9 +188,10 @@ class Reader:
                 identity = self._device.open()
                 if identity != self._identity:
                     raise WrongDeviceError(f"{identity} answers, expected {self._identity}: connect the same device")
-                return
             except AcquisitionError as error:
                 self._report_once(f"{self._identity}: {error}; trying again")
+            else:
+                return
 
     def _fault(self, text: str) -> None:
         self._update(streaming=False, interruptions=self._status.interruptions + 1)

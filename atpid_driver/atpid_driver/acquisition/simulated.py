@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_driver.acquisition.errors import DeviceMissingError, NotStreamingError, StreamLostError
-from atpid_driver.acquisition.protocol import Block, Device, Identity
+from atpid_driver.acquisition.errors import DeviceMissingError, StreamLostError
+from atpid_driver.acquisition.protocol import Device, Identity, Volts
 from atpid_driver.acquisition.settings import SimulatedSettings
 
 SERIAL = 1
@@ -29,8 +29,7 @@ class SimulatedAcquisition(Device):
     def __init__(self, settings: SimulatedSettings, faults: Faults | None = None) -> None:
         self._settings: SimulatedSettings = settings
         self.faults = faults if faults is not None else Faults()
-        self._started: float | None = None
-        self._next = self._dropped = 0
+        self._began = 0.0  # steady clock at index 0 [s]
         self._pause = threading.Event()
 
     def open(self) -> Identity:
@@ -44,20 +43,16 @@ class SimulatedAcquisition(Device):
         """Start at index 0; any rate is exact."""
         if not self.faults.plugged:
             raise StreamLostError("simulated device was unplugged")
-        self._started, self._next, self._dropped = time.monotonic(), 0, 0
-        return self._settings.rate
+        self._began = time.monotonic()
+        return self._started(self._settings.rate)
 
-    def read(self) -> Block:
-        """Wait until the block's last scan is due."""
-        if self._started is None:
-            raise NotStreamingError("no block can be read: start the stream first")
+    def _take(self) -> tuple[Volts, int]:
+        """Wait until the last scan is due."""
         settings, first = self._settings, self._next
         last = first + settings.scans_per_block
-        self._pause.wait(max(0.0, self._started + last / settings.rate - time.monotonic()))
+        self._pause.wait(max(0.0, self._began + last / settings.rate - time.monotonic()))
         if not self.faults.plugged:
-            self._started = None
             raise StreamLostError("simulated device was unplugged")
-        self._next = last
         time_s = np.arange(first, last)[:, None] / settings.rate
         phase = np.arange(len(settings.channels)) * np.pi / 4.0
         volts = settings.offset + settings.amplitude * np.sin(2.0 * np.pi * settings.frequency * time_s + phase)
@@ -65,13 +60,13 @@ class SimulatedAcquisition(Device):
         volts[:lost] = np.nan
         self.faults.drop -= lost
         self._dropped += lost
-        due = int((time.monotonic() - self._started) * settings.rate)
-        return Block(first, volts, self._dropped, max(0, due - last))
+        due = int((time.monotonic() - self._began) * settings.rate)
+        return volts, max(0, due - last)
 
     def stop(self) -> None:
         """Stop."""
-        self._started = None
+        self._rate = None
 
     def close(self) -> None:
         """Close; there is nothing to release."""
-        self._started = None
+        self._rate = None

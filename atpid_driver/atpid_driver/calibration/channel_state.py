@@ -6,34 +6,16 @@ Time is counted in scans.
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_common.channel_monitor import ChannelMonitor, ChannelState, Finding
 from atpid_driver.calibration.convert import Counts
 from atpid_driver.calibration.model import Calibration
 
 Floats = NDArray[np.float64]
-
-
-class ChannelState(Enum):
-    """States of a channel; the value is what messages call it."""
-
-    PLAUSIBLE = "plausible"
-    SPIKES = "spikes"
-    CLIPPED = "clipped"
-    FROZEN = "frozen"
-    MISSING = "no readings"
-    OUT_OF_RANGE = "out of range"
-    BROKEN_LOOP = "current loop broken"
-
-    @property
-    def severity(self) -> int:
-        """0: nothing is wrong; 1: readings are missing or doubtful; 2: the sensor does not measure."""
-        return {ChannelState.PLAUSIBLE: 0, ChannelState.SPIKES: 1, ChannelState.CLIPPED: 1}.get(self, 2)
 
 
 @dataclass(frozen=True)
@@ -49,39 +31,25 @@ class Thresholds:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """A state and what was seen, in one line."""
-
-    state: ChannelState = ChannelState.PLAUSIBLE
-    text: str = "plausible"
-
-
-@dataclass(frozen=True)
 class _Part:
     """What is kept of one block."""
 
-    scans: int
     counts: Counts
     spikes: int
     lowest: float  # [V], infinite where no reading
     highest: float
 
 
-class ChannelMonitor:
-    """Judges one channel block by block.
-
-    A worse state holds at once, a better one when it has lasted for `frozen_time`: a loose contact is one event.
-    """
+class VoltageMonitor(ChannelMonitor[_Part]):
+    """Judges one channel; a better state holds when it has lasted for `frozen_time`."""
 
     def __init__(self, calibration: Calibration, thresholds: Thresholds) -> None:
-        self.finding = Finding()
+        super().__init__()
         self.last_volts = np.nan  # the last reading [V]; NaN: none in the last block
         self.spread = np.nan  # largest less smallest reading of the last `frozen_time` [V]; NaN: not so long yet
         self._calibration, self._thresholds = calibration, thresholds
-        self._rate = np.nan
-        self._parts: deque[_Part] = deque()
+        self._full = False  # whether `frozen_time` has passed
         self._tail = np.empty(0)  # the last two readings [V]
-        self._unusable = self._better = 0  # scans without a usable reading; scans in a better state than reported
 
     def take(self, volts: Floats, values: Floats, counts: Counts, rate: float) -> Finding | None:
         """Judge the next readings (n,) [V] at `rate` [Hz]; return a change of state, else None.
@@ -90,37 +58,22 @@ class ChannelMonitor:
         """
         if not volts.size:
             return None
-        if rate != self._rate:
-            self._rate = rate
-            self._parts.clear()
-        self._keep(volts, values, counts)
-        found = self._found()
-        if found.state is self.finding.state:
-            self.finding, self._better = found, 0
-            return None
-        self._better = self._better + volts.size if found.state.severity < self.finding.state.severity else 0
-        if self._better and self._better < self._thresholds.frozen_time * rate:
-            return None
-        self.finding, self._better = found, 0
-        return found
+        self._begin(rate)
+        self._take(volts, ~np.isnan(values), counts)
+        return self._settle(self._found(), volts.size, self._thresholds.frozen_time)
 
-    def _keep(self, volts: Floats, values: Floats, counts: Counts) -> None:
+    def _take(self, volts: Floats, usable: NDArray[np.bool_], counts: Counts) -> None:
         readings = volts[~np.isnan(volts)]
         self.last_volts = float(readings[-1]) if readings.size else np.nan
         lowest, highest = (float(readings.min()), float(readings.max())) if readings.size else (np.inf, -np.inf)
-        part = _Part(volts.size, counts, self._spikes(volts), lowest, highest)
-        usable = np.flatnonzero(~np.isnan(values))
-        if usable.size and self._dead:  # what is judged next begins with the readings that return
-            self._parts.clear()
-            part = replace(part, counts=Counts())
-        self._unusable = volts.size - 1 - int(usable[-1]) if usable.size else self._unusable + volts.size
-        self._parts.append(part)
-        scans = sum(part.scans for part in self._parts)
-        while scans - self._parts[0].scans >= self._thresholds.frozen_time * self._rate:
-            scans -= self._parts.popleft().scans
-        full = scans >= self._thresholds.frozen_time * self._rate
-        highest, lowest = max(part.highest for part in self._parts), min(part.lowest for part in self._parts)
-        self.spread = highest - lowest if full and highest >= lowest else np.nan
+        if usable.any() and self._dead:  # what is judged next begins with the readings that return
+            self._blocks.clear()
+            counts = Counts()
+        self._count_unusable(usable)
+        part = _Part(counts, self._spikes(volts), lowest, highest)
+        self._full = self._keep(volts.size, part, self._thresholds.frozen_time)
+        highest, lowest = max(part.highest for _, part in self._blocks), min(part.lowest for _, part in self._blocks)
+        self.spread = highest - lowest if self._full and highest >= lowest else np.nan
 
     @property
     def _dead(self) -> bool:
@@ -140,7 +93,7 @@ class ChannelMonitor:
         limits, calibration = self._thresholds, self._calibration
         low, high = calibration.limits_volts
         if self._dead:
-            newest = self._parts[-1].counts
+            newest = self._blocks[-1][1].counts
             if newest.missing > newest.broken_loop + newest.out_of_range:
                 return Finding(ChannelState.MISSING, f"no readings: the device gives none for {limits.dead_time:g} s")
             if newest.broken_loop > newest.out_of_range:
@@ -158,19 +111,19 @@ class ChannelMonitor:
 
     def _doubtful(self, low: float, high: float) -> Finding:
         """Return a state in which the sensor still measures."""
-        limits, parts = self._thresholds, self._parts
-        scans = sum(part.scans for part in parts)
+        limits, scans = self._thresholds, self._scans
+        parts = [part for _, part in self._blocks]
         broken = sum(part.counts.broken_loop for part in parts)
         outside = sum(part.counts.out_of_range for part in parts)
-        share, full = (broken + outside) / scans, scans >= limits.frozen_time * self._rate
+        share = (broken + outside) / scans
         # while a whole block is unusable it may be a dead sensor's beginning
-        if full and share >= limits.clipped_share and self._unusable < parts[-1].scans:
+        if self._full and share >= limits.clipped_share and self._unusable < self._blocks[-1][0]:
             loop = f", {broken / scans:.0%} with a broken loop" if broken else ""
             text = (
                 f"clipped: {share:.0%} of the readings of {limits.frozen_time:g} s outside {low:g} to {high:g} V{loop}"
             )
             return Finding(ChannelState.CLIPPED, text)
         per_second = sum(part.spikes for part in parts) / scans * self._rate
-        if full and limits.spike and per_second >= limits.spikes_per_second:
+        if self._full and limits.spike and per_second >= limits.spikes_per_second:
             return Finding(ChannelState.SPIKES, f"spikes: {per_second:.3g} a second of more than {limits.spike:g} V")
         return Finding()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_driver calibrate`: a calibration file and its picture from readings at known positions."""
+"""`atpid calibrate sensor`: a calibration file and its picture from readings at known positions."""
 
 import argparse
 import datetime
@@ -35,7 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--broken-loop", type=real(-1e3, 1e3, "V"), metavar="VOLTS", help="below this a 4-20 mA loop is broken"
     )
     parser.add_argument("--date", type=_date, default=None, help="YYYY-MM-DD (default: today)")
-    parser.add_argument("--out", type=path_to(".yaml", ".yml"), required=True, help="calibration file to write (YAML)")
+    parser.add_argument(
+        "--out", type=path_to(".yaml", ".yml"), required=True, metavar="FILE.yaml", help="file to write"
+    )
     parser.add_argument("--picture", type=path_to(".png"), help="picture to write (default: beside --out, .png)")
     parser.add_argument("--force", action="store_true", help="replace --out and --picture where they exist")
 
@@ -58,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     calibration = calibration_of(result, arguments)
     from atpid_driver.calibration.picture import draw  # matplotlib takes a second to load
 
-    comment = f"Made from {arguments.readings.name} by `python -m atpid_driver calibrate`."
+    comment = f"Made from {arguments.readings.name} by `atpid calibrate sensor`."
     with output.writing(out):
         save(calibration, out, comment)
     with output.writing(picture, "--picture"):

@@ -13,7 +13,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from atpid_common.files import FileError, parse_yaml, read_text
-from atpid_driver.errors import DriverError
+from atpid_driver import DriverError
 
 MOST_BYTES = 100_000  # the longest of ours has some hundreds
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_driver reading`: the mean voltage of one input at a known position, a row for `calibrate`."""
+"""`atpid calibrate reading`: the mean voltage of one input at a known position, a row for `atpid calibrate sensor`."""
 
 import argparse
 import math

@@ -113,7 +113,7 @@ class Emulator:
     def do(self, command: str) -> None:
         """Carry out a command without an answer; EmulatorError where it is refused.
 
-        `reset` presses the button; `hang` makes the main program hang, which the watchdog must detect; `power 0` and
+        `reset` presses the button; `hang` makes the main program hang, `hang off` with interrupts off; `power 0` and
         `power 1` switch the supply; `unplug` and `plug` let the port disappear and appear again under the same name.
         """
         answer = self.command(command)

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ceiling's motor: one protocol (`CeilingActuator`), two backends by name (a simulated ceiling, a serial port)."""
 
-from typing import Final
-
 from atpid_driver.motor.ceiling_actuator import CeilingActuator
 from atpid_driver.motor.errors import SettingsError
-from atpid_driver.motor.settings import MotorSettings
+from atpid_driver.motor.settings import BACKENDS, MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
 
-BACKENDS: Final = ("simulated", "serial")
+__all__ = ["BACKENDS", "CeilingActuator", "MotorSettings", "actuator_of"]
 
 
 def actuator_of(settings: MotorSettings) -> CeilingActuator:

@@ -1,26 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The protocol that every ceiling implements. Heights are floor to ceiling [m], times integer nanoseconds."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from math import nan
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 from atpid_common.injected_faults import Injected
-from atpid_driver.motor.errors import HeightRefusedError, LimitsError
-from atpid_driver.motor.faults import NO_FAULT, Fault
-
-
-class Mode(IntEnum):
-    """What the motor does; the numbers are those of atpid_interfaces/CeilingState."""
-
-    UNCONFIGURED = 0
-    DISARMED = 1
-    HOMING = 2
-    HOLDING = 3
-    MOVING = 4
-    FAULT = 5
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.errors import HeightRefusedError, LimitsError, NotReadyError
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +85,23 @@ class CeilingActuator(Protocol):
     def limits(self) -> Limits:
         """Limits in force."""
 
+    @property
+    def placed(self) -> bool:
+        """Whether it can find by itself where it stands; a simulated ceiling may have to be placed."""
+
+    @property
+    def true_height(self) -> float:
+        """Where it really stands [m]; NaN: not known, as of a real one, which has its readings alone."""
+
+    def place(self, height: float, now: int) -> None:
+        """Put a simulated ceiling at `height` [m]. Raises `NotReadyError` for a real one."""
+
+    def with_faults(self, faults: Sequence[Injected], now: int) -> CeilingActuator:
+        """Return the ceiling with these injected faults and no others, whose times are those of `now`.
+
+        Raises `SettingsError` for a real one.
+        """
+
     def connect(self, now: int) -> Identity:
         """Open and identify; the motor is off afterwards. Raises `LinkError` or `IdentityError`."""
 
@@ -101,7 +109,7 @@ class CeilingActuator(Protocol):
         """Arm and start homing. Raises `NotReadyError` if it cannot be armed."""
 
     def deactivate(self, now: int) -> None:
-        """Stop at once and disarm: motor off."""
+        """Stop at once and disarm: motor off. Raises `StopNotConfirmedError` where a real one does not confirm it."""
 
     def move(self, height: float, sequence: int, now: int) -> None:
         """Travel to `height` [m]; NaN: stop and stay.
@@ -125,9 +133,56 @@ class CeilingActuator(Protocol):
         """Switch the motor off and close the connection."""
 
 
-@runtime_checkable
-class ActsFaults(Protocol):
-    """A ceiling that acts injected faults of its own or of its link."""
+class SimulatedCeiling:
+    """What the simulated ceilings share: no link, and a motor that is off 500 ms after the last heartbeat.
 
-    def inject(self, faults: Sequence[Injected]) -> None:
-        """Act these faults from now on, and no others; their times are those of `now` [s]."""
+    Of the subclass: `_halt` stops it where it is and sets its mode; `_state` returns the state at `now`;
+    `_lose_heartbeat` switches the motor off.
+    """
+
+    NAME: ClassVar[str]
+    _halt: Callable[[int, Mode], None]
+    _state: Callable[[int], Reading]
+    _lose_heartbeat: Callable[[], None]
+    _mode = Mode.UNCONFIGURED
+    _alive = 0  # the last heartbeat [ns]
+
+    def connect(self, now: int) -> Identity:
+        """Return the identity of a simulated ceiling."""
+        self._halt(now, Mode.DISARMED)
+        return Identity(self.NAME, "1")
+
+    def activate(self, now: int) -> None:
+        """Arm; the height is known, so there is nothing to home."""
+        if self._mode is Mode.UNCONFIGURED:
+            raise NotReadyError("simulated ceiling not connected: connect it before it is activated")
+        self._alive = now
+        self._halt(now, Mode.HOLDING)
+
+    def deactivate(self, now: int) -> None:
+        """Stop where it is and disarm."""
+        if self._mode is not Mode.UNCONFIGURED:
+            self._halt(now, Mode.DISARMED)
+
+    def read(self, now: int) -> Reading:
+        """Return the state at `now` [ns]."""
+        self._alive = now
+        return self._state(now)
+
+    def observe(self, now: int) -> Reading:
+        """Return the same without a heartbeat: the motor is off where none came for 500 ms, until it is armed."""
+        if self._mode is Mode.HOLDING and now - self._alive > HEARTBEAT_TIME:
+            self._lose_heartbeat()
+        return self._state(now)
+
+    def reports(self) -> list[str]:
+        """Return none: it has no link."""
+        return []
+
+    def health(self) -> dict[str, str]:
+        """Return its name; there is no link."""
+        return {"hardware_id": self.NAME}
+
+    def close(self) -> None:
+        """Close."""
+        self._mode = Mode.UNCONFIGURED

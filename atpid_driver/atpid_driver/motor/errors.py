@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Named errors of the motor: each message is one line with what was given, what is allowed and what to do."""
 
-from atpid_driver.errors import DriverError
+from atpid_driver import DriverError
 
 
 class MotorError(DriverError):
@@ -30,6 +30,10 @@ class NotReadyError(MotorError):
 
 class LinkError(MotorError):
     """The port is missing, taken, silent or was pulled out."""
+
+
+class StopNotConfirmedError(LinkError):
+    """A stop that the board has not confirmed in time; it goes on being sent."""
 
 
 class IdentityError(LinkError):

@@ -4,7 +4,8 @@
 from dataclasses import dataclass, field
 from math import isnan, nan
 
-from atpid_driver.motor.ceiling_actuator import Limits, Mode, Reading
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.ceiling_actuator import Limits, Reading
 from atpid_driver.motor.errors import MotorError, SettingsError
 from atpid_driver.motor.faults import in_words
 
@@ -83,10 +84,8 @@ class _Travel:
         usual = (abs(wanted) - 2.0 * HEIGHT_TOLERANCE) / self.speed  # both ends left out
         longest = (now if isnan(self._first_at_target) else self._first_at_target) - self._last_at_origin
         shortest = 0.0 if isnan(self._first_between) else self._last_between - self._first_between
-        expected, remedy = (
-            f"{self.speed:g} m/s within {SPEED_TOLERANCE:.0%}",
-            "measure the speed and calibrate the height sensor",
-        )
+        expected = f"{self.speed:g} m/s within {SPEED_TOLERANCE:.0%}"
+        remedy = "measure the speed and calibrate the height sensor"
         if shortest > usual / (1.0 - SPEED_TOLERANCE):
             raise self._error(expected, f"at most {usual * self.speed / shortest:.3f} m/s", remedy)
         if longest < usual / (1.0 + SPEED_TOLERANCE):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import Final
 
-from atpid_driver.motor.ceiling_actuator import Mode
+from atpid_common.vocabulary import Mode
 from atpid_driver.motor.errors import ProtocolError
 from atpid_driver.motor.faults import Fault
 

@@ -2,12 +2,16 @@
 """A serial port through pyserial, with one-line errors."""
 
 import errno
+import os
+import select
+import time
+from contextlib import suppress
 
 import serial
 
 from atpid_driver.motor.errors import LinkError
 
-WRITE_TIME = 0.5
+_LONGEST_LINE = 256
 
 
 class SerialPort:
@@ -18,29 +22,51 @@ class SerialPort:
         self._name = name
         self._rest = bytearray()
         try:
-            self._port = serial.Serial(name, baud, timeout=0, write_timeout=WRITE_TIME, exclusive=True)
+            self._port = serial.Serial(name, baud, timeout=0, exclusive=True)
             self._port.reset_input_buffer()
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise LinkError(_opening(name, error)) from None
+        self._awake, self._waker = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
 
     def write(self, data: bytes) -> None:
-        """Send all bytes. Raises `LinkError` if the port is gone."""
+        """Send bytes without waiting: a full buffer loses them, as a bad line. Raises `LinkError` if it is gone."""
         try:
-            self._port.write(data)
-        except OSError as error:
+            os.write(self._port.fileno(), data)
+        except BlockingIOError:
+            return
+        except (OSError, TypeError, ValueError) as error:  # of a closed descriptor
             raise LinkError(self._gone(error)) from None
 
     def read_line(self, timeout: float) -> bytes:
-        """Return bytes up to and with a line end; b"" if none came within `timeout` [s], the rest is kept."""
-        try:
-            self._port.timeout = timeout
-            self._rest += self._port.read_until(b"\n", 256)
-        except (OSError, TypeError) as error:  # pyserial raises TypeError for a closed descriptor
-            raise LinkError(self._gone(error)) from None
-        if not self._rest.endswith(b"\n") and len(self._rest) < 256:
-            return b""
-        line, self._rest = bytes(self._rest), bytearray()
+        """Return bytes up to and with a line end; b"" where none came within `timeout` [s], or `wake` was called."""
+        end = time.monotonic() + timeout
+        while (line := self._line()) is None:
+            try:
+                left = max(0.0, end - time.monotonic())
+                ready, _, _ = select.select([self._port.fileno(), self._awake], [], [], left)
+                if self._awake in ready:
+                    os.read(self._awake, 4096)
+                    return b""
+                if not ready:
+                    return b""
+                self._rest += self._port.read(_LONGEST_LINE)
+            except (OSError, TypeError, ValueError) as error:  # of a closed descriptor
+                raise LinkError(self._gone(error)) from None
         return line
+
+    def _line(self) -> bytes | None:
+        place = self._rest.find(b"\n") + 1
+        if not place and len(self._rest) < _LONGEST_LINE:
+            return None
+        place = place or len(self._rest)
+        line = bytes(self._rest[:place])
+        del self._rest[:place]
+        return line
+
+    def wake(self) -> None:
+        """Let `read_line` return at once, or when it is called next; from any thread while the port is open."""
+        with suppress(BlockingIOError):  # it is awake
+            os.write(self._waker, b"\0")
 
     def close(self) -> None:
         """Close the port, even one that is gone."""
@@ -48,6 +74,8 @@ class SerialPort:
             self._port.close()
         except OSError:
             self._port.fd = None  # nothing is left to close
+        os.close(self._awake)
+        os.close(self._waker)
 
     def _gone(self, error: Exception) -> str:
         return f"{self._name} is gone ({error}): plugged out? waiting for it to come back"

@@ -1,80 +1,140 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A session with the firmware: a request, the answer of the same sequence, the request again where none comes."""
+"""Requests and answers of one connection to the firmware, without I/O: what is wanted, frames, lines that were read.
 
-import time
-from collections.abc import Callable
+One request at a time is outstanding; a new one replaces it. Times are of the steady clock [s].
+"""
+
+from concurrent.futures import Future
+from dataclasses import dataclass, field
 from typing import Final
 
 from atpid_driver.motor import protocol
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, ProtocolError
-from atpid_driver.motor.faulty_port import Port
 
-ANSWER_TIME: Final = 0.125
-IDENTIFY_TIME: Final = 0.25
-# Eight times: a busy host is no lost link. The firmware's heartbeat does not wait, and reopening restarts the board.
-ATTEMPTS: Final = 8
 VERSION: Final = "1."
 SPEED_TOLERANCE: Final = 0.05
+#: Answers to so many requests before the last are still accepted, each once.
+_WINDOW: Final = 64
 
 
 class SessionLostError(LinkError):
-    """The board was restarted during the session: it must be identified again."""
+    """The board was restarted during the session, or another one answers: it must be identified again."""
+
+
+@dataclass(slots=True)
+class Request:
+    """One request: its frame, and when it was first and last written [s]."""
+
+    word: str
+    arguments: tuple[int, ...]
+    sequence: int
+    frame: bytes
+    asked: float
+    written: float
+
+    @property
+    def repeated(self) -> bool:
+        """Whether it was written more than once, so that its answer gives no round trip."""
+        return self.written > self.asked
+
+    def not_after(self, other: "Request") -> bool:
+        """Whether the board has taken it, or lost it, where it has answered `other`: the line keeps the order."""
+        return (other.sequence - self.sequence) % protocol.SEQUENCES < protocol.SEQUENCES // 2
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A reply of the board, the request it answers, and whether that is the outstanding one."""
+
+    reply: protocol.Reply
+    request: Request
+    outstanding: bool
+
+
+@dataclass(slots=True)
+class Stop:
+    """A stop that the board has not confirmed: its word (STOP, DISARM), the command's sequence, since when."""
+
+    word: str
+    sequence: int | None
+    since: float
+    reported: bool = False
+    confirmed: "Future[None]" = field(default_factory=Future)
+
+
+@dataclass(slots=True)
+class Arming:
+    """Words that are still to be carried out, one after the other, and their outcome."""
+
+    words: list[str]
+    refused: protocol.Refusal | None = None  # the reason is in the state that is asked for next
+    done: "Future[None]" = field(default_factory=Future)
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A height [µm], the command's sequence, and when it was received; no longer sent after `command_timeout`."""
+
+    target: int
+    sequence: int
+    received: float
+
+    def asked_by(self, request: Request) -> bool:
+        """Whether `request` was made for this height: it is made again and again until the board answers."""
+        return request.word == "MOVE" and request.arguments == (self.target,) and request.asked >= self.received
 
 
 class Session:
-    """One session with the firmware; not safe for threads, one owner only."""
+    """Sequence numbers, the outstanding request, and which answer belongs to which request."""
 
-    def __init__(self, port: Port) -> None:
-        self._port = port
+    def __init__(self) -> None:
         self._sequence = self.garbled = self.repeated = 0
+        self._waiting: dict[int, Request] = {}  # requests without an answer by sequence, the oldest first
+        self.request: Request | None = None  # the outstanding one
 
-    def request(self, word: str, *arguments: int) -> protocol.Reply:
-        """Return the answer to a command, sent again where none comes: the firmware carries out a repeated frame once.
+    @property
+    def unanswered(self) -> Request | None:
+        """The first request after the newest one that was answered."""
+        return next(iter(self._waiting.values()), None)
 
-        Raises `LinkError` if there is none, `SessionLostError` if the board was restarted.
-        """
-        frame = self._next(word, *arguments)
-        for attempt in range(ATTEMPTS):
-            self.repeated += attempt > 0
-            self._port.write(frame)
-            reply = self._answer(ANSWER_TIME)
-            if isinstance(reply, protocol.Refusal) and reply.reason == "SESSION":
-                raise SessionLostError("the board was restarted: its height is lost until it has homed again")
-            if reply is not None:
-                return reply
-        raise LinkError(f"no answer to {word} within {ATTEMPTS * ANSWER_TIME:g} s")
-
-    def identify(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> protocol.IdentityReply:
-        """Request the identity until the board answers: opening the port restarts it; its bootloader discards bytes.
-
-        Raises `LinkError` after `timeout` [s] or when `cancelled` returns true.
-        """
-        end = time.monotonic() + timeout
-        while time.monotonic() < end and not cancelled():
-            self._port.write(self._next("ID"))
-            reply = self._answer(IDENTIFY_TIME)
-            if isinstance(reply, protocol.IdentityReply):
-                return reply
-        raise LinkError(
-            f"nothing answers as {protocol.NAME} within {timeout:g} s: is the firmware flashed, the baud rate right?"
-        )
-
-    def _next(self, word: str, *arguments: int) -> bytes:
+    def begin(self, now: float, word: str, *arguments: int) -> bytes:
+        """Return the frame of a new request, which replaces the outstanding one."""
         self._sequence = (self._sequence + 1) % protocol.SEQUENCES
-        return protocol.encode(self._sequence, word, *arguments)
+        frame = protocol.encode(self._sequence, word, *arguments)
+        self.request = self._waiting[self._sequence] = Request(word, arguments, self._sequence, frame, now, now)
+        if len(self._waiting) > _WINDOW:
+            del self._waiting[next(iter(self._waiting))]
+        return frame
 
-    def _answer(self, timeout: float) -> protocol.Reply | None:
-        end = time.monotonic() + timeout
-        while (left := end - time.monotonic()) > 0:
-            line = self._port.read_line(left)
-            try:
-                frame = protocol.decode(line)
-                if frame.sequence == self._sequence:
-                    return protocol.reply_of(frame)
-            except ProtocolError:
-                self.garbled += bool(line)
-        return None
+    def forget(self) -> None:
+        """Wait for no answer any longer: requests from before the board was identified may have been discarded."""
+        self.request = None
+        self._waiting.clear()
+
+    def repeat(self, now: float) -> bytes:
+        """Return the outstanding request's frame again: the firmware carries out each sequence once."""
+        assert self.request is not None
+        self.request.written = now
+        self.repeated += 1
+        return self.request.frame
+
+    def answer(self, line: bytes) -> Answer | None:
+        """Return the answer in `line`; None for a line that is garbled or answers no request that waits."""
+        if not line:
+            return None
+        try:
+            frame = protocol.decode(line)
+            if frame.sequence not in self._waiting:
+                return None
+            reply = protocol.reply_of(frame)
+        except ProtocolError:
+            self.garbled += 1
+            return None
+        request = self._waiting[frame.sequence]
+        for earlier in [earlier for earlier in self._waiting.values() if earlier.not_after(request)]:
+            del self._waiting[earlier.sequence]  # the line keeps the order: what is not answered by now is lost
+        return Answer(reply, request, request is self.request)
 
 
 def check_identity(reply: protocol.IdentityReply, limits: Limits) -> None:

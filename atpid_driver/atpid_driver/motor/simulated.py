@@ -4,12 +4,16 @@
 A travel is kept as its start, not summed step by step, so any sequence of readings gives the same heights.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import copysign, isnan, nan
 
-from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
+from atpid_common.injected_faults import Injected
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
 from atpid_driver.motor.errors import NotReadyError
 from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault
+from atpid_driver.motor.simulated_faults import FaultyActuator
 
 NANO = 1e-9
 
@@ -32,8 +36,10 @@ class Travel:
         return self.origin + copysign(travelled, distance)
 
 
-class SimulatedActuator:
+class SimulatedActuator(SimulatedCeiling):
     """The simulated backend of `CeilingActuator`: always there, homed as soon as it is armed and placed."""
+
+    NAME = "simulated ceiling"
 
     def __init__(self, limits: Limits, initial_height: float) -> None:
         """Stand at `initial_height` [m], NaN: unknown until `place`.
@@ -42,8 +48,21 @@ class SimulatedActuator:
         """
         self.limits = limits
         self._travel = self._rest(nan if isnan(initial_height) else limits.check(initial_height), 0)
-        self._mode, self._sequence, self._latest = Mode.UNCONFIGURED, 0, 0
-        self._alive = 0  # the last heartbeat [ns]
+        self._sequence = self._latest = 0
+
+    @property
+    def true_height(self) -> float:
+        """Where it stood when it was last asked [m]."""
+        return self._travel.height(self._latest)
+
+    def with_faults(self, faults: Sequence[Injected], now: int) -> "SimulatedActuator | FaultyActuator":
+        """Return a ceiling with these faults that goes on from where this one is; without any, itself."""
+        if not faults:
+            return self
+        reading = self.read(now)
+        faulty = FaultyActuator(self.limits, reading.height, faults)
+        faulty.continue_from(reading, now)
+        return faulty
 
     @property
     def placed(self) -> bool:
@@ -53,23 +72,6 @@ class SimulatedActuator:
     def place(self, height: float, now: int) -> None:
         """Stand at `height` [m], wherever that is: limits are those of commands."""
         self._travel, self._latest = self._rest(height, now), now
-
-    def connect(self, now: int) -> Identity:
-        """Return the identity of a simulated ceiling."""
-        self._halt(now, Mode.DISARMED)
-        return Identity("simulated ceiling", "1")
-
-    def activate(self, now: int) -> None:
-        """Arm; the height is known, so there is nothing to home."""
-        if self._mode is Mode.UNCONFIGURED:
-            raise NotReadyError("simulated ceiling not connected: connect it before it is activated")
-        self._alive = now
-        self._halt(now, Mode.HOLDING)
-
-    def deactivate(self, now: int) -> None:
-        """Stop where it is and disarm."""
-        if self._mode is not Mode.UNCONFIGURED:
-            self._halt(now, Mode.DISARMED)
 
     def move(self, height: float, sequence: int, now: int) -> None:
         """Travel to `height` [m] from where the ceiling is at `now` [ns]; NaN: stop there and stay."""
@@ -84,17 +86,6 @@ class SimulatedActuator:
         self._sequence = sequence
         if goal != self._travel.target:
             self._travel = Travel(now, here, goal, self.limits.speed)
-
-    def read(self, now: int) -> Reading:
-        """Return where the ceiling is at `now` [ns] and what it does next."""
-        self._alive = now
-        return self._state(now)
-
-    def observe(self, now: int) -> Reading:
-        """Return the same without a heartbeat: the motor is off where none came for 500 ms, until it is armed."""
-        if self._mode is Mode.HOLDING and now - self._alive > HEARTBEAT_TIME:
-            self._halt(self._alive + HEARTBEAT_TIME, Mode.FAULT)
-        return self._state(now)
 
     def _state(self, now: int) -> Reading:
         height, target = self._height(now), self._travel.target
@@ -113,17 +104,8 @@ class SimulatedActuator:
             sequence=self._sequence,
         )
 
-    def reports(self) -> list[str]:
-        """Return none: it has no link."""
-        return []
-
-    def health(self) -> dict[str, str]:
-        """Return its name; there is no link."""
-        return {"hardware_id": "simulated ceiling"}
-
-    def close(self) -> None:
-        """Close."""
-        self._mode = Mode.UNCONFIGURED
+    def _lose_heartbeat(self) -> None:
+        self._halt(self._alive + HEARTBEAT_TIME, Mode.FAULT)
 
     def _halt(self, now: int, mode: Mode) -> None:
         self._travel = self._rest(self._height(now), now)

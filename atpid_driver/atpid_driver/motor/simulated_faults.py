@@ -9,11 +9,11 @@ from math import copysign, expm1, isnan, nan
 
 import numpy as np
 
-from atpid_common.injected_faults import TO_THE_SWITCH, Injected
-from atpid_driver.motor.ceiling_actuator import Identity, Limits, Mode, Reading
+from atpid_common.injected_faults import TO_THE_SWITCH, Injected, active_fault
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
 from atpid_driver.motor.errors import NotReadyError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault, in_words
-from atpid_driver.motor.simulated import SimulatedActuator
+from atpid_driver.motor.faults import NO_FAULT, Fault, in_words
 
 _STEP_NS = 1_000_000
 _STEP = _STEP_NS * 1e-9  # [s]
@@ -29,8 +29,10 @@ _OVERTIME, _OVERTIME_MORE = 1.5, 0.5
 _DIRECTION = 0.1
 
 
-class FaultyActuator:
-    """A simulated ceiling that acts faults of `motor` and `height_sensor`; latched faults need `activate`."""
+class FaultyActuator(SimulatedCeiling):
+    """A simulated ceiling with injected faults of `motor` and `height_sensor`; latched faults need `activate`."""
+
+    NAME = "simulated ceiling with injected faults"
 
     def __init__(self, limits: Limits, initial_height: float, faults: Sequence[Injected]) -> None:
         """Stand at `initial_height` [m], NaN: unknown until `place`. Times of `faults` are those of `now`."""
@@ -40,28 +42,24 @@ class FaultyActuator:
         self.true_height = initial_height
         self._reading = self._lagging = self._target = initial_height
         self._past: list[float] = []  # true heights, one a step
-        self._mode, self._faults, self._sequence, self._now = Mode.UNCONFIGURED, NO_FAULT, 0, -1
+        self._faults, self._sequence, self._now = NO_FAULT, 0, -1
         self._on, self._direction, self._driven, self._chosen = False, 1.0, 0.0, 1.0
-        self._alive = 0  # the last heartbeat [ns]
         self._running = self._allowed = 0.0  # how long the motor is on, and may be [s]
         self._origin = self._mark = initial_height  # reading when the motor was switched; that a stall is judged by
 
-    def inject(self, faults: Sequence[Injected]) -> None:
-        """Act these faults from now on, and no others; their times are those of `now`."""
+    def with_faults(self, faults: Sequence[Injected], now: int) -> "FaultyActuator":
+        """Return itself, with these faults from now on and no others; their times are those of `now`."""
         self._injected = tuple(faults)
+        return self
 
-    @classmethod
-    def in_place_of(cls, simulated: SimulatedActuator, now: int) -> "FaultyActuator":
-        """Return one that stands where `simulated` does, in the same mode, on its way to the same height."""
-        reading = simulated.read(now)
-        made = cls(simulated.limits, reading.height, ())
-        made._now = now
-        made._alive, made._faults = now, reading.faults
-        made._mode = reading.mode if reading.mode in (Mode.UNCONFIGURED, Mode.DISARMED) else Mode.HOLDING
+    def continue_from(self, reading: Reading, now: int) -> None:
+        """Go on as another simulated ceiling, by its reading at `now` [ns]: in its mode, on its way to its target."""
+        self._now = self._alive = now
+        self._faults = reading.faults
+        self._mode = reading.mode if reading.mode in (Mode.UNCONFIGURED, Mode.DISARMED) else Mode.HOLDING
         if reading.mode is Mode.MOVING:
-            made.move(reading.target, reading.sequence, now)
-        made._sequence = reading.sequence
-        return made
+            self.move(reading.target, reading.sequence, now)
+        self._sequence = reading.sequence
 
     @property
     def placed(self) -> bool:
@@ -73,25 +71,13 @@ class FaultyActuator:
         self.true_height = self._reading = self._lagging = self._target = self._origin = height
         self._now = now
 
-    def connect(self, now: int) -> Identity:
-        """Return the identity of a simulated ceiling."""
-        self._halt(now, Mode.DISARMED)
-        return Identity("simulated ceiling with injected faults", "1")
-
     def activate(self, now: int) -> None:
         """Arm, with latched faults cleared; raise NotReadyError where the cause is still there."""
-        if self._mode is Mode.UNCONFIGURED:
-            raise NotReadyError("simulated ceiling not connected: connect it before it is activated")
         self._advance(now)
-        if self.placed and isnan(self._reading):
+        if self._mode is not Mode.UNCONFIGURED and self.placed and isnan(self._reading):
             raise NotReadyError(f"not armed: {in_words(Fault.SENSOR_LOW)}")
-        self._faults, self._alive = NO_FAULT, now
-        self._halt(now, Mode.HOLDING)
-
-    def deactivate(self, now: int) -> None:
-        """Stop where it is and disarm."""
-        if self._mode is not Mode.UNCONFIGURED:
-            self._halt(now, Mode.DISARMED)
+        super().activate(now)
+        self._faults = NO_FAULT
 
     def move(self, height: float, sequence: int, now: int) -> None:
         """Travel to `height` [m] as the sensor reads it; NaN: stop there and stay."""
@@ -109,18 +95,11 @@ class FaultyActuator:
         self._origin = self._mark = self._reading
         self._running, self._allowed = 0.0, _OVERTIME * abs(distance) / self.limits.speed + _OVERTIME_MORE
 
-    def read(self, now: int) -> Reading:
-        """Return what the height sensor reads at `now` [ns] and what the motor does."""
-        self._alive = now
-        return self._state(now)
-
-    def observe(self, now: int) -> Reading:
-        """Return the same without a heartbeat: the motor is off where none came for 500 ms, until it is armed."""
-        if self._mode is Mode.HOLDING and now - self._alive > HEARTBEAT_TIME:
-            self._faults |= Fault.HEARTBEAT
-        return self._state(now)
+    def _lose_heartbeat(self) -> None:
+        self._faults |= Fault.HEARTBEAT
 
     def _state(self, now: int) -> Reading:
+        """Return what the height sensor reads at `now` [ns] and what the motor does."""
         self._advance(now)
         armed = self._mode is Mode.HOLDING
         if armed and not self.placed:
@@ -137,17 +116,10 @@ class FaultyActuator:
             sequence=self._sequence,
         )
 
-    def reports(self) -> list[str]:
-        """Return none: it has no link."""
-        return []
-
-    def health(self) -> dict[str, str]:
-        """Return its name; there is no link."""
-        return {"hardware_id": "simulated ceiling with injected faults"}
-
     def close(self) -> None:
         """Close."""
-        self._on, self._mode = False, Mode.UNCONFIGURED
+        super().close()
+        self._on = False
 
     def _halt(self, now: int, mode: Mode) -> None:
         self._advance(now)
@@ -184,12 +156,10 @@ class FaultyActuator:
     def _delay(self) -> bool:
         return any(fault.part == "height_sensor" and fault.kind == "delayed" for fault in self._injected)
 
-    def _fault_of(self, part: str, time: float) -> Injected | None:
-        return next((fault for fault in self._injected if fault.part == part and fault.active(time)), None)
-
     def _velocity(self, time: float) -> float:
         """Return how the ceiling really moves [m/s]."""
-        fault, usual = self._fault_of("motor", time), self._direction * self.limits.speed if self._on else 0.0
+        fault = active_fault(self._injected, time, "motor")
+        usual = self._direction * self.limits.speed if self._on else 0.0
         kind = fault.kind if fault else ""
         if kind == "stuck":
             self._driven = usual or self._driven
@@ -200,20 +170,18 @@ class FaultyActuator:
         if kind == "garbage" and round(self._running / _STEP) % round(_DIRECTION / _STEP) == 0:
             self._chosen = float(self._random.choice((-1.0, 1.0)))
         late = self._running < fault.value if kind == "delayed" else False
-        gap = (time - fault.begin) % fault.value >= 0.5 * fault.value if kind == "intermittent" else False
         factor = {"off": 0.0, "wrong": -1.0, "slow": fault.value, "garbage": self._chosen}
-        return 0.0 if late or gap else usual * factor.get(kind, 1.0)
+        return 0.0 if late or fault.gap(time) else usual * factor.get(kind, 1.0)
 
     def _sensed(self, time: float) -> float:
         """Return what the height sensor reads [m]; NaN: nothing."""
-        fault, true = self._fault_of("height_sensor", time), self.true_height
+        fault, true = active_fault(self._injected, time, "height_sensor"), self.true_height
         if fault is None or fault.kind != "slow":
             self._lagging = true
         if fault is None:
             return true
         if fault.kind == "slow":
             self._lagging -= expm1(-_STEP / fault.value) * (true - self._lagging)
-        gap = (time - fault.begin) % fault.value >= 0.5 * fault.value if fault.kind == "intermittent" else False
         back = round(fault.value / _STEP) if fault.kind == "delayed" else 0
         readings = {
             "off": nan,
@@ -222,7 +190,7 @@ class FaultyActuator:
             "wrong": true + fault.value,
             "slow": self._lagging,
             "delayed": self._past[-min(back + 1, len(self._past))] if self._past else true,
-            "intermittent": nan if gap else true,
+            "intermittent": nan if fault.gap(time) else true,
         }
         return readings[fault.kind]
 

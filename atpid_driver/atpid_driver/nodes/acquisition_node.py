@@ -9,13 +9,13 @@ The device's calls block in the Reader's thread; only the executor's thread publ
 import array
 import queue
 import sys
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
 
 from atpid_interfaces.msg import CeilingState, Event, RecorderStatus, SampleBlock
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import TransitionCallbackReturn
 
 from atpid_common.errors import InputError
@@ -24,7 +24,7 @@ from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
-from atpid_common.nodes.messages import BLOCKS, STATES, doubles, time_of
+from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, doubles, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_common.real_time import LOOP_PRIORITY
@@ -36,21 +36,19 @@ from atpid_driver.nodes.acquisition_parameters import settings_of
 from atpid_driver.nodes.channel_watch import ChannelWatch
 from atpid_driver.nodes.device_node import DeviceNode
 
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-
 
 class AcquisitionNode(DeviceNode):
-    """Publishes what one device measures, in SI units, on one topic. An InputError for a parameter that cannot be."""
+    """Publishes what one device measures, in SI units, on one topic. Raises InputError for an invalid one."""
 
     NAME: ClassVar[str] = "acquisition_node"
-    #: Its parameters `backend`, `topic`, `in_loop` and `spike` by default; None: the backend must be given.
-    USUAL: ClassVar[tuple[str | None, str, bool, float]] = (None, "sensors/acquisition", False, 0.0)
+    #: Its own defaults of parameters, by name.
+    USUAL: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(self, **kwargs: Any) -> None:
         """Declare parameters and topics; nothing is opened."""
         super().__init__(self.NAME, **kwargs)
         try:
-            self._settings, self._calibrations = settings_of(self, *self.USUAL)
+            self._settings, self._calibrations = settings_of(self, self.USUAL)
             self._device = create(self._settings["backend"], self._settings)
         except InputError:
             self.leave_graph()

@@ -2,6 +2,7 @@
 """Parameters of the acquisition nodes: declared with description and range, checked before a device is opened."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -22,6 +23,8 @@ TYPES = Parameter.Type
 _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}
 
 COMMON = (
+    Row("topic", "sensors/acquisition", "where the blocks are published"),
+    Row("in_loop", False, "whether the loop answers this topic's handshake"),
     Row("serial", 0, "serial number the device must have; 0: take any", "", 0, 2**32 - 1),
     Row("rate", TYPES.DOUBLE, "scan rate asked for; the blocks carry that of the device", "Hz", 0.1, 100_000.0),
     Row("blocks_per_second", 20.0, "messages per second", "1/s", 1.0, 50.0),
@@ -37,34 +40,20 @@ COMMON = (
 )
 
 
-def own_rows(usual: str | None, topic: str, in_loop: bool, spike: float) -> tuple[Row, ...]:
-    """Return the parameters whose defaults differ between the nodes; usual: a backend, None where it must be given."""
-    return (
-        Row("backend", usual or TYPES.STRING, "what is read", choices=backend_names()),
-        Row("topic", topic, "where the blocks are published"),
-        Row("in_loop", in_loop, "whether the loop answers this topic's handshake"),
-        Row(
-            "spike",
-            spike,
-            "a reading further than this from both its neighbours is a spike; 0: none is",
-            "V",
-            0.0,
-            100.0,
-        ),
-    )
+def common_rows() -> tuple[Row, ...]:
+    """Return the parameters of every acquisition node, whatever its backend."""
+    return (Row("backend", TYPES.STRING, "what is read", choices=backend_names()), *COMMON, *THRESHOLDS)
 
 
-def settings_of(
-    node: Node, usual: str | None, topic: str, in_loop: bool, spike: float
-) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
+def settings_of(node: Node, usual: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
     """Declare everything on `node`; return the checked values by name, and the calibration of each channel.
 
-    usual, topic, in_loop, spike: as `own_rows`. `channels` and `scans_per_block` are as the backend takes them. Raises
+    usual: the node's own defaults by name. `channels` and `scans_per_block` are as the backend takes them. Raises
     ParameterError or DriverError.
     """
-    values = declare(node, (*own_rows(usual, topic, in_loop, spike), *COMMON, *THRESHOLDS))
+    values = declare(node, [replace(row, default=usual.get(row.name, row.default)) for row in common_rows()])
     check_topic(node, values["topic"])
-    backends = dict.fromkeys(name for name in (values["backend"], usual, "simulated") if name is not None)
+    backends = dict.fromkeys((values["backend"], usual.get("backend", "simulated"), "simulated"))
     rows = {row.name: row for name in reversed(backends) for row in rows_of(backend(name).settings)}
     values |= declare(node, tuple(rows.values()))
     names, terminals = list(values["channels"]), list(values["terminals"])

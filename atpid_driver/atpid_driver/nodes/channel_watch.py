@@ -10,9 +10,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.node import Node
 
+from atpid_common.channel_monitor import ChannelState
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.parameters import Publish, Row
-from atpid_driver.calibration.channel_state import ChannelMonitor, ChannelState, Thresholds
+from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
 from atpid_driver.calibration.convert import Counts
 from atpid_driver.calibration.model import Calibration
 
@@ -21,6 +22,7 @@ THRESHOLDS = (
     Row("dead_time", 0.2, "a channel without one usable reading for so long is faulty", "s", 0.01, 60.0),
     Row("frozen_time", 1.0, "time over which frozen and clipped readings and spikes are looked for", "s", 0.1, 600.0),
     Row("clipped_share", 0.02, "share of unusable readings from which a channel is clipped", "-", 0.0001, 1.0),
+    Row("spike", 0.0, "a reading further than this from both its neighbours is a spike; 0: none is", "V", 0.0, 100.0),
     Row("spikes_per_second", 3.0, "from which spikes are reported", "1/s", 0.01, 100_000.0),
 )
 _EVENTS = (
@@ -40,13 +42,14 @@ class ChannelWatch:
         """Begin. values: the node's parameters by name; publish: publishes an event."""
         self._node, self._calibrations, self._publish = node, calibrations, publish
         noise = float(values.get("converter_noise", 0.0))  # of a backend that has none: only equal readings are frozen
-        names = ("dead_time", "frozen_time", "clipped_share", "spike", "spikes_per_second")
-        self._thresholds = Thresholds(converter_noise=noise, **{name: float(values[name]) for name in names})
+        self._thresholds = Thresholds(
+            converter_noise=noise, **{row.name: float(values[row.name]) for row in THRESHOLDS}
+        )
         self.begin()
 
     def begin(self) -> None:
         """Forget what was seen: a stream begins."""
-        self._monitors = [ChannelMonitor(calibration, self._thresholds) for calibration in self._calibrations]
+        self._monitors = [VoltageMonitor(calibration, self._thresholds) for calibration in self._calibrations]
         self._counts = [Counts() for _ in self._calibrations]
 
     def take(self, volts: Floats, values: Floats, counts: Sequence[Counts], rate: float) -> bool:

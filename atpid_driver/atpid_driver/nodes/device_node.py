@@ -9,7 +9,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 
-from atpid_driver.errors import DriverError
+from atpid_driver import DriverError
 
 
 class DeviceNode(LifecycleNode):
@@ -38,8 +38,11 @@ class DeviceNode(LifecycleNode):
         return self._transition("configure", self._configure)
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Start it."""
-        return self._transition("activate", self._activate)
+        """Start it; whoever asked for that, autostart has no more to do, and a second activation would end the node."""
+        outcome = self._transition("activate", self._activate)
+        if outcome is TransitionCallbackReturn.SUCCESS:
+            self._end_starting()
+        return outcome
 
     def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Stop it; it stays open."""
@@ -66,7 +69,7 @@ class DeviceNode(LifecycleNode):
             self._report_once(f"cannot {verb}: {error}")
             self._may_retry = error.retry
             return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy drops exceptions of transitions without a message
+        except Exception as error:  # noqa: BLE001  # rclpy drops exceptions of transitions without a message
             self._report_once(f"cannot {verb}: {type(error).__name__}: {error}")
             self._may_retry = False
             return TransitionCallbackReturn.ERROR

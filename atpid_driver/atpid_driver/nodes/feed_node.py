@@ -2,7 +2,7 @@
 """The wiring of the emulated stand: displacements of a simulated plant become the voltages of a stand-in device.
 
 It subscribes to the plant's sensor topic, remapped to `emulated/...`, and writes a `Feed`. Until the plant starts
-and after it has finished it writes a body at rest, paced by the clock. The plant's
+and after it has finished it feeds the last displacement at the sensor's rate. The plant's
 `ceiling/state` is remapped too: this node republishes the motor's states and answers the plant's handshake, but not
 before the real device streams, so that the stand records the run from its first instant.
 """
@@ -17,7 +17,6 @@ import numpy as np
 from atpid_interfaces.msg import CeilingState, Event, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from atpid_common.errors import InputError
@@ -25,11 +24,12 @@ from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.handshake import ANNOUNCE_AFTER, ANNOUNCE_AGAIN, empty
-from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
+from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import Row, declare
+from atpid_common.real_time import LOOP_PRIORITY
+from atpid_driver import DriverError
 from atpid_driver.calibration.convert import volts_of
-from atpid_driver.errors import DriverError
 from atpid_driver.nodes.acquisition_parameters import calibrations_of, check_topic
 from atpid_driver.standins import Feed
 from atpid_driver.standins.feed import MAGIC
@@ -58,7 +58,7 @@ class FeedNode(Node):
     """Converts metres to volts with the same calibration files the acquisition node converts back with."""
 
     def __init__(self, **kwargs: Any) -> None:
-        """Make the feed. Raises ParameterError or DriverError for a parameter that cannot be."""
+        """Make the feed. Raises ParameterError or DriverError for an invalid parameter."""
         super().__init__("feed_node", **kwargs)
         try:
             values = declare(self, PARAMETERS)
@@ -75,10 +75,10 @@ class FeedNode(Node):
         subscribe(self, SampleBlock, "sensors/laser", self._on_device, BLOCKS)
         subscribe(self, SampleBlock, values["topic"], self._on_block, BLOCKS)
         subscribe(self, Event, "events", self._on_event, EVENTS)
-        self._still = np.zeros(len(self._calibrations))  # where the body rests [m]
+        self._last = np.zeros(len(self._calibrations))  # where the body rests [m]
         self._began, self._idle = time.monotonic(), 0
         self._missing = 0  # scans of the plant that did not arrive
-        self._timer = self.create_timer(IDLE_S, self._rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self.create_timer(IDLE_S, self._feed_idle, clock=STEADY)
         self._announce_at = self._began + ANNOUNCE_AFTER
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
 
@@ -118,7 +118,7 @@ class FeedNode(Node):
             self.get_logger().error(f"{block.first_index - self._next} scans of the plant are missing")
         values = np.frombuffer(block.data).reshape(-1, len(names))
         self._next = block.first_index + len(values)
-        self._still = values[-1].copy()
+        self._last = values[-1].copy()
         self._write(values)
 
     def _on_event(self, event: Event) -> None:
@@ -127,9 +127,9 @@ class FeedNode(Node):
             self._began, self._idle = time.monotonic(), 0
             self._timer.reset()
 
-    def _rest(self) -> None:
+    def _feed_idle(self) -> None:
         due = int((time.monotonic() - self._began) * self._rate)
-        self._write(np.tile(self._still, (due - self._idle, 1)))
+        self._write(np.tile(self._last, (due - self._idle, 1)))
         self._idle = due
 
     def _write(self, values: NDArray[np.float64]) -> None:
@@ -170,7 +170,7 @@ def _check_replaceable(path: Path) -> None:
         raise DriverError(f"parameter feed: given {path}, which exists and is no feed; give the name of a new file")
 
 
-main = partial(run_node, FeedNode)
+main = partial(run_node, FeedNode, priority=LOOP_PRIORITY)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,7 +2,9 @@
 """The LabJack node: two lasers on a T7, published on sensors/laser; the source of the loop on the stand."""
 
 import sys
+from collections.abc import Mapping
 from functools import partial
+from typing import Any, ClassVar
 
 from atpid_common.nodes.node_main import run_node
 from atpid_common.real_time import LOOP_PRIORITY
@@ -13,7 +15,7 @@ class LabJackNode(AcquisitionNode):
     """The acquisition node, used for the lasers."""
 
     NAME = "labjack_node"
-    USUAL = ("labjack", "sensors/laser", True, 0.2)
+    USUAL: ClassVar[Mapping[str, Any]] = {"backend": "labjack", "topic": "sensors/laser", "in_loop": True, "spike": 0.2}
 
 
 main = partial(run_node, LabJackNode, priority=LOOP_PRIORITY)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motor node as others see it: its parameters, and a reading of the ceiling as message and diagnostic status."""
 
-from dataclasses import asdict
-from math import nan
+from dataclasses import MISSING, Field, fields
+from typing import Any
 
 from atpid_interfaces.msg import CeilingState
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -13,48 +13,21 @@ from std_msgs.msg import Header
 from atpid_common.latency import Latencies
 from atpid_common.nodes.diagnostics import status
 from atpid_common.nodes.parameters import Row, Value
-from atpid_driver.motor import BACKENDS
-from atpid_driver.motor.ceiling_actuator import CeilingActuator, Mode, Reading
+from atpid_common.vocabulary import Mode
+from atpid_driver.motor.ceiling_actuator import CeilingActuator, Reading
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.settings import MotorSettings
 
-TYPES = Parameter.Type
-INITIAL_HEIGHT = (
-    "where a real ceiling goes after homing, NaN: it stays; where a simulated one stands, NaN: where that of the "
-    "simulated plant stands"
-)
-TABLE = (
-    Row("backend", TYPES.STRING, "what moves the ceiling", choices=BACKENDS),
-    Row("lowest", TYPES.DOUBLE, "lowest ceiling height, the grain's diameter", "m", 0.0, 10.0),
-    Row("highest", TYPES.DOUBLE, "highest ceiling height", "m", 0.0, 10.0),
-    Row("speed", TYPES.DOUBLE, "constant travelling speed", "m/s", 0.0, 100.0),
-    Row("initial_height", nan, INITIAL_HEIGHT, "m"),
-    Row("lockstep", False, "answer each command with one state by its stamp instead of publishing on an own period"),
-    Row("autostart", True, "configure and activate without a lifecycle manager"),
-    Row("rate", 50.0, "states published per second, and heartbeat rate; not used in lockstep", "Hz", 10.0, 200.0),
-    Row("command_timeout", 0.5, "a command that waited longer is ignored; not used in lockstep", "s", 0.01, 10.0),
-    Row(
-        "stale_timeout", 0.4, "silence of ceiling/command after which the ceiling is stopped; not used in lockstep",
-        "s", 0.1, 60.0,
-    ),
-    Row("commander", "", "name of the only node whose commands are followed; empty: of any, one at a time"),
-    Row(
-        "faults", [""], "faults to act, of a simulated ceiling or of the serial link: 'PART KIND FROM TO [VALUE]' "
-        "(docs/faults.md); empty: none", live=True,
-    ),
-    Row("supervised", False, "move, and send heartbeats, only while the supervisor permits it; not used in lockstep"),
-    Row("supervision_timeout", 0.3, "silence of the supervisor that withdraws its permission", "s", 0.1, 10.0),
-    Row(
-        "check_move", 0.0, "before a run the ceiling moves by this distance and back: direction, distance and speed "
-        "are checked; 0: none", "m", 0.0, 10.0,
-    ),
-    Row("port", "", "serial port of the board by its stable name, /dev/serial/by-id/..."),
-    Row("baud", 250_000, "baud rate of the serial port"),
-    Row(
-        "identify_timeout", 5.0, "how long to request the board's identity; a reset by opening takes about 2 s",
-        "s", 0.1, 60.0,
-    ),
-)  # fmt: skip
+
+def _row(setting: Field[Any]) -> Row:
+    default = setting.default
+    if default is MISSING:
+        default = Parameter.Type.STRING if setting.type is str else Parameter.Type.DOUBLE
+    return Row(setting.name, list(default) if isinstance(default, tuple) else default, **setting.metadata)
+
+
+#: The node's parameters, as `MotorSettings` declares them.
+TABLE = tuple(_row(setting) for setting in fields(MotorSettings) if setting.init)
 _LEVELS = {
     Mode.UNCONFIGURED: DiagnosticStatus.ERROR,
     Mode.FAULT: DiagnosticStatus.ERROR,
@@ -68,10 +41,12 @@ def settings_of(value: Value) -> MotorSettings:
 
 
 def state_of(reading: Reading, header: Header, *, handshake: bool) -> CeilingState:
-    """Return the message of a reading, whose fields it has but for `time`; `handshake` marks its answer."""
-    fields = asdict(reading)
-    del fields["time"]
-    return CeilingState(header=header, handshake=handshake, fault=in_words(reading.faults), **fields)
+    """Return the message of a reading; `handshake` marks its answer."""
+    return CeilingState(
+        header=header, handshake=handshake, mode=reading.mode, homed=reading.homed,
+        faults=reading.faults, fault=in_words(reading.faults), height=reading.height, target=reading.target,
+        velocity=reading.velocity, speed=reading.speed, sequence=reading.sequence,
+    )  # fmt: skip
 
 
 def status_of(

@@ -11,51 +11,44 @@ heartbeat, only while the supervisor permits it.
 import sys
 import time
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
-from math import isfinite, isnan, nan
+from math import isfinite, nan
 from typing import Any
 
 from atpid_interfaces.msg import CeilingCommand, CeilingState, Event
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
-from rclpy.publisher import Publisher
 from rclpy.task import Future
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from atpid_common.errors import BAD_INPUT, InputError
 from atpid_common.injected_faults import Injected
-from atpid_common.latency import Latencies
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.events import EventPublisher
-from atpid_common.nodes.messages import EVENTS, nanoseconds_of, time_of
+from atpid_common.nodes.messages import EVENTS, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Publish
 from atpid_common.nodes.supervision import Supervision
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import Mode
 from atpid_driver.motor import actuator_of
-from atpid_driver.motor.ceiling_actuator import ActsFaults, Mode, Reading
-from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError, NotReadyError
+from atpid_driver.motor.ceiling_actuator import Reading
+from atpid_driver.motor.errors import MotorError, NotReadyError, StopNotConfirmedError
 from atpid_driver.motor.faults import NO_FAULT, in_words
-from atpid_driver.motor.freshness import Freshness
 from atpid_driver.motor.known_motion import KnownMotion, KnownMotionError
-from atpid_driver.motor.simulated import SimulatedActuator
-from atpid_driver.motor.simulated_faults import FaultyActuator
-from atpid_driver.nodes.commander import Commander
+from atpid_driver.nodes.authority import DuplicateNodes, MotionPermit
 from atpid_driver.nodes.device_node import DeviceNode
-from atpid_driver.nodes.duplicate_nodes import DuplicateNodes
-from atpid_driver.nodes.motion_permit import MotionPermit
+from atpid_driver.nodes.motor_commands import TOPIC as COMMANDS
+from atpid_driver.nodes.motor_commands import CommandGate
 from atpid_driver.nodes.motor_interface import TABLE, settings_of, state_of, status_of
-from atpid_driver.nodes.plant_ceiling import PlantCeiling
+from atpid_driver.nodes.simulated_ceiling import FaultInjection, PlantCeiling
 
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 RETRY = 1.0
 PERMIT_RETRY = 0.1  # between two looks whether motion is permitted
 SAME = 1e-6  # a height on the wire is a whole number of micrometres
 REAL_TIME_DEPTH, LOCKSTEP_DEPTH = 1, 10
-COMMANDS, STATE, TRUTH = "ceiling/command", "ceiling/state", "ceiling/truth"
+STATE = "ceiling/state"
 #: What leads from a lifecycle state to an active node.
 REMEDIES = {
     "unconfigured": "configure and activate it",
@@ -68,7 +61,7 @@ class MotorNode(DeviceNode):
     """Moves the ceiling to the heights of `ceiling/command`, in lockstep or in real time: see the module's text."""
 
     def __init__(self, **kwargs: Any) -> None:
-        """Declare parameters and topics; nothing is opened. Raises `InputError` for a parameter that cannot be."""
+        """Declare parameters and topics; nothing is opened. Raises `InputError` for an invalid parameter."""
         super().__init__("motor_node", **kwargs)
         try:
             values = LiveParameters(self, TABLE)
@@ -81,21 +74,19 @@ class MotorNode(DeviceNode):
         self._duplicates = DuplicateNodes(self)
         self._stamp = 0
         # a run in lockstep begins at 0; one in real time with its first command, by the steady clock [ns]
-        self._begin: int | None = 0 if self.settings.lockstep else None
+        self._injection = FaultInjection(self, 0 if self.settings.lockstep else None)
         self._initial: float | None = None
         self._known_motion = KnownMotion(self.settings.check_move, self.settings.limits)
         self.done: Future = Future()  # of the exit status: this node ends where the known motion fails
         self.error = ""
-        self._last_refused: object = None
         self._last_faults, self._last_mode = NO_FAULT, Mode.UNCONFIGURED
-        self._latencies, self._freshness = Latencies(), Freshness()
         publish = self._open_topics()
         self.create_timer(1.0, self._check_duplicates, clock=STEADY)
         if not self.settings.lockstep:
             self.create_timer(1.0 / self.settings.rate, self._each_period, clock=STEADY)
         if self.settings.autostart:
             self._starter = self.create_timer(0.01, self._start, clock=STEADY)
-        if isinstance(self._actuator, SimulatedActuator | FaultyActuator) and not self._actuator.placed:
+        if not self._actuator.placed:
             self._plant_ceiling = PlantCeiling(self, self._place)
         self._inject(self.settings.injected)
         values.follow(lambda value: settings_of(value).injected, self._inject, publish)
@@ -105,15 +96,14 @@ class MotorNode(DeviceNode):
         self._events = EventPublisher(self)
         publish = self._events.publish
         self._supervision = Supervision(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
-        self._supervision.stale.watch(COMMANDS, "the ceiling stays where it is")
+        self._supervision.stale.watch(COMMANDS, "the ceiling is stopped")
         if not lockstep:
             subscribe(self, Event, "events", self._on_event, EVENTS)
         qos = self._supervision.qos
         self._states = self.create_publisher(CeilingState, STATE, 100, event_callbacks=qos.publisher(STATE))
-        self._truth: Publisher | None = None
         depth, callbacks = LOCKSTEP_DEPTH if lockstep else REAL_TIME_DEPTH, qos.subscription(COMMANDS)
         subscribe(self, CeilingCommand, COMMANDS, self._on_command, depth, event_callbacks=callbacks)
-        self._commander = Commander(self, COMMANDS, self.settings.commander, timeout)
+        self._gate = CommandGate(self, self.settings, self._publish_event)
         supervised = self.settings.supervised and not lockstep
         self._permit = MotionPermit(self, self._stop, self.settings.supervision_timeout, supervised=supervised)
         self._was_granted = self._permit.granted
@@ -122,30 +112,15 @@ class MotorNode(DeviceNode):
         return publish
 
     def _place(self, height: float) -> None:
-        if isinstance(self._actuator, SimulatedActuator | FaultyActuator):
-            self._actuator.place(height, self._now())
+        self._actuator.place(height, self._now())
 
     def _inject(self, faults: tuple[Injected, ...]) -> None:
-        """Act these faults, once the run has begun; a simulated ceiling that can act none is replaced by one."""
-        self._injected = faults
-        if faults and isinstance(self._actuator, SimulatedActuator):
-            self._actuator = FaultyActuator.in_place_of(self._actuator, self._now())
-        if self._truth is None and isinstance(self._actuator, FaultyActuator):  # whose reading may be another height
-            self._truth = self.create_publisher(CeilingState, TRUTH, 100)
-        if self._begin is not None and isinstance(self._actuator, ActsFaults):
-            since = self._begin * 1e-9
-            self._actuator.inject([replace(one, begin=one.begin + since, end=one.end + since) for one in faults])
-
-    def _begin_faults(self) -> None:
-        """Count the times of injected faults from now on, where none are counted yet."""
-        if self._begin is None:
-            self._begin = self._now()
-            self._inject(self._injected)
+        self._actuator = self._injection.change(self._actuator, faults, self._now())
 
     def _on_event(self, event: Event) -> None:
         self._supervision.on_event(event)
         if event.kind == Event.STARTED:
-            self._freshness.restart()
+            self._gate.restart()
 
     def _configure(self) -> None:
         self.identity = self._actuator.connect(self._now())
@@ -164,12 +139,16 @@ class MotorNode(DeviceNode):
 
     def _arm(self) -> None:
         self._actuator.activate(self._now())
-        self._freshness.armed(self._now())
+        self._gate.armed(self._now())
 
     def _deactivate(self) -> None:
+        """Switch the motor off. One that does not confirm it is inactive all the same: nothing moves it again."""
         self._active, self._initial = False, None
         self._known_motion.restart()
-        self._actuator.deactivate(self._now())
+        try:
+            self._actuator.deactivate(self._now())
+        except StopNotConfirmedError as error:
+            self._publish_event(Event.ALARM, Event.STOPPED, nan, str(error))
 
     def _release(self) -> None:
         self._active = self._connected = False
@@ -189,20 +168,24 @@ class MotorNode(DeviceNode):
 
     def _on_command(self, command: CeilingCommand, info: dict[str, int]) -> None:
         handshake = command.handshake
-        if not handshake and self._is_foreign(command, info):
+        if not handshake and self._gate.is_foreign(info):
+            if self._gate.several_senders:
+                self._initial = None
+                self._stop_moving()
+            self._gate.report_foreign(command)
             self._supervision.stale.received(COMMANDS)
         elif not handshake:
             before, self._stamp = self._stamp, nanoseconds_of(command.header.stamp)
-            self._begin_faults()
+            self._actuator = self._injection.begin(self._actuator, self._now())
             self._supervision.stale.received(COMMANDS, self._stamp, (self._stamp - before) * 1e-9 if before else 0.0)
-            self._latencies.add(info.get("received_timestamp", 0) - self._stamp)
-            self._move(command, self._freshness.age(self._stamp, time.monotonic_ns()), info)
+            self._gate.receive(self._stamp, info)
+            self._move(command, info)
         reading = self._read()
         prepared = self._initial is None and self._known_motion.passed
         if (handshake and reading.ready and prepared) or (self.settings.lockstep and not handshake):
             self._publish(reading, command.header.stamp, handshake=handshake)
 
-    def _move(self, command: CeilingCommand, late: float, info: dict[str, int]) -> None:
+    def _move(self, command: CeilingCommand, info: dict[str, int]) -> None:
         self._initial = None
         if not self._known_motion.passed:
             self._end("known motion: a height was commanded before it was made; start the source with handshake: true")
@@ -212,56 +195,12 @@ class MotorNode(DeviceNode):
                 raise NotReadyError(text)
             if not self._permit.granted:
                 raise NotReadyError(f"ceiling height {command.height:g} m not taken up: {self._permit.reason}")
-            self._check_fresh(late, info)
+            self._gate.check_fresh(info, self._now())
             self._actuator.move(command.height, command.sequence, self._now())
         except MotorError as error:
-            self._refuse(command, error)
+            self._gate.refuse(command, error)
         else:
-            self._last_refused = None
-
-    def _is_foreign(self, command: CeilingCommand, info: dict[str, int]) -> bool:
-        """Whether it is not certain that the sender may command, which is reported; with several senders nothing moves.
-
-        To be asked first: a foreign command must leave no trace, such as its stamp.
-        """
-        if self.settings.lockstep or not self._commander.judge(info.get("publication_sequence_number") or 0):
-            return False
-        if self._commander.several:
-            self._initial = None
-            self._stop_moving()
-        if self._commander.to_report():
-            text = f"command ignored: {self._commander.problem}"
-            self._publish_event(Event.ALARM, Event.REFUSED, command.height, text)
-        return True
-
-    def _check_fresh(self, late: float, info: dict[str, int]) -> None:
-        """Refuse a command older than `command_timeout`, or made before the motor was armed.
-
-        late: by its stamp and the steady clock; the times of its publication and receipt, by the wall clock, are the
-        only ones of a command that comes alone. One published while this process was stopped is received afterwards.
-        """
-        if self.settings.lockstep:
-            return
-        moments = [info.get(moment, 0) for moment in ("received_timestamp", "source_timestamp")]
-        waited = max(late, *((time.time_ns() - moment) * 1e-9 if moment > 0 else 0.0 for moment in moments))
-        if waited > self.settings.command_timeout:
-            raise CommandStaleError(
-                f"command ignored: it waited {waited:.2f} s, allowed {self.settings.command_timeout:g} s "
-                "(command_timeout); the ceiling stays"
-            )
-        if self._freshness.before_armed(waited, self._now()):
-            raise CommandStaleError(f"command ignored: it was made {waited:.2f} s ago, before the motor was armed")
-
-    def _refuse(self, command: CeilingCommand, error: MotorError) -> None:
-        """Publish a refusal once: the controller repeats the command with every block.
-
-        Once for each height outside the limits; once for a motor that is not ready, whatever heights a ramp commands.
-        """
-        what = (type(error), command.height if isinstance(error, HeightRefusedError) else None)
-        if what == self._last_refused or (isnan(command.height) and not isinstance(error, HeightRefusedError)):
-            return
-        self._last_refused = what
-        self._publish_event(Event.WARNING, Event.REFUSED, command.height, str(error))
+            self._gate.accepted()
 
     def _each_period(self) -> None:
         self._hold_without_permit()
@@ -292,7 +231,7 @@ class MotorNode(DeviceNode):
             return  # it homes, or waits for a person
         if announcement := motion.announcement(reading.height, now):
             self._publish_event(Event.INFO, Event.SUPERVISION, self.settings.check_move, announcement)
-            self._begin_faults()
+            self._actuator = self._injection.begin(self._actuator, self._now())
         try:
             height = motion.turn(reading, now)
             if isfinite(height):
@@ -301,9 +240,8 @@ class MotorNode(DeviceNode):
             self._end(str(error) if isinstance(error, KnownMotionError) else f"known motion: {error}")
         else:
             if motion.passed:
-                self._begin = None  # injected faults begin again with the run
-                if isinstance(self._actuator, ActsFaults):
-                    self._actuator.inject(())
+                # injected faults begin again with the run
+                self._actuator = self._injection.suspend(self._actuator, self._now())
                 self._publish_event(Event.INFO, Event.SUPERVISION, self.settings.check_move, "known motion passed")
 
     def _end(self, text: str) -> None:
@@ -323,18 +261,27 @@ class MotorNode(DeviceNode):
             severity = Event.INFO if self._permit.ending else Event.ALARM
             self._publish_event(severity, Event.SUPERVISION, nan, f"the ceiling is held: {self._permit.reason}")
             self._stop_moving()
+            if self._actuator.observe(self._now()).mode is Mode.HOMING:  # which no height interrupts
+                self._stop(self._permit.reason)
 
     def _stop(self, reason: str) -> None:
         """Switch the motor off, once; it stays off until it is activated again."""
         self._end_starting()
         if self._active:
             self.trigger_deactivate()
-            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"motor off: {reason}")
+            self._publish_event(Event.ALARM, Event.STOPPED, nan, f"motor switched off: {reason}")
 
     def _on_stop(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Stop at once, motor off, on request of the operator."""
+        """Stop at once, motor off, on request of the operator: the answer is the board's own state."""
         self._stop("stopped by the operator")
-        response.success, response.message = not self._active, "motor off; activate the node to arm it again"
+        try:
+            if self._connected:
+                self._actuator.deactivate(self._now())  # confirmed before, or once more
+        except MotorError as error:
+            response.success, response.message = False, str(error)
+        else:
+            again = "supervisor_node/rearm" if self._permit.supervised else "activating the node"
+            response.success, response.message = True, f"motor off; {again} arms it again"
         return response
 
     def _reading(self) -> Reading:
@@ -359,10 +306,7 @@ class MotorNode(DeviceNode):
     def _publish(self, reading: Reading, stamp: Time, *, handshake: bool = False) -> None:
         header = Header(stamp=stamp, frame_id=self.get_name())
         self._states.publish(state_of(reading, header, handshake=handshake))
-        if self._truth is not None and isinstance(self._actuator, FaultyActuator) and self._actuator.placed:
-            height = self._actuator.true_height
-            true = replace(reading, mode=Mode.MOVING, height=height, target=height)
-            self._truth.publish(state_of(true, header, handshake=handshake))
+        self._injection.publish_truth(self._actuator, reading, header, handshake=handshake)
 
     def _on_silence(self) -> None:
         """Stop a moving ceiling: its target may be out of date. The next command moves it again."""
@@ -377,8 +321,8 @@ class MotorNode(DeviceNode):
     def _statuses(self) -> list[DiagnosticStatus]:
         reading = self._reading()
         return [
-            status_of(self, self._actuator, reading, self._last_error, self._latencies),
-            self._commander.status(),
+            status_of(self, self._actuator, reading, self._last_error, self._gate.latencies),
+            self._gate.status(),
         ]
 
     def _check_duplicates(self) -> None:

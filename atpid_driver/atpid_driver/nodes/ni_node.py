@@ -2,7 +2,9 @@
 """The NI node: accelerometers on an NI-9230, published on sensors/accelerometer; recorded beside the loop."""
 
 import sys
+from collections.abc import Mapping
 from functools import partial
+from typing import Any, ClassVar
 
 from atpid_common.nodes.node_main import run_node
 from atpid_common.real_time import LOOP_PRIORITY
@@ -13,7 +15,7 @@ class NiNode(AcquisitionNode):
     """The acquisition node, used for the accelerometers."""
 
     NAME = "ni_node"
-    USUAL = ("nidaqmx", "sensors/accelerometer", False, 0.0)
+    USUAL: ClassVar[Mapping[str, Any]] = {"backend": "nidaqmx", "topic": "sensors/accelerometer"}
 
 
 main = partial(run_node, NiNode, priority=LOOP_PRIORITY)

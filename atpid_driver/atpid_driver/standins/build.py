@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from atpid_common.folders import cache_root, content_key
-from atpid_driver.errors import DriverError
+from atpid_driver import DriverError
 
 SOURCES = Path(__file__).parent / "data"
 LIBRARIES = ("libLabJackM.so", "libnidaqmx.so")

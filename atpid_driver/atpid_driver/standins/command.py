@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_driver standin`: build the stand-ins, print their environment, inject faults by hand."""
+"""`atpid standin`: build the stand-ins, print their environment, inject faults by hand."""
 
 import argparse
 import shlex

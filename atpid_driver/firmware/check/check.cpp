@@ -61,7 +61,8 @@ struct Stand {
 
 // What is observed from outside: how long each contact has been open, when the host last sent a heartbeat, what it requested.
 struct Observer {
-    uint32_t lower_ms = 0, upper_ms = 0, stop_ms = 0, sensor_ms = 0, alive_at = 0;
+    uint32_t lower_ms = 0, upper_ms = 0, stop_ms = 0, sensor_ms = 0, silent_ms = 0, alive_at = 0;
+    uint8_t count = 0;  // of sums
     bool requested = false;  // HOME or MOVE accepted since the motor was last armed
     const char *violation = nullptr;  // rule broken in an answer
     uint64_t ran_ms = 0, homings = 0, faults = 0, requests = 0;
@@ -71,6 +72,8 @@ struct Observer {
         upper_ms = inputs.upper_open ? upper_ms + 1 : 0;
         stop_ms = inputs.stop_open ? stop_ms + 1 : 0;
         sensor_ms = inputs.raw < RAW_LOW || inputs.raw > RAW_HIGH ? sensor_ms + 1 : 0;
+        silent_ms = inputs.count == count ? silent_ms + 1 : 0;
+        count = inputs.count;
     }
 
     const char *broken_rule(const Motion &motion, uint32_t now_ms) const {
@@ -88,6 +91,7 @@ struct Observer {
         if (motion.direction() == Direction::UP && upper_ms > DEBOUNCE_MS) return "runs up into the upper switch";
         if (stop_ms > DEBOUNCE_MS) return "runs with the emergency stop pressed";
         if (sensor_ms > 1) return "runs with a sensor out of range";
+        if (silent_ms > SENSOR_SILENT_MS) return "runs with a sensor that is not converted";
         return nullptr;
     }
 };
@@ -157,7 +161,9 @@ void exchange(Host &host, Observer &observer, const Motion &motion, uint32_t now
 void noise(Host &host) {
     char data[80];
     const uint32_t count = below(sizeof data);
-    for (uint32_t i = 0; i < count; ++i) data[i] = static_cast<char>(one_in(6) ? '$' : below(256));
+    const bool readable = one_in(4);  // as a frame that does not end
+    for (uint32_t i = 0; i < count; ++i) data[i] = static_cast<char>(readable ? ' ' + below('~' - ' ') : one_in(6) ? '$' : below(256));
+    if (readable) data[0] = '$';
     host.bytes(data, count);
 }
 

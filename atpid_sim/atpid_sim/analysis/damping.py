@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much a motion is damped: decrements (Eq. 2.1), specific damping (Eq. 3.62), efficiency (Eq. 3.74)."""
+"""How much a motion is damped: decrements (Eq. 2.1), specific damping (Eq. 3.62)."""
 
 from itertools import pairwise
 
 import numpy as np
 
-from atpid_sim.simulation.decay import peaks
+from atpid_sim.simulation.quantities import half_peak_to_peak, peaks
 from atpid_sim.system import Array
 
-#: Peaks below this share of the first are noise and rest, not decay, as in `simulation.decay`.
+#: Peaks below this share of the first are noise and rest, not decay, as in `simulation.quantities`.
 _SMALLEST = 0.02
 
 
@@ -24,7 +24,7 @@ def amplitudes_per_period(displacement: Array, samples: float) -> Array:
     count = int(len(displacement) / samples)
     edges = np.rint(samples * np.arange(count + 1)).astype(int)
     pieces = [displacement[begin:end] for begin, end in pairwise(edges)]
-    return np.array([0.5 * np.ptp(piece) for piece in pieces])
+    return np.array([half_peak_to_peak(piece) for piece in pieces])
 
 
 def specific_damping(displacement: Array) -> Array:
@@ -34,8 +34,3 @@ def specific_damping(displacement: Array) -> Array:
     """
     found = peaks(displacement)
     return np.asarray(1.0 - (found[1:] / found[:-1]) ** 2)
-
-
-def efficiency(damped: float, undamped: float) -> float:
-    """Return the share by which an amplitude [m] lies below the undamped one [m] (Eq. 3.74) [-]."""
-    return 1.0 - damped / undamped

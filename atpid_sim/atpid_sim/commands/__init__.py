@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of `python -m atpid_sim`, one module each."""
+"""The commands of `atpid`, one module each."""

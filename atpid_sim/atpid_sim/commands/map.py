@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_sim map`: the best heights of a system, with a progress bar; goes on after a kill."""
+"""`atpid map`: the best heights of a system, with a progress bar; goes on after a kill."""
 
 import argparse
 import sys
@@ -12,7 +12,7 @@ from atpid_common.arguments import file_path, path_to, refuse
 from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
-from atpid_sim.maps.use import HIGHEST_RATIO, LOWEST_RATIO
+from atpid_sim.maps.response import HIGHEST_RATIO, LOWEST_RATIO
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.scene.plausibility import LARGEST_AMPLITUDE, Quantity
 

@@ -1,29 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m atpid_sim simulate`: one scene, its result as a table or as JSON, its motion as a file or a picture."""
+"""`atpid simulate`: one scene, its result as a table or as JSON, its motion as a file or a picture."""
 
 import argparse
 import json
-import math
 import sys
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
+from typing import TYPE_CHECKING, Any
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real
 from atpid_sim.display import working
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic import SteadyEnding, SteadyState, steady_state
-from atpid_sim.scene import FreeExcitation, Scene, SceneError, load_scene
-from atpid_sim.simulation.integration import FIDELITIES, undamped_amplitude
+from atpid_sim.scene import Scene, SceneError, load_scene
+from atpid_sim.simulation.integration import FIDELITIES, amplitude_without_damper, undamped_amplitude
+from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.simulation.series import draw, write_series
 from atpid_sim.simulation.simulate import Result, Trajectory, finite, simulate, trajectory
 
-_UNITS = {"amplitude": "m", "undamped_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s", "followed": "s"}
+if TYPE_CHECKING:
+    from atpid_sim.periodic import SteadyState
+
+_UNITS = {
+    "amplitude": "m", "undamped_amplitude": "m", "bare_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s",
+    "followed": "s",
+}  # fmt: skip
 _DRIVEN = (
-    "amplitude", "undamped_amplitude", "efficiency", "reproducible", "spread", "motion", "impacts", "resonance",
-    "fidelity", "left_out", "error_estimate", "energy_residual", "steps", "wall_s", "result",
+    "amplitude", "undamped_amplitude", "efficiency", "bare_amplitude", "reduction", "reproducible", "spread", "motion",
+    "impacts", "resonance", "fidelity", "left_out", "error_estimate", "energy_residual", "steps", "wall_s", "result",
 )  # fmt: skip
 #: The amplitude in a window of a decay depends on the window: the decrement is what it is measured by.
 _DECAY = (
@@ -96,6 +98,8 @@ def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
     """Print the steady motion and return True; where there is none, print why to standard error and return False."""
     if args.series is not None or args.picture is not None:
         raise output.OutputError("--steady: given with --series or --picture; these need the run itself, leave it out")
+    from atpid_sim.periodic import steady_state
+
     with working("solving (the first time the kernels are compiled, a minute or two)"):
         try:
             search = steady_state(scene, args.fidelity, args.rtol)
@@ -106,10 +110,13 @@ def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
     if search.state is None:
         print(f"steady: {search.ending.value}", file=sys.stderr)
         return False
-    values = _steady_values(scene, search.state)
+    values = _steady_values(scene, search.state) | {"result": search.ending.value}
     if args.json:
         print(json.dumps(finite(values), allow_nan=False))
         return True
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(title=str(args.scene), show_header=False)
     for key, value in values.items():
         text = ", ".join(f"{each:.6g}" for each in value) if isinstance(value, list) else _text(key, value)
@@ -118,12 +125,14 @@ def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
     return True
 
 
-def _steady_values(scene: Scene, state: SteadyState) -> dict[str, Any]:
-    undamped = undamped_amplitude(scene)
+def _steady_values(scene: Scene, state: "SteadyState") -> dict[str, Any]:
+    undamped, bare = undamped_amplitude(scene), amplitude_without_damper(scene)
     return {
         "amplitude": state.amplitude,
         "undamped_amplitude": undamped,
-        "efficiency": 1.0 - state.amplitude / undamped if undamped > 0.0 else math.nan,
+        "efficiency": efficiency(state.amplitude, undamped),
+        "bare_amplitude": bare,
+        "reduction": efficiency(state.amplitude, bare),
         "periods": state.periods,
         "multipliers": [float(abs(each)) for each in state.multipliers],
         "stability_margin": state.stability_margin,
@@ -131,8 +140,8 @@ def _steady_values(scene: Scene, state: SteadyState) -> dict[str, Any]:
         "impacts": len(state.impacts),
         "followed": state.followed,
         "fidelity": state.fidelity,
+        "method": state.method.value,
         "error_estimate": state.error_estimate,
-        "result": SteadyEnding.FOUND.value,
     }
 
 
@@ -158,20 +167,30 @@ def _write_files(args: argparse.Namespace, scene: Scene) -> None:
 
 
 def _show(name: str, scene: Scene, result: Result) -> None:
+    from rich.console import Console  # here, as it is not needed with --json
+    from rich.table import Table
+
     values = result.to_json()
     table = Table(title=name, show_header=False)
-    for key in _DECAY if isinstance(scene.excitation, FreeExcitation) else _DRIVEN:
+    for key in _DECAY if scene.excitation.is_free else _DRIVEN:
         if values[key] is not None:
-            table.add_row(key, _text(key, values[key]), _UNITS.get(key, ""))
+            table.add_row(key, _shown(key, values), _UNITS.get(key, ""))
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(table)
     if result.spread is not None and result.undamped_amplitude > 0.0:
-        least, most = (100.0 * (1.0 - result.spread[k] / result.undamped_amplitude) for k in (2, 0))
+        least, most = (100.0 * efficiency(result.spread[k], result.undamped_amplitude) for k in (2, 0))
         console.print(f"not reproducible: single runs give an efficiency of {least:.0f} to {most:.0f} %")
     for line in result.warnings:
         console.print(f"warning: {line}")
     for line in scene.decisive_defaults():
         console.print(f"default: {line}")
+
+
+def _shown(key: str, values: dict[str, Any]) -> str:
+    """Return the text of a key; whether a run is reproducible with the change of the drive that this holds for."""
+    change = values["reproducible_for"] if key == "reproducible" else None
+    suffix = "" if change is None else f", under changes of the drive up to {change:.1g} of it"
+    return _text(key, values[key]) + suffix
 
 
 def _text(key: str, value: Any) -> str:

@@ -10,7 +10,7 @@ from atpid_sim.contact.laws import LAWS
 from atpid_sim.kernel import kernel
 
 
-def _zero(*arguments):  # type: ignore[no-untyped-def]
+def _zero(*arguments):
     return 0.0
 
 
@@ -21,7 +21,7 @@ def _by_number(name: str, default: Any = None) -> Callable[..., Any]:
     """
     first, *others = (getattr(law, name, default) for law in LAWS)
 
-    def only(law, *arguments):  # type: ignore[no-untyped-def]
+    def only(law, *arguments):
         return first(*arguments)
 
     chosen: Callable[..., Any] = _compiled(only, f"{name}_0")
@@ -31,7 +31,7 @@ def _by_number(name: str, default: Any = None) -> Callable[..., Any]:
 
 
 def _either(number: int, function: Any, otherwise: Any) -> Callable[..., Any]:
-    def chosen(law, *arguments):  # type: ignore[no-untyped-def]
+    def chosen(law, *arguments):
         return function(*arguments) if law == number else otherwise(law, *arguments)
 
     return chosen
@@ -56,30 +56,30 @@ _restitution = _by_number("restitution")
 
 
 @kernel
-def force(law, overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
+def force(law, overlap, velocity, memory, p):
     """Contact force [N] at an overlap [m] and its velocity [m/s]; not clamped, positive pushes apart."""
     return _force(law, overlap, velocity, memory, p)
 
 
 @kernel
-def detachment_velocity(law, overlap, memory, p):  # type: ignore[no-untyped-def]
+def detachment_velocity(law, overlap, memory, p):
     """Overlap velocity [m/s] above which the force is positive at this overlap [m]."""
     return _detachment_velocity(law, overlap, memory, p)
 
 
 @kernel
-def residual_overlap(law, memory, p):  # type: ignore[no-untyped-def]
+def residual_overlap(law, memory, p):
     """Overlap [m] that remains when the force has vanished: the dent of a hysteretic law, else 0."""
     return _residual_overlap(law, memory, p)
 
 
 @kernel
-def energy(law, overlap, memory, p):  # type: ignore[no-untyped-def]
+def energy(law, overlap, memory, p):
     """Elastic energy [J] stored at this overlap [m], which the contact returns in unloading."""
     return _energy(law, overlap, memory, p)
 
 
 @kernel
-def restitution(law, speed, mass, p):  # type: ignore[no-untyped-def]
+def restitution(law, speed, mass, p):
     """Restitution [-] of an impact at `speed` [m/s] with the reduced `mass` [kg]."""
     return _restitution(law, speed, mass, p)

@@ -20,41 +20,41 @@ class Spec(ElasticSpec):
     law: Literal["hertz"]
 
     def parameters(self, system: System) -> tuple[float, ...]:
-        """(k [N/m^1.5],)."""
-        return (self.hertz_stiffness(system.radius),)
+        """Return the parameters of the kernel: (stiffness k [N/m^1.5],)."""
+        return (self.stiffness_of(system),)
 
 
 @kernel
-def elastic_force(overlap, k):  # type: ignore[no-untyped-def]
+def elastic_force(overlap, k):
     """k x^1.5 [N], continued oddly below zero so that a trial stage just outside the contact is harmless."""
     return k * overlap * math.sqrt(abs(overlap))
 
 
 @kernel
-def elastic_energy(overlap, k):  # type: ignore[no-untyped-def]
+def elastic_energy(overlap, k):
     """Energy stored at this overlap, 0.4 k x^2.5 [J]."""
     return 0.4 * k * overlap * overlap * math.sqrt(abs(overlap))
 
 
 @kernel
-def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
+def force(overlap, velocity, memory, p):
     """Contact force [N]."""
     return elastic_force(overlap, p[0])
 
 
 @kernel
-def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+def detachment_velocity(overlap, memory, p):
     """Minus infinity while overlapped: the force vanishes only with the overlap."""
     return -math.inf if overlap >= 0.0 else math.inf
 
 
 @kernel
-def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
+def energy(overlap, memory, p):
     """Stored energy [J]."""
     return elastic_energy(overlap, p[0])
 
 
 @kernel
-def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+def restitution(speed, mass, p):
     """One: nothing is lost."""
     return 1.0

@@ -30,24 +30,24 @@ class Spec(ContactSpec):
 
 
 @kernel
-def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
+def force(overlap, velocity, memory, p):
     """NaN: an instantaneous impact has no force."""
     return math.nan
 
 
 @kernel
-def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+def detachment_velocity(overlap, memory, p):
     """Infinite: the grain detaches at once."""
     return math.inf
 
 
 @kernel
-def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
+def energy(overlap, memory, p):
     """Zero: nothing is stored."""
     return 0.0
 
 
 @kernel
-def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+def restitution(speed, mass, p):
     """The parameter itself, at every speed."""
     return p[0]

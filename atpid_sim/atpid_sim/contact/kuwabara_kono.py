@@ -27,18 +27,18 @@ class Spec(ElasticSpec):
     damping: Damping = Field(description="damping factor [N s/m^1.5]")
 
     def parameters(self, system: System) -> tuple[float, ...]:
-        """(k [N/m^1.5], c [N s/m^1.5])."""
-        return self.hertz_stiffness(system.radius), self.damping
+        """Return the parameters of the kernel: (stiffness k [N/m^1.5], damping c [N s/m^1.5])."""
+        return self.stiffness_of(system), self.damping
 
 
 @kernel
-def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
+def force(overlap, velocity, memory, p):
     """Contact force [N], not clamped."""
     return elastic_force(overlap, p[0]) + p[1] * velocity * math.sqrt(abs(overlap))
 
 
 @kernel
-def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+def detachment_velocity(overlap, memory, p):
     """Overlap velocity at which the force vanishes [m/s]."""
     if p[1] > 0.0:
         return -p[0] / p[1] * overlap
@@ -49,7 +49,7 @@ energy = hertz.energy
 
 
 @kernel
-def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+def restitution(speed, mass, p):
     """Restitution [-] at an approach speed [m/s]; it falls with the speed; mass [kg] is the reduced one."""
     if speed <= 0.0:
         return 1.0

@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
-from scipy.optimize import brentq
 
 from atpid_sim.contact.spec import ContactSpec, require_one
 from atpid_sim.fields import ContactStiffness, Damping, Share, impossible
 from atpid_sim.kernel import kernel
+from atpid_sim.root import root
 from atpid_sim.system import System, reduced_mass
 
 #: Least restitution of a law that can only come near a full stop: the damping is 500 000 times critical there.
@@ -44,7 +44,7 @@ class Spec(ContactSpec):
         return self
 
     def parameters(self, system: System) -> tuple[float, ...]:
-        """(k [N/m], c [N s/m])."""
+        """Return the parameters of the kernel: (stiffness k [N/m], damping c [N s/m])."""
         if self.damping is not None:
             return self.stiffness, self.damping
         ratio = damping_ratio_for(self.restitution or 0.0)
@@ -67,17 +67,17 @@ def damping_ratio_for(restitution: float) -> float:
 
     # far beyond critical damping the restitution is 1 / (2 zeta)^2
     heaviest = max(5.5, 0.1 - 0.5 * math.log(4.0 * restitution))
-    return math.exp(brentq(excess, -40.0, heaviest, xtol=1e-14))
+    return math.exp(root(excess, -40.0, heaviest, xtol=1e-14))
 
 
 @kernel
-def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
+def force(overlap, velocity, memory, p):
     """Contact force [N], not clamped."""
     return p[0] * overlap + p[1] * velocity
 
 
 @kernel
-def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+def detachment_velocity(overlap, memory, p):
     """Overlap velocity at which the force vanishes [m/s]."""
     if p[1] > 0.0:
         return -p[0] / p[1] * overlap
@@ -85,13 +85,13 @@ def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
+def energy(overlap, memory, p):
     """Stored energy [J]."""
     return 0.5 * p[0] * overlap * overlap
 
 
 @kernel
-def damped_restitution(zeta):  # type: ignore[no-untyped-def]
+def damped_restitution(zeta):
     """Restitution of a damped oscillator that detaches where its force vanishes, zeta its damping ratio [-].
 
     The force vanishes after the angle 2 arccos(zeta), so e = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)); beyond
@@ -105,6 +105,6 @@ def damped_restitution(zeta):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+def restitution(speed, mass, p):
     """Restitution [-], the same at every speed [m/s]; mass [kg] is the reduced one."""
     return damped_restitution(0.5 * p[1] / math.sqrt(p[0] * mass))

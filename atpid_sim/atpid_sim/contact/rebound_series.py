@@ -43,13 +43,13 @@ KUWABARA_KONO = np.array([
 
 
 @kernel
-def hertz_time(speed, mass, k):  # type: ignore[no-untyped-def]
+def hertz_time(speed, mass, k):
     """Time scale T of a Hertz impact [s]."""
     return (mass / k) ** 0.4 * speed**-0.2
 
 
 @kernel
-def _chebyshev(s, c):  # type: ignore[no-untyped-def]
+def _chebyshev(s, c):
     """Sum of c[n] T_n(s), by Clenshaw's recurrence."""
     last, before = 0.0, 0.0
     for i in range(c.size - 1, 0, -1):
@@ -58,7 +58,7 @@ def _chebyshev(s, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def series_rebound(g, a, c):  # type: ignore[no-untyped-def]
+def series_rebound(g, a, c):
     """Restitution [-] for the dimensionless damping g >= 0, the damping's power a of the overlap and its series c."""
     s = 1.0 - 2.0 / (1.0 + g ** (1.0 / (3.0 - 2.0 * a)))
     return (1.0 + g * _chebyshev(s, c)) ** (-2.5 / (1.0 + a))

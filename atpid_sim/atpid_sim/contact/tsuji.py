@@ -29,19 +29,19 @@ class Spec(ElasticSpec):
     )
 
     def parameters(self, system: System) -> tuple[float, ...]:
-        """(k [N/m^1.5], c [N s/m^1.25])."""
-        k = self.hertz_stiffness(system.radius)
+        """Return the parameters of the kernel: (stiffness k [N/m^1.5], damping c [N s/m^1.25])."""
+        k = self.stiffness_of(system)
         return k, 2.0 * self.damping_ratio * math.sqrt(k * system.grain_mass)
 
 
 @kernel
-def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
+def force(overlap, velocity, memory, p):
     """Contact force [N], not clamped."""
     return elastic_force(overlap, p[0]) + p[1] * velocity * math.sqrt(math.sqrt(abs(overlap)))
 
 
 @kernel
-def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+def detachment_velocity(overlap, memory, p):
     """Overlap velocity at which the force vanishes [m/s]."""
     if p[1] > 0.0:
         return -p[0] / p[1] * overlap * math.sqrt(math.sqrt(abs(overlap)))
@@ -52,7 +52,7 @@ energy = hertz.energy
 
 
 @kernel
-def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+def restitution(speed, mass, p):
     """Restitution [-], the same at every speed [m/s]; mass [kg] is the reduced one.
 
     In the variable x^1.25 the path (overlap, velocity) is that of a linear oscillator with damping ratio

@@ -59,37 +59,37 @@ class Spec(ContactSpec):
 
 
 @kernel
-def _residual(overlap, memory, p):  # type: ignore[no-untyped-def]
+def _residual(overlap, memory, p):
     """Overlap at which the force vanishes in unloading [m]."""
     return (1.0 - p[0] / p[1]) * max(memory, overlap, 0.0)
 
 
 @kernel
-def force(overlap, velocity, memory, p):  # type: ignore[no-untyped-def]
+def force(overlap, velocity, memory, p):
     """Contact force [N], not clamped."""
     return min(p[0] * overlap, p[1] * (overlap - _residual(overlap, memory, p)))
 
 
 @kernel
-def detachment_velocity(overlap, memory, p):  # type: ignore[no-untyped-def]
+def detachment_velocity(overlap, memory, p):
     """Minus infinity above the overlap that remains, infinity below, at every velocity."""
     return -math.inf if overlap >= _residual(overlap, memory, p) else math.inf
 
 
 @kernel
-def residual_overlap(memory, p):  # type: ignore[no-untyped-def]
+def residual_overlap(memory, p):
     """Overlap that remains when the force has vanished in unloading [m]: the dent."""
     return (1.0 - p[0] / p[1]) * max(memory, 0.0)
 
 
 @kernel
-def energy(overlap, memory, p):  # type: ignore[no-untyped-def]
+def energy(overlap, memory, p):
     """Elastic energy [J]: what unloading returns."""
     depth = max(0.0, overlap - _residual(overlap, memory, p))
     return 0.5 * p[1] * depth * depth
 
 
 @kernel
-def restitution(speed, mass, p):  # type: ignore[no-untyped-def]
+def restitution(speed, mass, p):
     """Restitution [-], the same at every speed [m/s]."""
     return math.sqrt(p[0] / p[1])

@@ -56,7 +56,7 @@ class Arc(NamedTuple):
 
 
 @kernel
-def support_at(segment, tau):  # type: ignore[no-untyped-def]
+def support_at(segment, tau):
     """Support displacement [m] and velocity [m/s] at local time tau [s] of a row of the drive table, (12,) float64."""
     u = segment[C0] + tau * (segment[C1] + tau * (segment[C2] + tau * segment[C3]))
     velocity = segment[C1] + tau * (2.0 * segment[C2] + tau * 3.0 * segment[C3])
@@ -70,7 +70,7 @@ def support_at(segment, tau):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):  # type: ignore[no-untyped-def]
+def _forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):
     """Particular solution and its velocity at tau, where the tone's part has this amplitude, changing at this rate."""
     angle = omega * tau + phase
     s, c = math.sin(angle), math.cos(angle)
@@ -80,7 +80,7 @@ def _forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1
 
 
 @kernel
-def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):  # type: ignore[no-untyped-def]
+def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):
     """Close to resonance: the two coefficients that make the forced part grow, and the beat [SI units].
 
     With x = Im[q e^(i omega tau)] the equation reads (D - slow)(D - fast) q = force / mass, where slow * fast is
@@ -93,7 +93,7 @@ def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):  # ty
 
 
 @kernel
-def arc_from(mass, system, segment, tau, x, v):  # type: ignore[no-untyped-def]
+def arc_from(mass, system, segment, tau, x, v):
     """Coefficients of the motion that starts at local time tau [s] with displacement x [m] and velocity v [m/s].
 
     `segment` is one row of the drive table, (12,) float64; `mass` is what moves: the beam alone, or beam and grain.
@@ -130,7 +130,7 @@ def arc_from(mass, system, segment, tau, x, v):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _second_remainder(z):  # type: ignore[no-untyped-def]
+def _second_remainder(z):
     """Return (e^z - 1 - z) / z^2, which does not cancel where z is small."""
     if abs(z.real) + abs(z.imag) > 0.25:
         return (cmath.exp(z) - 1.0 - z) / (z * z)
@@ -141,7 +141,7 @@ def _second_remainder(z):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _grown(arc, s):  # type: ignore[no-untyped-def]
+def _grown(arc, s):
     """Amplitude and its rate close to resonance, s seconds after the start: q' = slow q + q0 + q1 s from q = 0."""
     q0, q1 = complex(arc.q0_in, arc.q0_out), complex(arc.q1_in, arc.q1_out)
     slow = complex(-arc.decay, arc.beat)
@@ -151,7 +151,7 @@ def _grown(arc, s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _forced_amplitude(arc, tau):  # type: ignore[no-untyped-def]
+def _forced_amplitude(arc, tau):
     """Amplitude of the forced part [m], in phase with sin and with cos, and its rate [m/s], at local time tau."""
     if arc.resonant:
         return _grown(arc, tau - arc.start)
@@ -159,7 +159,7 @@ def _forced_amplitude(arc, tau):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-def]
+def _envelope(arc, q_in, q_out, tau, until, order):
     """Length that, times omega^order, bounds that derivative of the forced part from tau to `until` [m]."""
     if arc.resonant:
         return _growing_envelope(arc, q_in, q_out, tau, until, order)
@@ -171,7 +171,7 @@ def _envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-d
 
 
 @kernel
-def _growing_envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-untyped-def]
+def _growing_envelope(arc, q_in, q_out, tau, until, order):
     """Return the same close to resonance: the amplitude grows by no more than the drive adds."""
     s, last = tau - arc.start, until - arc.start
     feed = max(
@@ -185,7 +185,7 @@ def _growing_envelope(arc, q_in, q_out, tau, until, order):  # type: ignore[no-u
 
 
 @kernel
-def _free_vibration(arc, s):  # type: ignore[no-untyped-def]
+def _free_vibration(arc, s):
     """Free vibration and its velocity, s seconds after the start of the arc."""
     angle = arc.damped * s
     if arc.squared > 0.0 and angle > 1e-8:
@@ -207,7 +207,7 @@ def _free_vibration(arc, s):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _overdamped(arc, s):  # type: ignore[no-untyped-def]
+def _overdamped(arc, s):
     """The same where overdamped, as two decays: the slow one of a very strong damper keeps its digits."""
     fast = arc.decay + arc.damped
     slow = arc.stiffness / (arc.mass * fast)
@@ -238,7 +238,7 @@ class _Parts(NamedTuple):
 
 
 @inlined
-def _parts(arc, tau):  # type: ignore[no-untyped-def]
+def _parts(arc, tau):
     """What the motion at local time tau is made of."""
     y, y1 = _free_vibration(arc, tau - arc.start)
     u = arc.c0 + tau * (arc.c1 + tau * (arc.c2 + tau * arc.c3))
@@ -257,7 +257,7 @@ def _parts(arc, tau):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _bounded_motion(arc, tau, m):  # type: ignore[no-untyped-def]
+def _bounded_motion(arc, tau, m):
     """Beam displacement, velocity and acceleration from its parts, summed as the bounds' proof has it."""
     x = m.free + m.support + arc.w0 + arc.w1 * tau + m.x
     v = m.free_velocity + m.support_velocity + arc.w1 + m.v
@@ -266,13 +266,13 @@ def _bounded_motion(arc, tau, m):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _higher(arc, lower, low):  # type: ignore[no-untyped-def]
+def _higher(arc, lower, low):
     """The next derivative of the free vibration from the two before it, `lower` the one before `low`."""
     return -(2.0 * arc.decay) * low - arc.stiffness / arc.mass * lower
 
 
 @kernel
-def beam_at(arc, tau):  # type: ignore[no-untyped-def]
+def beam_at(arc, tau):
     """Beam displacement, velocity, acceleration and support displacement, velocity at local time tau [SI units]."""
     m = _parts(arc, tau)
     x = m.free + (m.support + arc.w0 + arc.w1 * tau) + m.x
@@ -282,7 +282,7 @@ def beam_at(arc, tau):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
+def bounded_at(arc, tau, until):
     """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
 
     The free vibration's jerk j obeys the same damped oscillator, so j'^2 + w0^2 j^2 never grows and
@@ -301,7 +301,7 @@ def bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def snap_bounded_at(arc, tau, until):  # type: ignore[no-untyped-def]
+def snap_bounded_at(arc, tau, until):
     """Beam displacement, velocity, acceleration, jerk [m/s^3] at local time tau, and a bound of its |snap| [m/s^4].
 
     The bound holds until `until`, by the argument of `bounded_at` one derivative higher.

@@ -2,7 +2,7 @@
 """Names of the places in the engine's arrays. Kernels (`y[at.BEAM]`) and callers never index by a bare number.
 
 They are plain integers, which numba compiles to constants: access costs the same as a bare index
-(docs/decisions/0008-kernels.md).
+(docs/decisions/0007-integration.md).
 """
 
 # Drive table, float64 (rows, DRIVE_COLUMNS); local time tau is measured from START.

@@ -31,7 +31,7 @@ _ENDLESS_CONTACT = 60_000
 
 
 @kernel
-def _model(n, system, law, memory):  # type: ignore[no-untyped-def]
+def _model(n, system, law, memory):
     """Collect what is constant during a contact while its deepest overlap is `memory` [m]."""
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     inverse = 1.0 / system.beam_mass
@@ -42,7 +42,7 @@ def _model(n, system, law, memory):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _initial_motion(y, model, p, segment, diameter, moment):  # type: ignore[no-untyped-def]
+def _initial_motion(y, model, p, segment, diameter, moment):
     """Motion at the start of the contact, from the state."""
     x, v = y[at.BEAM], y[at.BEAM_VELOCITY]
     gap, velocity = y[at.GRAIN] - x, y[at.GRAIN_VELOCITY] - v
@@ -57,7 +57,7 @@ def _initial_motion(y, model, p, segment, diameter, moment):  # type: ignore[no-
 
 
 @kernel
-def _to_state(y, model, segment, diameter, tau, motion):  # type: ignore[no-untyped-def]
+def _to_state(y, model, segment, diameter, tau, motion):
     """Enter the motion at local time tau into the state."""
     y[at.BEAM], y[at.BEAM_VELOCITY] = motion.x, motion.v
     if model.side > 0.0:
@@ -68,14 +68,14 @@ def _to_state(y, model, segment, diameter, tau, motion):  # type: ignore[no-unty
 
 
 @inlined
-def _moment(segment, tau, s):  # type: ignore[no-untyped-def]
+def _moment(segment, tau, s):
     """Start of the next step."""
     angle = segment[at.OMEGA] * tau + segment[at.PHASE]
     return Moment(tau, s, math.sin(angle), math.cos(angle))
 
 
 @inlined
-def _fitted(method, h, tau, origin, s, until, longest):  # type: ignore[no-untyped-def]
+def _fitted(method, h, tau, origin, s, until, longest):
     """Step in the method's own variable, its end in local time, and whether it reaches `until`."""
     if method == FOURTH_ROOT:
         end = origin + (s + h) ** 4
@@ -90,7 +90,7 @@ def _fitted(method, h, tau, origin, s, until, longest):  # type: ignore[no-untyp
 
 
 @inlined
-def _weighted_error(model, p, begin, end, errors, deepest, fastest, natural, rest, control, taken):  # type: ignore[no-untyped-def]
+def _weighted_error(model, p, begin, end, errors, deepest, fastest, natural, rest, control, taken):
     """Error of a step over the one allowed; overlap and beam each relative to their own size."""
     size = abs(begin.x - rest) + abs(begin.v) / natural + control.displacement
     rtol = control.contact_rtol
@@ -111,7 +111,7 @@ def _weighted_error(model, p, begin, end, errors, deepest, fastest, natural, res
 
 
 @kernel
-def _after_rejection(method, h, error, missed):  # type: ignore[no-untyped-def]
+def _after_rejection(method, h, error, missed):
     """Size with which a rejected step is repeated."""
     if missed:
         return 0.5 * h
@@ -121,7 +121,7 @@ def _after_rejection(method, h, error, missed):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _after_acceptance(method, h, logarithm, previous):  # type: ignore[no-untyped-def]
+def _after_acceptance(method, h, logarithm, previous):
     """Size of the step after one whose error had this logarithm, and the one before it that of `previous`."""
     if method == IMPLICIT:
         return h * min(6.0, max(0.2, 0.9 * math.exp(-0.25 * logarithm)))
@@ -129,7 +129,7 @@ def _after_acceptance(method, h, logarithm, previous):  # type: ignore[no-untype
 
 
 @kernel
-def _add_flows(y, model, p, moving, overlap, overlap1, flows):  # type: ignore[no-untyped-def]
+def _add_flows(y, model, p, moving, overlap, overlap1, flows):
     """Enter one step into the energy ledger; `moving`: velocity of the ceiling [m/s]."""
     lost = flows.contact
     if model.hysteretic:
@@ -142,7 +142,7 @@ def _add_flows(y, model, p, moving, overlap, overlap1, flows):  # type: ignore[n
 
 
 @kernel
-def _observe(y, elapsed, begin, end):  # type: ignore[no-untyped-def]
+def _observe(y, elapsed, begin, end):
     """Add one step to the observation window."""
     y[at.CONTACT_TIME] += elapsed
     record_extreme(y, end.x)
@@ -152,7 +152,7 @@ def _observe(y, elapsed, begin, end):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _detach(y, n, model, p, motion, least):  # type: ignore[no-untyped-def]
+def _detach(y, n, model, p, motion, least):
     """End a contact whose force has vanished and set the mode; returns the motion with the remaining overlap."""
     law, memory, overlap, velocity = model.law, y[at.DEEPEST], motion.overlap, motion.velocity
     y[at.CONTACT_LOSS] += energy(law, max(overlap, 0.0), memory, p)  # still compressed, but no force is left
@@ -168,7 +168,7 @@ def _detach(y, n, model, p, motion, least):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def contact(y, n, segment, tau, until, system, law, p, control, view, out):  # type: ignore[no-untyped-def]
+def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     """Advance a contact inside one row from local time tau to at most `until`; returns the local time reached.
 
     Leaves y at that time and n[MODE] at what follows: still in contact, overlapped without force, or free.

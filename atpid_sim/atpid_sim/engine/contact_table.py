@@ -57,14 +57,14 @@ NO_TABLE = ContactTable(1.0, 0.0, 0.0, 0.0, 0.0, np.zeros((0, HEAD)), np.zeros((
 
 
 @kernel
-def _weights(place):  # type: ignore[no-untyped-def]
+def _weights(place):
     """Lagrange's weights of four even nodes 0, 1, 2, 3 at `place`."""
     a, b, c = place - 1.0, place - 2.0, place - 3.0
     return -a * b * c / 6.0, 0.5 * place * b * c, -0.5 * place * a * c, place * a * b / 6.0
 
 
 @kernel
-def _head(table, place, first, weights):  # type: ignore[no-untyped-def]
+def _head(table, place, first, weights):
     """One number of the heads between the rows."""
     if table.values.shape[0] == 1:
         return table.heads[0, place]
@@ -75,7 +75,7 @@ def _head(table, place, first, weights):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def read(table, speed, b, rate, curvature, chi, eta, found):  # type: ignore[no-untyped-def]
+def read(table, speed, b, rate, curvature, chi, eta, found):
     """Write a contact that begins at `speed` [m/s] into found (COLUMNS,), SI, the first `RESULTS` of it valid.
 
     b, rate, curvature: relative acceleration [m/s^2] and its derivatives at the touch; chi [1/s], eta [1/s^2]: see

@@ -9,7 +9,7 @@ from atpid_sim.kernel import kernel
 
 
 @kernel
-def vanishing(method, segment, model, p, moment, h, motion, end, turning):  # type: ignore[no-untyped-def]
+def vanishing(method, segment, model, p, moment, h, motion, end, turning):
     """Size of the step at whose end the contact force vanishes or, `turning`, the overlap velocity.
 
     Given that it changes sign within h, from `motion` to `end`.
@@ -39,7 +39,7 @@ def vanishing(method, segment, model, p, moment, h, motion, end, turning):  # ty
 
 
 @kernel
-def static_overlap(law, p, push, within):  # type: ignore[no-untyped-def]
+def static_overlap(law, p, push, within):
     """Overlap [m] at which the elastic force alone reaches `push` [N], to the relative accuracy `within`."""
     low, high = 1e-18, 1e3
     for _ in range(100):

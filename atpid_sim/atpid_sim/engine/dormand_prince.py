@@ -75,7 +75,7 @@ class Flows(NamedTuple):
 
 
 @inlined
-def _turn(angle):  # type: ignore[no-untyped-def]
+def _turn(angle):
     """Sine and cosine of an angle below 0.2 rad, by their series to the last digit."""
     q = angle * angle
     sine = angle * (1.0 + q * (-1.0 / 6.0 + q * (1.0 / 120.0 + q * (-1.0 / 5040.0 + q * (1.0 / 362880.0)))))
@@ -84,7 +84,7 @@ def _turn(angle):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def support_ahead(segment, tau, ahead, sine, cosine):  # type: ignore[no-untyped-def]
+def support_ahead(segment, tau, ahead, sine, cosine):
     """Support displacement and velocity `ahead` seconds after tau, whose phase has this sine and cosine."""
     at = tau + ahead
     u = segment[C0] + at * (segment[C1] + at * (segment[C2] + at * segment[C3]))
@@ -97,7 +97,7 @@ def support_ahead(segment, tau, ahead, sine, cosine):  # type: ignore[no-untyped
 
 
 @inlined
-def rates_at(model, p, u, w, x, v, overlap, velocity):  # type: ignore[no-untyped-def]
+def rates_at(model, p, u, w, x, v, overlap, velocity):
     """`Rates` at one stage, with the support at u and its velocity w.
 
     The contact's power is that of its damping part: the elastic part stores and returns its energy exactly. The
@@ -118,7 +118,7 @@ def rates_at(model, p, u, w, x, v, overlap, velocity):  # type: ignore[no-untype
 
 
 @kernel
-def explicit_step(segment, model, p, smooth, moment, h, motion):  # type: ignore[no-untyped-def]
+def explicit_step(segment, model, p, smooth, moment, h, motion):
     """One Dormand-Prince step of size h in the variable s; time goes as s^4 if `smooth`.
 
     Returns `Motion` at the end, `Errors` and `Flows`.

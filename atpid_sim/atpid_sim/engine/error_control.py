@@ -29,7 +29,7 @@ class Control(NamedTuple):
 
 
 @kernel
-def control_of(table, system, law, p, rtol, budget, y):  # type: ignore[no-untyped-def]
+def control_of(table, system, law, p, rtol, budget, y):
     """`Control` of a run with force-based contacts from state y through the drive table."""
     overlap, velocity, displacement = _error_scale(table, system, law, p, y)
     contact_rtol = _contact_tolerance(system, law, p, rtol, overlap, velocity)
@@ -37,7 +37,7 @@ def control_of(table, system, law, p, rtol, budget, y):  # type: ignore[no-untyp
 
 
 @kernel
-def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
+def _error_scale(table, system, law, p, y):
     """Overlap [m], overlap velocity [m/s] and displacement [m] below which the errors of a contact count as absolute.
 
     The overlap is a tenth of the static one under a twentieth of the run's typical acceleration, weight included; the
@@ -58,7 +58,7 @@ def _error_scale(table, system, law, p, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _contact_tolerance(system, law, p, rtol, overlap, velocity):  # type: ignore[no-untyped-def]
+def _contact_tolerance(system, law, p, rtol, overlap, velocity):
     """Tolerance for contacts: an error of the energy in one contact of an elastic grain lasts for 1 / (1 - e) more.
 
     Restitution is taken where it is largest, at the slow or at the fast end of the run's impacts.

@@ -18,7 +18,7 @@ from atpid_sim.engine.beam import support_at
 from atpid_sim.engine.contact_phase import contact
 from atpid_sim.engine.contact_table import COLUMNS, read
 from atpid_sim.engine.detachment import static_overlap
-from atpid_sim.engine.impact_phase import stick
+from atpid_sim.engine.impact_phase import deepen_if_pressed, stick
 from atpid_sim.engine.micro_bounce import closing_speed
 from atpid_sim.engine.sampling import next_sample, record_extreme
 from atpid_sim.kernel import kernel
@@ -57,7 +57,7 @@ class _Recoil(NamedTuple):
 
 
 @kernel
-def _touch(y, segment, tau, system):  # type: ignore[no-untyped-def]
+def _touch(y, segment, tau, system):
     """Motion at the touch at local time tau."""
     u, w = support_at(segment, tau)
     support_a, support_jerk = 2.0 * segment[at.C2] + 6.0 * segment[at.C3] * tau, 6.0 * segment[at.C3]
@@ -74,7 +74,7 @@ def _touch(y, segment, tau, system):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _inside(y, n, segment, tau, end, system, law, p, control, view, out):  # type: ignore[no-untyped-def]
+def _inside(y, n, segment, tau, end, system, law, p, control, view, out):
     """Samples and the beam's turning point inside a contact, from integrating it aside."""
     aside, counts = y.copy(), n.copy()
     contact(aside, counts, segment, tau, end, system, law, p, control, view, out)
@@ -84,7 +84,7 @@ def _inside(y, n, segment, tau, end, system, law, p, control, view, out):  # typ
 
 
 @kernel
-def _enter_flows(y, system, touch, recoil, side, moving):  # type: ignore[no-untyped-def]
+def _enter_flows(y, system, touch, recoil, side, moving):
     """Enter a contact into the energy ledger: work of the support and the ceiling, loss of the beam's damper."""
     d, mass = recoil.duration, system.beam_mass
     share = system.grain_mass / (mass + system.grain_mass)
@@ -104,7 +104,7 @@ def _enter_flows(y, system, touch, recoil, side, moving):  # type: ignore[no-unt
 
 
 @kernel
-def _detach(y, n, segment, tau, system, law, p, side, moving, overlap, velocity):  # type: ignore[no-untyped-def]
+def _detach(y, n, segment, tau, system, law, p, side, moving, overlap, velocity):
     """Enter grain and mode at the detachment at local time tau, given the beam."""
     deepest = y[at.DEEPEST]
     undamped = not HYSTERETIC[law] and detachment_velocity(law, overlap, deepest, p) == -math.inf
@@ -122,7 +122,7 @@ def _detach(y, n, segment, tau, system, law, p, side, moving, overlap, velocity)
 
 
 @kernel
-def hold(y, n, segment, tau, until, system, law, p, control, view, out):  # type: ignore[no-untyped-def]
+def hold(y, n, segment, tau, until, system, law, p, control, view, out):
     """Advance a grain held by floor and ceiling by at most a cycle; returns the local time reached.
 
     Beam and grain are one mass; its spring gives, beside the beam's, what the contact gives in the fundamental of a
@@ -136,6 +136,7 @@ def hold(y, n, segment, tau, until, system, law, p, control, view, out):  # type
     give = 0.0
     if push > 0.0:
         give = _FUNDAMENTAL * static_overlap(law, p, push, 1e-3) / push * (system.grain_mass / total) ** 2
+    deepen_if_pressed(y, push, pace, system, law, p)
     left = 1.0 / (1.0 + give * system.stiffness)
     softer = System(
         system.beam_mass, system.grain_mass, left * system.stiffness, left * system.damping, system.gravity,
@@ -145,7 +146,7 @@ def hold(y, n, segment, tau, until, system, law, p, control, view, out):  # type
 
 
 @kernel
-def tabulated_contact(y, n, segment, tau, until, system, law, p, control, view, out, table):  # type: ignore[no-untyped-def]
+def tabulated_contact(y, n, segment, tau, until, system, law, p, control, view, out, table):
     """Advance a contact that begins at local time tau to its detachment; returns that time, or tau: not in the table.
 
     Leaves y at that time and n[MODE] at what follows, as `contact` does.
@@ -158,7 +159,7 @@ def tabulated_contact(y, n, segment, tau, until, system, law, p, control, view, 
     speed = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     b, rate, curvature = side * (touch.a + system.gravity), side * touch.jerk, side * touch.snap
     found = np.empty(COLUMNS)
-    if not read(table, speed, b, rate, curvature, chi, eta, found):
+    if not read(table, speed, b, rate, curvature, chi, eta, found) or found[result.DEEPEST] > system.radius:
         return tau
     d, overlap, velocity, third = found[result.DURATION], found[result.OVERLAP], found[result.VELOCITY], found[result.THIRD]  # fmt: skip # noqa: E501
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0

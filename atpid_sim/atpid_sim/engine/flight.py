@@ -19,7 +19,7 @@ _ROUNDING = 1e-15
 
 
 @inlined
-def _free_step(gap, velocity, opening, clearance, acceleration, jerk, longest, touch):  # type: ignore[no-untyped-def]
+def _free_step(gap, velocity, opening, clearance, acceleration, jerk, longest, touch):
     """Step that surely reaches no wall, and the wall that is touched now: +1 floor, -1 ceiling, 0 none.
 
     `gap`, `velocity`, `acceleration`: distance from the floor and its derivatives; `clearance`, `opening`: distance
@@ -36,7 +36,7 @@ def _free_step(gap, velocity, opening, clearance, acceleration, jerk, longest, t
 
 
 @inlined
-def _overlapped_step(law, p, memory, overlap, closing, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
+def _overlapped_step(law, p, memory, overlap, closing, acceleration, jerk, longest):
     """Step during which an overlapped grain surely feels no force, and whether it feels one now."""
     depth = residual_overlap(law, memory, p)
     if depth > 0.0:  # a dented wall: no force until the overlap reaches the dent again
@@ -47,7 +47,7 @@ def _overlapped_step(law, p, memory, overlap, closing, acceleration, jerk, longe
 
 
 @kernel
-def flight(y, n, segment, tau, until, system, law, p, control, view, out):  # type: ignore[no-untyped-def]
+def flight(y, n, segment, tau, until, system, law, p, control, view, out):
     """Advance a flight inside one row from local time tau to at most `until`; returns the local time reached.
 
     Leaves y at that time and n[MODE] at what follows; a contact that begins afresh is marked by a negative y[DEEPEST].

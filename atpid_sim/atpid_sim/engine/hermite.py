@@ -5,7 +5,7 @@ from atpid_sim.kernel import kernel
 
 
 @kernel
-def hermite(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
+def hermite(s, h, x0, v0, a0, x1, v1, a1):
     """Quintic through position, velocity and acceleration at both ends of a step h, at the fraction s in [0, 1]."""
     p0, q0 = h * v0, 0.5 * h * h * a0
     p1, q1 = h * v1, 0.5 * h * h * a1
@@ -17,7 +17,7 @@ def hermite(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def hermite_velocity(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
+def hermite_velocity(s, h, x0, v0, a0, x1, v1, a1):
     """Velocity of the same quintic."""
     p0, q0 = h * v0, 0.5 * h * h * a0
     p1, q1 = h * v1, 0.5 * h * h * a1
@@ -29,7 +29,7 @@ def hermite_velocity(s, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-d
 
 
 @kernel
-def cubic(s, h, x0, v0, x1, v1):  # type: ignore[no-untyped-def]
+def cubic(s, h, x0, v0, x1, v1):
     """Cubic through position and velocity at both ends of a step h, at the fraction s.
 
     For overlaps: their accelerations are small differences of large forces.

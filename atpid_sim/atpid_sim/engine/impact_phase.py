@@ -3,7 +3,8 @@
 
 import math
 
-from atpid_sim.contact.dispatch import restitution
+from atpid_sim.contact.dispatch import force, restitution
+from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import arc_from, beam_at, snap_bounded_at
 from atpid_sim.engine.micro_bounce import only_micro_bounces
@@ -26,21 +27,47 @@ _LOW = 1e-8
 
 
 @kernel
-def begin_impact_row(y, n, segment):  # type: ignore[no-untyped-def]
+def begin_impact_row(y, n, segment):
     """At a row's start: a ceiling that has changed its velocity departs from the grain or hits it."""
     if n[at.MODE] == at.ON_CEILING and y[at.GRAIN_VELOCITY] - y[at.BEAM_VELOCITY] != segment[at.CEILING_VELOCITY]:
         n[at.MODE] = at.FREE
 
 
 @kernel
-def is_held(segment, tau, system):  # type: ignore[no-untyped-def]
+def is_held(segment, tau, system):
     """Whether floor and ceiling hold the grain: there is no clearance and the ceiling is not opening."""
     clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
     return segment[at.CEILING_VELOCITY] <= 0.0 and clearance <= _NO_CLEARANCE * system.radius
 
 
 @kernel
-def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyped-def]
+def deepen_if_pressed(y, push, pace, system, law, p):
+    """Enter that a held grain, shaken with `push` [N] and its weight, is pressed deeper than its radius, if it is.
+
+    pace: angular frequency of the shaking [rad/s], at which the contact's damping holds against it as well.
+    """
+    push += system.grain_mass * system.gravity
+    if law == IMPACT:
+        return
+    radius = system.radius
+    elastic = force(law, radius, 0.0, radius, p)
+    damping = force(law, radius, pace * radius, radius, p) - elastic
+    if push > math.hypot(elastic, damping):
+        y[at.DEEPEST] = math.inf
+
+
+@kernel
+def press_held(y, segment, tau, system, law, p):
+    """`deepen_if_pressed` for the present swing of a grain that moves with the beam as one mass."""
+    total = system.beam_mass + system.grain_mass
+    arc = arc_from(total, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
+    pace = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / total))
+    push = system.grain_mass * math.hypot(beam_at(arc, tau)[2], pace * y[at.BEAM_VELOCITY])
+    deepen_if_pressed(y, push, pace, system, law, p)
+
+
+@kernel
+def collide(y, n, segment, tau, system, law, p, stuck):
     """Exchange momentum at the wall of n[MODE] (equations 3.6 and 3.7); the mode becomes FREE unless the grain sticks.
 
     `stuck`: impacts at this very instant so far. Returns how long the bounces last that sticking replaces [s].
@@ -77,7 +104,7 @@ def collide(y, n, segment, tau, system, law, p, stuck):  # type: ignore[no-untyp
 
 
 @kernel
-def stick(y, n, segment, tau, until, system, control, view, out):  # type: ignore[no-untyped-def]
+def stick(y, n, segment, tau, until, system, control, view, out):
     """Advance beam and grain as one mass until the wall would have to pull, or the row ends; returns the local time.
 
     On a moving ceiling too the beam moves as with the combined mass: the ceiling's velocity is constant in a row.

@@ -21,7 +21,7 @@ _OUTWEIGHED = 10
 
 
 @kernel
-def _support_force(y, segment, tau, system):  # type: ignore[no-untyped-def]
+def _support_force(y, segment, tau, system):
     """Force of spring and damper on the beam [N]."""
     angle = segment[at.OMEGA] * tau + segment[at.PHASE]
     u, w = support_ahead(segment, tau, 0.0, math.sin(angle), math.cos(angle))
@@ -29,7 +29,7 @@ def _support_force(y, segment, tau, system):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def closing_speed(y, side, ceiling_velocity):  # type: ignore[no-untyped-def]
+def closing_speed(y, side, ceiling_velocity):
     """Closing speed of grain and wall [m/s]."""
     if side > 0.0:
         return y[at.BEAM_VELOCITY] - y[at.GRAIN_VELOCITY]
@@ -37,7 +37,7 @@ def closing_speed(y, side, ceiling_velocity):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def only_micro_bounces(y, n, segment, tau, system, share):  # type: ignore[no-untyped-def]
+def only_micro_bounces(y, n, segment, tau, system, share):
     """Count a flight that ended at local time tau if its height was below `share` of the beam's displacement.
 
     Returns whether nearly all of the last flights were so low, and wall and grain press together now.
@@ -54,7 +54,7 @@ def only_micro_bounces(y, n, segment, tau, system, share):  # type: ignore[no-un
 
 
 @kernel
-def replace_by_static_contact(y, n, segment, tau, system, law, p):  # type: ignore[no-untyped-def]
+def replace_by_static_contact(y, n, segment, tau, system, law, p):
     """Put a grain that has just touched its wall into static contact: common velocity, overlap of force balance.
 
     Changes nothing where that would need energy.

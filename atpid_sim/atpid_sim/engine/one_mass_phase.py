@@ -12,7 +12,7 @@ from atpid_sim.kernel import kernel
 
 
 @kernel
-def one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view, out):  # type: ignore[no-untyped-def]
+def one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view, out):
     """Advance one `mass` [kg] from local time tau to `until` in closed form; returns the local time reached.
 
     Without the grain that stays as it was, touches nothing, and the energy ledger closes.

@@ -47,7 +47,7 @@ class Schedule(NamedTuple):
 
 
 @kernel
-def _advance(run, table, drive, begin, end, y, n, sampling, out, observed):  # type: ignore[no-untyped-def]
+def _advance(run, table, drive, begin, end, y, n, sampling, out, observed):
     """Integrate one row from `begin` to `end` [s]; returns the outcome's value."""
     table[0, at.START], table[0, at.END] = begin, end
     table[0, at.A0], table[0, at.OMEGA] = drive.amplitude, 2.0 * math.pi * drive.frequency
@@ -61,7 +61,7 @@ def _advance(run, table, drive, begin, end, y, n, sampling, out, observed):  # t
 
 
 @kernel
-def _travel(run, table, drive, path, y, n, out):  # type: ignore[no-untyped-def]
+def _travel(run, table, drive, path, y, n, out):
     """Follow the path (k, 2) of the ceiling from the state's time on; returns the outcome's value."""
     for k in range(path.shape[0] - 1):
         begin, end = path[k, 0], path[k + 1, 0]
@@ -75,7 +75,7 @@ def _travel(run, table, drive, path, y, n, out):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _judge(amplitudes, apart, k, schedule):  # type: ignore[no-untyped-def]
+def _judge(amplitudes, apart, k, schedule):
     """Verdict after round k, and the amplitude a run comes to [m]."""
     here = amplitudes[k]
     if k < 2:
@@ -96,7 +96,7 @@ def _judge(amplitudes, apart, k, schedule):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def respond(run, drive, path, schedule, y, n):  # type: ignore[no-untyped-def]
+def respond(run, drive, path, schedule, y, n):
     """Advance a state in place along a path (k, 2) of (t [s], h [m]) that begins at its time, and watch it there.
 
     run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`. Returns outcome's value, verdict,

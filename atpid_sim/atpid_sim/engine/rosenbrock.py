@@ -38,7 +38,7 @@ _INNER = 0.5 - 0.5 / math.sqrt(5.0)
 
 
 @inlined
-def _support(segment, at):  # type: ignore[no-untyped-def]
+def _support(segment, at):
     """Support displacement, velocity and acceleration at local time `at` [s]."""
     angle = segment[OMEGA] * at + segment[PHASE]
     s, c = math.sin(angle), math.cos(angle)
@@ -51,7 +51,7 @@ def _support(segment, at):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def stiffness_and_damping(model, p, overlap, velocity):  # type: ignore[no-untyped-def]
+def stiffness_and_damping(model, p, overlap, velocity):
     """Derivatives of the contact force by overlap [N/m] and velocity [N s/m]; every law is linear in the velocity."""
     law, memory = model.law, model.memory
     apart = _APART * max(abs(overlap), 1e-15)
@@ -65,7 +65,7 @@ def stiffness_and_damping(model, p, overlap, velocity):  # type: ignore[no-untyp
 
 
 @kernel
-def contact_pace(model, p, overlap, velocity):  # type: ignore[no-untyped-def]
+def contact_pace(model, p, overlap, velocity):
     """Fastest rate of the contact's own motion and its undamped angular frequency [1/s]."""
     stiff, damp = stiffness_and_damping(model, p, overlap, velocity)
     natural = math.sqrt(abs(stiff) * model.reduced_inverse)
@@ -73,7 +73,7 @@ def contact_pace(model, p, overlap, velocity):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _accelerations(model, p, u, w, x, v, overlap, velocity):  # type: ignore[no-untyped-def]
+def _accelerations(model, p, u, w, x, v, overlap, velocity):
     pull = model.stiffness * (u - x) - model.damping * (v - w)
     push = force(model.law, overlap, velocity, model.memory, p)
     return (
@@ -83,7 +83,7 @@ def _accelerations(model, p, u, w, x, v, overlap, velocity):  # type: ignore[no-
 
 
 @kernel
-def implicit_step(segment, model, p, tau, h, motion):  # type: ignore[no-untyped-def]
+def implicit_step(segment, model, p, tau, h, motion):
     """One step of size h from local time tau; arguments and result as `dormand_prince.explicit_step`."""
     x, v, overlap, velocity, k = motion
     side, inverse, reduced = model.side, model.beam_inverse, model.reduced_inverse
@@ -173,7 +173,7 @@ def implicit_step(segment, model, p, tau, h, motion):  # type: ignore[no-untyped
 
 
 @kernel
-def _flows(segment, model, p, tau, h, begin, end):  # type: ignore[no-untyped-def]
+def _flows(segment, model, p, tau, h, begin, end):
     """`Flows` of a step, by Lobatto's rule.
 
     The overlap between the ends is a cubic: its accelerations are the small difference of large forces.
@@ -203,7 +203,7 @@ def _flows(segment, model, p, tau, h, begin, end):  # type: ignore[no-untyped-de
 
 
 @inlined
-def trial_step(method, segment, model, p, moment, h, motion):  # type: ignore[no-untyped-def]
+def trial_step(method, segment, model, p, moment, h, motion):
     """One step of size h in the method's own variable; arguments and result as `dormand_prince.explicit_step`."""
     if method == IMPLICIT:
         return implicit_step(segment, model, p, moment.tau, h, motion)

@@ -7,12 +7,13 @@ from enum import IntEnum
 import numpy as np
 
 from atpid_sim.contact.dispatch import energy
+from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.contact_phase import contact
 from atpid_sim.engine.error_control import DEPTH_FLOOR, Control, control_of
 from atpid_sim.engine.finite_contact import hold, tabulated_contact
 from atpid_sim.engine.flight import flight
-from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, stick
+from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, press_held, stick
 from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import View, record_extreme
@@ -36,7 +37,7 @@ class Fidelity(IntEnum):
 
 
 @kernel
-def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):  # type: ignore[no-untyped-def]
+def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):
     """Count a new contact and log its time, wall and closing speed."""
     on_floor = n[at.MODE] == at.ON_FLOOR
     side = 1.0 if on_floor else -1.0
@@ -53,7 +54,7 @@ def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):  # type: ig
 
 
 @kernel
-def _resume_contact(y, n, segment, tau, diameter, law, p):  # type: ignore[no-untyped-def]
+def _resume_contact(y, n, segment, tau, diameter, law, p):
     """A force before the surfaces have parted: the energy entered as lost at detachment is stored again."""
     gap = y[at.GRAIN] - y[at.BEAM]
     clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - diameter
@@ -62,7 +63,7 @@ def _resume_contact(y, n, segment, tau, diameter, law, p):  # type: ignore[no-un
 
 
 @kernel
-def _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts):  # type: ignore[no-untyped-def]
+def _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts):
     """One contact or flight of the fidelity `soft`; returns the local time reached."""
     if n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
         return contact(y, n, segment, tau, until, system, law, p, control, view, out)
@@ -77,13 +78,31 @@ def _soft_phase(y, n, segment, tau, until, system, law, p, control, view, out, i
 
 
 @kernel
-def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck):  # type: ignore[no-untyped-def]
-    """One flight with the impact at its end, or sticking, of the fidelity `impact`; returns the local time reached."""
+def _deepest(y, n, segment, tau, until, system, law, p, control):
+    """Deepest overlap [m] of the contact that begins at local time tau, integrated aside."""
+    aside, counts = y.copy(), n.copy()
+    fine = control_of(segment.reshape(1, segment.size), system, law, p, control.rtol, control.budget, y)
+    view, unsampled = View(False, math.inf, 1.0, 0.0), np.zeros((at.SAMPLE_ROWS, 0))
+    contact(aside, counts, segment, tau, until, system, law, p, fine, view, unsampled)
+    return aside[at.DEEPEST]
+
+
+@kernel
+def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck, fast):
+    """One flight with the impact at its end, or sticking, of the fidelity `impact`; returns the local time reached.
+
+    fast: closing speed from which on a contact may be deeper than the grain's radius [m/s].
+    """
     if n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
-        return stick(y, n, segment, tau, until, system, control, view, out)
+        tau = stick(y, n, segment, tau, until, system, control, view, out)
+        if fast < math.inf and is_held(segment, tau, system):
+            press_held(y, segment, tau, system, law, p)
+        return tau
     tau = flight(y, n, segment, tau, until, system, law, p, control, view, out)
     if n[at.MODE] != at.FREE:
         _begin_contact(y, n, impacts, view.origin + tau, view.observing, segment[at.CEILING_VELOCITY])
+        if closing_speed(y, 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0, segment[at.CEILING_VELOCITY]) > fast:
+            y[at.DEEPEST] = _deepest(y, n, segment, tau, until, system, law, p, control)
         bounces = collide(y, n, segment, tau, system, law, p, stuck)
         if view.observing:
             y[at.CONTACT_TIME] -= bounces  # `stick` counts from now on, and they are flights
@@ -91,7 +110,7 @@ def _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out,
 
 
 @kernel
-def _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, table):  # type: ignore[no-untyped-def]
+def _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, table):
     """One contact, or flight with the contact at its end, of the fidelity `finite`; returns the local time reached."""
     if n[at.MODE] == at.ON_FLOOR or n[at.MODE] == at.ON_CEILING:
         if is_held(segment, tau, system):
@@ -110,7 +129,7 @@ def _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out,
 
 
 @kernel
-def _fault(fidelity, y, height, diameter):  # type: ignore[no-untyped-def]
+def _fault(fidelity, y, height, diameter):
     """Outcome that the present state amounts to, DONE where it is sound."""
     gap = y[at.GRAIN] - y[at.BEAM]
     if not (
@@ -124,13 +143,15 @@ def _fault(fidelity, y, height, diameter):  # type: ignore[no-untyped-def]
         return Outcome.DONE
     if height < diameter * (1.0 - 1e-12):
         return Outcome.CEILING_CRUSHES
+    if y[at.DEEPEST] > 0.5 * diameter:
+        return Outcome.OVERLAP_TOO_DEEP
     if max(-gap, gap - (height - diameter)) > 0.5 * diameter:
         return Outcome.ESCAPED if fidelity == Fidelity.IMPACT else Outcome.OVERLAP_TOO_DEEP
     return Outcome.DONE
 
 
 @kernel
-def _open_length(segment, diameter):  # type: ignore[no-untyped-def]
+def _open_length(segment, diameter):
     """How long the ceiling stays at or above the grain's diameter in this row [s]; the row's length if all the time."""
     length = segment[at.END] - segment[at.START]
     if min(segment[at.HEIGHT], segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * length) >= diameter * (1.0 - 1e-12):
@@ -139,7 +160,16 @@ def _open_length(segment, diameter):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _control(fidelity, table, system, law, p, rtol, budget, y):  # type: ignore[no-untyped-def]
+def _fast(system, law, p):
+    """Closing speed from which on a contact may be deeper than the grain's radius: undamped, and with some to spare."""
+    if law == IMPACT:
+        return math.inf
+    reduced = system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
+    return 0.8 * math.sqrt(2.0 * energy(law, system.radius, system.radius, p) / reduced)
+
+
+@kernel
+def _control(fidelity, table, system, law, p, rtol, budget, y):
     """Budget and error control of a run from state y through the drive table."""
     if fidelity == Fidelity.SOFT or fidelity == Fidelity.FINITE:
         return control_of(table, system, law, p, rtol, budget, y)
@@ -147,11 +177,11 @@ def _control(fidelity, table, system, law, p, rtol, budget, y):  # type: ignore[
 
 
 @kernel
-def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts):  # type: ignore[no-untyped-def]
+def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts):
     """`integrate`, with an `Outcome`."""
     with_grain = mass != system.beam_mass
     diameter = 2.0 * system.radius
-    stuck = 0
+    stuck, fast = 0, _fast(system, law, p)
     if fidelity == Fidelity.SIMPLIFIED and not with_grain:
         n[at.MODE] = at.FREE
     for row in range(table.shape[0]):
@@ -173,7 +203,7 @@ def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sam
             elif fidelity == Fidelity.FINITE:
                 tau = _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, contacts)
             elif fidelity == Fidelity.IMPACT:
-                tau = _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck)
+                tau = _impact_phase(y, n, segment, tau, until, system, law, p, control, view, out, impacts, stuck, fast)
             else:
                 tau = one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view, out)
             y[at.TIME] = start + tau
@@ -192,7 +222,7 @@ def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sam
 
 
 @kernel
-def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts):  # type: ignore[no-untyped-def]
+def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, out, impacts, budget, contacts):
     """Integrate through the drive table (rows, DRIVE_COLUMNS) from y[TIME] to its end; returns an outcome's value.
 
     `mass`: what moves at the fidelity `simplified` [kg]; `window`: (from, to) [s], both row edges of the table where
@@ -207,7 +237,7 @@ def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, samplin
 
 
 @kernel
-def integrate_alike(fidelity, tables, common, system, masses, law, p, rtol, y, n, window, budget, contacts, outcomes):  # type: ignore[no-untyped-def]
+def integrate_alike(fidelity, tables, common, system, masses, law, p, rtol, y, n, window, budget, contacts, outcomes):
     """Integrate runs of one system that begin alike, each through its own of `tables` (runs, rows, DRIVE_COLUMNS).
 
     y (runs, STATE_SIZE), n (runs, COUNTERS): their states, the same at first, changed in place; the first `common` rows
@@ -233,7 +263,7 @@ def integrate_alike(fidelity, tables, common, system, masses, law, p, rtol, y, n
 
 
 @kernel
-def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, after, budget, contacts):  # type: ignore[no-untyped-def]
+def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, after, budget, contacts):
     """Map states of free flight, displacement and velocity of beam and grain (runs, 4) [SI units], through the table.
 
     The runs beyond those of `sections` go on from the one before. `after` (runs, 4) gets their ends; returns how many

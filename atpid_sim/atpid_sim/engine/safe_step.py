@@ -7,12 +7,12 @@ from atpid_sim.kernel import kernel
 
 
 @kernel
-def _cubic(gap, velocity, acceleration, jerk, s):  # type: ignore[no-untyped-def]
+def _cubic(gap, velocity, acceleration, jerk, s):
     return gap + s * (velocity + s * (0.5 * acceleration - s * jerk * (1.0 / 6.0)))
 
 
 @kernel
-def safe_step(gap, velocity, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
+def safe_step(gap, velocity, acceleration, jerk, longest):
     """Largest step s <= longest [s] with gap + velocity s + acceleration s^2/2 - jerk s^3/6 surely not negative.
 
     `jerk` >= 0 bounds the third derivative of the gap, so no root of the gap itself lies before the step returned:
@@ -47,7 +47,7 @@ def safe_step(gap, velocity, acceleration, jerk, longest):  # type: ignore[no-un
 
 
 @kernel
-def _nearly(gap, velocity, acceleration, jerk):  # type: ignore[no-untyped-def]
+def _nearly(gap, velocity, acceleration, jerk):
     """Root of the parabola that bounds the cubic from below, where that is within a tenth of the best; else 0.
 
     The parabola without jerk gives an upper bound S of the root; below S the cubic term is at least -jerk S s^2 / 6.
@@ -62,7 +62,7 @@ def _nearly(gap, velocity, acceleration, jerk):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _newton(gap, velocity, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
+def _newton(gap, velocity, acceleration, jerk, longest):
     """Root of the convex, falling part, approached from the left."""
     s = 0.0
     for _ in range(6):
@@ -80,7 +80,7 @@ def _newton(gap, velocity, acceleration, jerk, longest):  # type: ignore[no-unty
 
 
 @kernel
-def _bracketed(gap, velocity, acceleration, jerk, left, longest):  # type: ignore[no-untyped-def]
+def _bracketed(gap, velocity, acceleration, jerk, left, longest):
     """Left end of a bracket around the root beyond `left`, where the cubic only falls."""
     if _cubic(gap, velocity, acceleration, jerk, longest) >= 0.0:
         return longest
@@ -104,7 +104,7 @@ def _bracketed(gap, velocity, acceleration, jerk, left, longest):  # type: ignor
 
 
 @kernel
-def safe_velocity_step(margin, acceleration, jerk, longest):  # type: ignore[no-untyped-def]
+def safe_velocity_step(margin, acceleration, jerk, longest):
     """Largest step for which a velocity that is `margin` [m/s] below its limit surely stays below it [s]."""
     if margin <= 0.0:
         return 0.0

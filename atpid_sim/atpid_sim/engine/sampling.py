@@ -20,7 +20,7 @@ class View(NamedTuple):
 
 
 @kernel
-def record_extreme(y, x):  # type: ignore[no-untyped-def]
+def record_extreme(y, x):
     """Widen the observed range of the beam to contain x [m]."""
     if x < y[at.LOWEST]:
         y[at.LOWEST] = x
@@ -29,7 +29,7 @@ def record_extreme(y, x):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def flight_extreme(y, arc, left, right, v_left, v_right):  # type: ignore[no-untyped-def]
+def flight_extreme(y, arc, left, right, v_left, v_right):
     """Record the beam's turning point between two local times where its velocity changed sign."""
     s = left - v_left * (right - left) / (v_right - v_left)
     for _ in range(4):
@@ -44,7 +44,7 @@ def flight_extreme(y, arc, left, right, v_left, v_right):  # type: ignore[no-unt
 
 
 @kernel
-def step_extreme(y, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
+def step_extreme(y, h, x0, v0, a0, x1, v1, a1):
     """Record the turning point inside one contact step whose end velocities differ in sign."""
     left, right = 0.0, 1.0
     s = v0 / (v0 - v1)
@@ -61,7 +61,7 @@ def step_extreme(y, h, x0, v0, a0, x1, v1, a1):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _write_sample(n, out, support, x, v, a, grain, ceiling):  # type: ignore[no-untyped-def]
+def _write_sample(n, out, support, x, v, a, grain, ceiling):
     """Fill the next column of the sample series."""
     i = n[at.SAMPLE]
     out[at.S_SUPPORT, i] = support
@@ -74,13 +74,13 @@ def _write_sample(n, out, support, x, v, a, grain, ceiling):  # type: ignore[no-
 
 
 @kernel
-def next_sample(n, out, view):  # type: ignore[no-untyped-def]
+def next_sample(n, out, view):
     """Local time of the next sample [s]; infinity where there is none."""
     return view.first + n[at.SAMPLE] * view.period - view.origin if n[at.SAMPLE] < out.shape[1] else math.inf
 
 
 @kernel
-def flight_samples(n, out, view, segment, arc, left, right, grain, velocity, gravity):  # type: ignore[no-untyped-def]
+def flight_samples(n, out, view, segment, arc, left, right, grain, velocity, gravity):
     """Write the samples of the flight (left, right] in local time; `grain`, `velocity` of the grain at `left`."""
     tau = next_sample(n, out, view)
     while tau <= right:
@@ -92,7 +92,7 @@ def flight_samples(n, out, view, segment, arc, left, right, grain, velocity, gra
 
 
 @kernel
-def joint_samples(n, out, view, segment, arc, right, side, diameter):  # type: ignore[no-untyped-def]
+def joint_samples(n, out, view, segment, arc, right, side, diameter):
     """Write the samples up to local time `right` of beam and grain that move as one mass.
 
     `side`: +1 grain on the floor, -1 at the ceiling.
@@ -106,7 +106,7 @@ def joint_samples(n, out, view, segment, arc, right, side, diameter):  # type: i
 
 
 @kernel
-def contact_samples(n, out, view, segment, side, diameter, tau, elapsed, begin, end):  # type: ignore[no-untyped-def]
+def contact_samples(n, out, view, segment, side, diameter, tau, elapsed, begin, end):
     """Write all samples in a contact step of `elapsed` [s] from local time tau on; returns the time of the next.
 
     `begin`, `end`: the motion (`dormand_prince.Motion`) at the ends of the step.

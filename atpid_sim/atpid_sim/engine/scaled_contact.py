@@ -48,13 +48,13 @@ _ERRORS = np.array([71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.
 
 
 @kernel
-def _push(law, p, mass, memory, state):  # type: ignore[no-untyped-def]
+def _push(law, p, mass, memory, state):
     """Contact force over the reduced mass [m/s^2]."""
     return force(law, state[0], state[1], memory, p) / mass
 
 
 @kernel
-def _slopes(law, p, mass, drive, memory, s, state, out):  # type: ignore[no-untyped-def]
+def _slopes(law, p, mass, drive, memory, s, state, out):
     """Derivatives of the state by s, where the time is s^4."""
     t = s * s * s * s
     pace = 4.0 * s * s * s
@@ -70,7 +70,7 @@ def _slopes(law, p, mass, drive, memory, s, state, out):  # type: ignore[no-unty
 
 
 @kernel
-def _step(law, p, mass, drive, memory, s, h, state, k, end):  # type: ignore[no-untyped-def]
+def _step(law, p, mass, drive, memory, s, h, state, k, end):
     """One step by Dormand and Prince from `state` into `end`; returns the error of overlap and velocity."""
     _slopes(law, p, mass, drive, memory, s, state, k[0])
     for stage in range(1, 7):
@@ -88,7 +88,7 @@ def _step(law, p, mass, drive, memory, s, h, state, k, end):  # type: ignore[no-
 
 
 @kernel
-def solve_contact(law, p, mass, speed, drive, scale, longest, rtol, out):  # type: ignore[no-untyped-def]
+def solve_contact(law, p, mass, speed, drive, scale, longest, rtol, out):
     """Integrate one contact; results into out (RESULTS,). Returns whether the force vanished within `longest` [s].
 
     speed: at touch [m/s]; drive (DRIVES,): what it is under; scale: a time the contact's is of the order of [s].

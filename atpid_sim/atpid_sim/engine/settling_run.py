@@ -12,8 +12,8 @@ from atpid_sim.kernel import kernel
 
 #: How a transient ends: it draws together, it does not, or there is no free flight to take a section in.
 REGULAR, IRREGULAR, IN_CONTACT = range(3)
-#: Samples of the period in which the longest free flight is looked for.
-_SAMPLES = 128
+#: Samples of the period in which the longest free flight is looked for, and impacts logged in it.
+_SAMPLES, _LOG = 128, 200
 #: How many distances in a row have to shrink, and by which factor at least.
 _SHRUNK, _SHRINKING = 3, 0.98
 #: Distance of two passages, relative to the motion's size, below which a fixed point is looked for.
@@ -23,7 +23,7 @@ _ALIKE = 2.5
 
 
 @kernel
-def _middle_of_longest_flight(samples, clearance):  # type: ignore[no-untyped-def]
+def _middle_of_longest_flight(samples, clearance):
     """Sample in the middle of the longest free flight of a period, taken as a ring; -1 without any.
 
     samples (SAMPLE_ROWS, n); clearance: of the grain between floor and ceiling [m].
@@ -39,7 +39,7 @@ def _middle_of_longest_flight(samples, clearance):  # type: ignore[no-untyped-de
 
 
 @kernel
-def _rate(distances, count):  # type: ignore[no-untyped-def]
+def _rate(distances, count):
     """Largest factor between the last `_SHRUNK` + 1 of `count` distances; infinity where there are fewer."""
     if count <= _SHRUNK:
         return math.inf
@@ -51,7 +51,7 @@ def _rate(distances, count):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _apart(one, other, scale):  # type: ignore[no-untyped-def]
+def _apart(one, other, scale):
     """Largest distance of two section states (4,) over the motion's size (4,)."""
     distance = 0.0
     for k in range(4):
@@ -60,7 +60,7 @@ def _apart(one, other, scale):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _to_section(run, table, y, n, budget):  # type: ignore[no-untyped-def]
+def _to_section(run, table, y, n, budget):
     """Advance a state, at the table's begin, by a period and on to the middle of that period's longest free flight.
 
     There the table begins from then on. Returns how far the section lies behind the period, as a share of one, negative
@@ -68,12 +68,19 @@ def _to_section(run, table, y, n, budget):  # type: ignore[no-untyped-def]
     """
     fidelity, system, mass, law, p, rtol, contacts = run
     nothing, unsampled = np.zeros((0, at.IMPACT_COLUMNS)), np.zeros((at.SAMPLE_ROWS, 0))
-    period, samples = table[0, at.END], np.zeros((at.SAMPLE_ROWS, _SAMPLES))
-    window, sampling = (0.0, period), (0.0, period / _SAMPLES)
-    y[at.TIME], y[at.LOWEST], y[at.HIGHEST], n[at.SAMPLE] = 0.0, math.inf, -math.inf, 0
-    outcome = integrate(
-        fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, samples, nothing, budget, contacts
+    period, samples, impacts = (
+        table[0, at.END],
+        np.zeros((at.SAMPLE_ROWS, _SAMPLES)),
+        np.zeros((_LOG, at.IMPACT_COLUMNS)),
     )
+    window, sampling = (0.0, period), (0.0, period / _SAMPLES)
+    y[at.TIME], y[at.LOWEST], y[at.HIGHEST], n[at.SAMPLE], n[at.IMPACTS] = 0.0, math.inf, -math.inf, 0, 0
+    outcome = integrate(
+        fidelity, table, system, mass, law, p, rtol, y, n, window, sampling, samples, impacts, budget, contacts
+    )
+    for k in range(n[at.IMPACTS]):  # a contact may lie between samples
+        between = int(impacts[k, at.E_TIME] / period * _SAMPLES) % _SAMPLES
+        samples[at.S_GRAIN, between] = samples[at.S_BEAM, between]
     amplitude = 0.5 * (y[at.HIGHEST] - y[at.LOWEST])
     middle = _middle_of_longest_flight(samples, table[0, at.HEIGHT] - 2.0 * system.radius)
     if outcome != 0 or middle < 0:
@@ -90,7 +97,7 @@ def _to_section(run, table, y, n, budget):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw_together(run, table, begin, scale, budget, sections):  # type: ignore[no-untyped-def]
+def _draw_together(run, table, begin, scale, budget, sections):
     """Pass a section from the state begin (1, 4) on until the passages draw together regularly.
 
     scale (4,): size of the motion. sections (most, 4) gets the passages. Returns how it ends, IN_CONTACT where a
@@ -122,7 +129,7 @@ def _draw_together(run, table, begin, scale, budget, sections):  # type: ignore[
 
 
 @kernel
-def settle(run, rows, table, y, n, least_size, budget, sections):  # type: ignore[no-untyped-def]
+def settle(run, rows, table, y, n, least_size, budget, sections):
     """Follow a motion from state y, n, changed in place, until its passages of a section draw together regularly.
 
     run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`; rows: drive table up to constant

@@ -18,7 +18,7 @@ FIRST_STEP = 0.05
 
 
 @kernel
-def steps_used(n):  # type: ignore[no-untyped-def]
+def steps_used(n):
     """Steps counted against the limit: those of contacts and flights, and the rejected ones."""
     return n[CONTACT_STEPS] + n[FLIGHT_STEPS] + n[REJECTED]
 

@@ -18,7 +18,7 @@ _DECAYED = 40.0
 
 
 @kernel
-def flight_work(y, arc, left, right):  # type: ignore[no-untyped-def]
+def flight_work(y, arc, left, right):
     """Add the support's work and the beam's loss between two local times.
 
     A free vibration that has decayed needs no fine panels: the cost of a long row depends on its tone, and not on the
@@ -40,7 +40,7 @@ def flight_work(y, arc, left, right):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _add_work(y, arc, left, right, pace):  # type: ignore[no-untyped-def]
+def _add_work(y, arc, left, right, pace):
     """Add both by Gauss-Legendre panels of 1.6 rad of `pace` [rad/s]."""
     if right <= left:
         return

@@ -6,11 +6,10 @@ from atpid_sim.maps.best import Best, best_height
 from atpid_sim.maps.build import build_map, map_tolerance
 from atpid_sim.maps.header import header_text, write_header
 from atpid_sim.maps.height_map import Failure, HeightMap, MapEntry, MapError
-from atpid_sim.maps.quick import Checked, quick_best
 from atpid_sim.maps.response import DamperResponse, Ending, Response, Timing
 
 __all__ = [
-    "ALL_APPROACHES", "FROM_CLOSED", "Approach", "Best", "Checked", "DamperResponse", "Ending", "Failure", "HeightMap",
+    "ALL_APPROACHES", "FROM_CLOSED", "Approach", "Best", "DamperResponse", "Ending", "Failure", "HeightMap",
     "MapEntry", "MapError", "Response", "Timing", "best_height", "build_map", "header_text", "map_tolerance",
-    "quick_best", "travelled", "write_header",
+    "travelled", "write_header",
 ]  # fmt: skip

@@ -10,8 +10,8 @@ from atpid_sim.maps.response import DamperResponse, Path
 Approach = Callable[[DamperResponse, float, float], Path]
 #: Duration of slow travels of the ceiling [s]: the thesis's opening time.
 TRAVEL = 1.0
-#: Duration of a travel at once [s].
-_AT_ONCE = 1e-6
+#: Duration of a quick travel [periods].
+_QUICK = 0.05
 #: Clearance before the ceiling is raised or lowered, as a share of the final one.
 _BELOW, _ABOVE = 0.5, 1.25
 
@@ -52,13 +52,24 @@ def later(approach: Approach, periods: float) -> Approach:
     def path(damper: DamperResponse, height: float, rest: float) -> Path:
         (_, first), *moves = approach(damper, height, rest)
         delay = periods * damper.period
-        if not moves:  # at once
-            first, moves = damper.diameter, [(_AT_ONCE, height)]
+        if not moves:  # opened at once
+            first, moves = damper.diameter, [(_QUICK * damper.period, height)]
         return (0.0, first), (delay, first), *((delay + time, reached) for time, reached in moves)
 
     return path
 
 
+def _jumped(damper: DamperResponse, height: float, rest: float, phase: float) -> Path:
+    """Raise the ceiling quickly from a lower clearance, settled there, in a phase [periods].
+
+    Not at once: a ceiling of 1e5 m/s that leaves a grain in contact tears it, where the contact is damped.
+    """
+    before, begin = damper.diameter + _BELOW * (height - damper.diameter), rest + phase * damper.period
+    return (0.0, before), (begin, before), (begin + _QUICK * damper.period, height)
+
+
+#: Raised quickly, in two phases: after these some motions stay irregular that are regular after all others.
+JUMPS: tuple[Approach, Approach] = (partial(_jumped, phase=0.37), partial(_jumped, phase=0.71))
 #: All: a height that is good after each of them is good from every previous state.
 ALL_APPROACHES: tuple[Approach, ...] = (raised, lowered, opened, at_once)
 #: Approaches of a damper that is closed now.

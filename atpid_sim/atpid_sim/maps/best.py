@@ -3,65 +3,43 @@
 
 The optimum stands at a cliff: above it the motion is irregular, and what a run shows there depends on the start. So a
 height counts with its *worst* amplitude over several approach paths (opened from closed at once, opened slowly,
-raised from below, lowered from above), where these disagree with a surcharge, and of heights that are equally good the
-lowest is taken (docs/selection.md).
+raised from below, lowered from above), where these disagree with a surcharge (docs/selection.md).
+
+First looks choose the heights that are rated, the most promising first, and runs end as soon as their answer is due; so
+what is found is the best within 0.4 %. The search runs at the cheapest fidelity level whose model error is below the
+flatness of the optimum, and the height it ends at is rated again at the complete one. Where the two disagree, the
+search goes on with the complete one. `studies/thorough_search.py` is the search it is measured by.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from atpid_sim.maps.approaches import ALL_APPROACHES, Approach
-from atpid_sim.maps.response import DamperResponse, Timing
+from atpid_sim.maps.height_search import BELOW_RESONANCE, LAST, LAST_BELOW, WIDE, HeightSearch, promising
+from atpid_sim.maps.ratings import Mapper
+from atpid_sim.maps.response import DamperResponse
+from atpid_sim.simulation.quantities import efficiency
 
-#: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
-_FIRST, _LAST, _STEP = 0.30, 1.00, 0.02
-#: Below this share of the natural frequency it lies at up to 1.3, behind wells within the usual range.
-BELOW_RESONANCE, LAST_BELOW = 0.95, 1.32
-#: There the amplitude falls steeply up to the cliff: heights tried above the best, in steps of its clearance [-].
-CLIMB = (0.006, 0.012, 0.018, 0.024)
-#: And heights of the scan rated besides those of the wells: so many over their range, and half as many of the best.
-_OVERLOOKED = 8
-#: Where, between irregular motions, narrow wells lie: there the steps are half as long.
-_NARROW = (0.44, 0.83)
-#: Where the best lies at the end of what was tried, the range grows by this much, down to closed and up to this share.
-_GROWTH, HIGHEST = 0.2, 2.0
-#: Finer grid around a promising clearance, in coarse steps.
-_FINE = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-#: How far a coarse amplitude may lie above the least to be looked at closely, and how many are.
-_PROMISING, _CANDIDATES, _RATED = 1.25, 4, 4
-#: In an irregular motion a short window shows less than the worst: what its amplitude is multiplied by.
-IRREGULAR = 1.15
-#: Heights whose amplitudes differ by less than this share are equally good [-].
-FLAT = 2e-3
-#: Where the approach paths to a height end in amplitudes further apart than this, its motion is not reproducible, and
-#: the surcharge on its amplitude.
-REPRODUCIBLE, SURCHARGE = 1e-2, 1.05
-#: While not all approaches are known, a height this much worse than the best so far is given up.
-EXCEEDED = 1.08
-#: Heights tried between the best of the grid and the one below it.
-_BETWEEN = 4
 #: Wells whose clearances differ by this factor are far apart: between them the ceiling passes heights of
 #: irregular motion.
 FAR = 1.1
 
-#: Like `map`, its answers in the order of the jobs: on one core, or a pool's `map` on all.
-Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-Rated = tuple[float, float]  # height [m], rating [m]
-
 
 @dataclass(frozen=True)
 class Best:
-    """A best height and what it is worth."""
+    """A best height, what it is worth, and how far the levels agreed that it was searched and rated with."""
 
     height: float  # [m]
     amplitude: float  # worst half peak-to-peak of the beam over the approach paths [m]
     efficiency: float  # 1 - amplitude / amplitude of the closed damper [-]
     reproducible: bool  # all approach paths end in the same motion
     evaluations: int
+    searched: str = ""  # fidelity level of the search
+    checked: str = ""  # and that at which the height was rated in the end
+    #: Largest of the two amplitudes where both are reproducible, relative; 0: none was; above the flatness the search
+    #: went on with the latter [-].
+    disagreement: float = 0.0
 
 
 def best_height(
@@ -78,183 +56,41 @@ def best_height(
     share; with 0 the deepest is taken. A map follows one well, because it is interpolated between its points.
     limits: lowest and highest height allowed [m]; approaches: paths by which the ceiling may come to a height.
     """
-    search = ThoroughSearch(damper, amplitude, limits, approaches, mapper)
+    wide = damper.restitution(amplitude) > WIDE
+    search = HeightSearch(damper, amplitude, limits, approaches, mapper, wide=wide)
     below = damper.frequency < BELOW_RESONANCE * damper.natural_frequency
-    coarse = _scan(search, damper.ballistic_clearance(amplitude), LAST_BELOW if below else _LAST)
-    wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
-    rated = search.rate({h for well in wells for h in well}, hysteresis)
-    if below and (more := _overlooked(search, coarse, min(rated.values()))):
-        wells.append(more)
-        rated |= search.rate(more, hysteresis)
-    height = _lowest(search, rated, coarse)
-    least = min(rated.values())
-    lower = _far_below(
-        [{h: rated[h] for h in well} for well in wells], height, least * (1.0 + hysteresis), damper.diameter
-    )
-    if lower:
-        height = _lowest(search, lower, coarse)
-    if below:
-        height = _climbed(search, height, damper.diameter)
-    worst = search.worst(height)
+    if wide:
+        wells = search.scan_widely()
+        height = search.lasting()
+    else:
+        coarse = search.scan(damper.ballistic_clearance(amplitude), LAST_BELOW if below else LAST)
+        wells = [search.nearby(coarse, k) for k in promising([value for _, value in coarse])]
+        search.between()
+        height = search.best(search.heights)
+    if below and not wide:
+        height = search.held(search.climbed(height))
+    if hysteresis > 0.0:
+        height = _far_below(search, wells, height, hysteresis)
+    worst = search.ratings.worst(height)
     return Best(
         height=height,
         amplitude=worst,
-        efficiency=1.0 - worst / damper.closed_amplitude(amplitude),
-        reproducible=search.gap(height) <= REPRODUCIBLE,
+        efficiency=efficiency(worst, damper.closed_amplitude(amplitude)),
+        reproducible=search.ratings.reproducible(height),
         evaluations=search.evaluations,
+        searched=search.ratings.quick.fidelity,
+        checked=damper.fidelity,
+        disagreement=search.ratings.disagreement,
     )
 
 
-def promising(values: list[float]) -> list[int]:
-    """Return the places of the deepest local minima, at most `_CANDIDATES`, of equal ones the first."""
-    padded = [math.inf, *values, math.inf]
-    minima = [k for k, v in enumerate(values) if padded[k] >= v <= padded[k + 2] and v <= _PROMISING * min(values)]
-    kept: list[int] = []
-    for k in minima:
-        if not any(abs(values[j] - values[k]) <= FLAT * values[k] for j in kept):
-            kept.append(k)
-    return sorted(kept, key=lambda k: values[k])[:_CANDIDATES]
-
-
-class ThoroughSearch:
-    """Rates heights at one amplitude and keeps the results."""
-
-    def __init__(
-        self,
-        damper: DamperResponse,
-        amplitude: float,
-        limits: tuple[float, float],
-        approaches: Sequence[Approach],
-        mapper: Mapper,
-    ) -> None:
-        """See `best_height`."""
-        self._damper, self._amplitude, self._approaches, self._map = damper, amplitude, approaches, mapper
-        self._limits = max(limits[0], damper.diameter), limits[1]
-        settle = damper.settling()
-        self._short, self._long = Timing(0.8 * settle, 6.0), Timing(settle, 16.0)
-        self._quick: dict[float, float] = {}
-        self._found: dict[float, list[float]] = {}
-
-    @property
-    def evaluations(self) -> int:
-        """Runs made so far."""
-        return len(self._quick) + sum(map(len, self._found.values()))
-
-    def allowed(self, share: float, unit: float) -> float:
-        """Return the height [m] at a share of a clearance [m], within the limits."""
-        return self.limited(self._damper.diameter + share * unit)
-
-    def limited(self, height: float) -> float:
-        """Return the allowed height [m] next to `height` [m]."""
-        return float(min(max(height, self._limits[0]), self._limits[1]))
-
-    def quick(self, heights: Sequence[float]) -> list[float]:
-        """Amplitudes [m] when the closed damper is opened at once, raised where the motion is irregular."""
-        new = [height for height in dict.fromkeys(heights) if height not in self._quick]
-        self._quick.update(zip(new, self._map(self._opened, new), strict=True))
-        return [self._quick[height] for height in heights]
-
-    def nearby(self, coarse: list[Rated], k: int) -> list[float]:
-        """Return the best few heights [m] of a finer grid around place k of the coarse one."""
-        height = coarse[k][0]
-        below, above = (abs(coarse[min(max(j, 0), len(coarse) - 1)][0] - height) for j in (k - 1, k + 1))
-        finer = [height + part * (above if part > 0.0 else below) for part in _FINE]
-        fine = list(dict.fromkeys(min(max(h, self._limits[0]), self._limits[1]) for h in finer))
-        return [h for _, h in sorted(zip(self.quick(fine), fine, strict=True))[:_RATED]]
-
-    def rate(self, heights: Iterable[float], hysteresis: float = 0.0, limit: float = math.inf) -> dict[float, float]:
-        """Return {height: rating [m]}: the worst amplitude, with a surcharge where the approaches disagree.
-
-        What exceeds the others by far, or exceeds `limit`, is infinite.
-        """
-        left = sorted(heights)
-        rated = dict.fromkeys(left, math.inf)
-        for approach in range(len(self._approaches)):
-            jobs = [(height, approach) for height in left if len(self._found.setdefault(height, [])) == approach]
-            for (height, _), value in zip(jobs, self._map(self._approached, jobs), strict=True):
-                self._found[height].append(value)
-            worst = {height: max(self._found[height][: approach + 1]) for height in left}
-            bound = min(limit, EXCEEDED * (1.0 + hysteresis) * min(worst.values(), default=math.inf))
-            left = [height for height in left if worst[height] <= bound]
-        for height in left:
-            rating = self.worst(height) * (1.0 if self.gap(height) <= REPRODUCIBLE else SURCHARGE)
-            rated[height] = rating if rating <= limit else math.inf
-        return rated
-
-    def known(self, height: float) -> bool:
-        """Whether a height [m] has been rated."""
-        return height in self._found
-
-    def worst(self, height: float) -> float:
-        """Largest amplitude [m] over the approaches to a rated height."""
-        return max(self._found[height])
-
-    def gap(self, height: float) -> float:
-        """How far the approaches differ, relative to the worst."""
-        return (max(self._found[height]) - min(self._found[height])) / self.worst(height)
-
-    def _opened(self, height: float) -> float:
-        response = self._damper.opened(self._amplitude, height, self._short)
-        return response.amplitude * (1.0 if response.regular else IRREGULAR)
-
-    def _approached(self, job: tuple[float, int]) -> float:
-        height, approach = job
-        path = self._approaches[approach](self._damper, height, 0.5 * self._long.settle * self._damper.period)
-        return self._damper.follow(self._amplitude, path, self._long).amplitude
-
-
-def _scan(search: ThoroughSearch, unit: float, last: float) -> list[Rated]:
-    """Return (height [m], amplitude [m]) over a range that has the least amplitude inside, not at an end."""
-    first = _FIRST
-    while True:
-        shares = {*np.arange(first, last + 0.5 * _STEP, _STEP), *np.arange(*_NARROW, _STEP) + 0.5 * _STEP}
-        heights = sorted({search.allowed(float(share), unit) for share in shares})
-        values = search.quick(heights)
-        lowest = next(k for k, value in enumerate(values) if value <= min(values) * (1.0 + FLAT))
-        if lowest <= 1 and first > 2.0 * _STEP:
-            first = max(_STEP, round((first - _GROWTH) / _STEP) * _STEP)
-        elif lowest >= len(heights) - 2 and last < HIGHEST:
-            last += _GROWTH
-        else:
-            return list(zip(heights, values, strict=True))
-
-
-def _far_below(wells: list[dict[float, float]], height: float, limit: float, diameter: float) -> dict[float, float]:
-    """Return the lowest well far below a height [m] whose rating is within `limit` [m]; empty where there is none."""
-    far = [
-        (bottom, well)
-        for well in wells
-        for bottom in [min(well, key=well.__getitem__)]
-        if FAR * (bottom - diameter) < height - diameter and well[bottom] <= limit
-    ]
-    return min(far, key=lambda item: item[0], default=(0.0, {}))[1]
-
-
-def _lowest(search: ThoroughSearch, rated: dict[float, float], coarse: list[Rated]) -> float:
-    """Return the lowest height whose rating is within `FLAT` of the least, sought also below the best of the grid."""
-    limit = (1.0 + FLAT) * min(rated.values())
-    good = min(h for h, value in rated.items() if value <= limit)
-    plateau = [h for h, value in coarse if value <= limit and h < good]
-    good = min([h for h, value in search.rate(plateau, limit=limit).items() if value <= limit], default=good)
-    bad = max([h for h in (*rated, *(h for h, _ in coarse)) if h < good], default=good)
-    between = [bad + (good - bad) * k / (_BETWEEN + 1) for k in range(1, _BETWEEN + 1)] if bad < good else []
-    return min([h for h, value in search.rate(between, limit=limit).items() if value <= limit], default=good)
-
-
-def _overlooked(search: ThoroughSearch, coarse: list[Rated], least: float) -> list[float]:
-    """Return heights [m] of the scan that may be better than the least rating [m] so far: the best, and some between.
-
-    On a plateau, where the grain does not reach the ceiling, a well is the first of equals, which not all approaches
-    may lead to; and a steady look at an irregular motion may show less than its surcharge.
-    """
-    better = [(v, h) for h, v in coarse if v < IRREGULAR * (1.0 - FLAT) * least and not search.known(h)]
-    spread = better[:: max(1, math.ceil(len(better) / _OVERLOOKED))]
-    return list(dict.fromkeys(h for _, h in [*sorted(better)[: _OVERLOOKED // 2], *spread]))
-
-
-def _climbed(search: ThoroughSearch, height: float, diameter: float) -> float:
-    """Return the best of a height and those a little above it, up to the cliff."""
-    least = search.rate([height])[height]
-    higher = {search.limited(height + step * (height - diameter)) for step in CLIMB}
-    rated = search.rate(higher - {height}, limit=(1.0 - FLAT) * least)
-    return min(rated, key=rated.__getitem__) if min(rated.values(), default=math.inf) < math.inf else height
+def _far_below(search: HeightSearch, wells: list[list[float]], height: float, hysteresis: float) -> float:
+    """Return the best height [m] of the lowest well far below one that is not worse by `hysteresis`, or that itself."""
+    limit = search.ratings.worst(height) * (1.0 + hysteresis)
+    for well in sorted(wells):
+        bottom = min(well, key=search.expected)
+        if FAR * (bottom - search.diameter) < height - search.diameter and search.expected(bottom) <= limit:
+            lower = search.best(well)
+            if FAR * (lower - search.diameter) < height - search.diameter and search.expected(lower) <= limit:
+                return lower
+    return height

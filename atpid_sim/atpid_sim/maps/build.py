@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.maps.best import Best
+from atpid_sim.maps.best import Best, best_height
 from atpid_sim.maps.height_map import FORMAT, FORMAT_OF_RATIOS, Failure, HeightMap, MapError
 from atpid_sim.maps.identity import FREQUENCY, Identity, identity_of
-from atpid_sim.maps.quick import quick_best
-from atpid_sim.maps.response import DamperResponse
-from atpid_sim.maps.use import LEAST_USE, rests
+from atpid_sim.maps.response import LEAST_USE, DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.batch import HERE, Batch, Workers
@@ -131,10 +129,10 @@ def values_at(damper: DamperResponse, amplitude: float) -> Values:
     cost the others.
     """
     closed = Best(damper.diameter, damper.closed_amplitude(amplitude), 0.0, reproducible=True, evaluations=0)
-    if rests(damper, amplitude):
+    if damper.rests(amplitude):
         return asdict(closed)
     try:
-        best = quick_best(damper, amplitude, _HYSTERESIS)
+        best = best_height(damper, amplitude, _HYSTERESIS)
     except NumericalFailure as error:
         lost = {"height": None, "amplitude": None, "efficiency": None, "reproducible": False, "evaluations": 0}
         return {**lost, "failure": str(error)}

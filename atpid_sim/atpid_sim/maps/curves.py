@@ -6,7 +6,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from atpid_sim.system import Array
 
@@ -21,6 +20,8 @@ class Curve(NamedTuple):
 
 def unbroken(amplitudes: Array, values: Array) -> list[Curve]:
     """Return a curve for each stretch of amplitudes (n,) [m] whose values (n, 3) are numbers."""
+    from scipy.interpolate import PchipInterpolator  # here, since a run without a map does not need it
+
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
     curves = []
     for places in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):

@@ -32,7 +32,7 @@ def header_text(height_map: HeightMap, mass_fraction: float) -> str:
     return "\n".join(
         [
             "// SPDX-License-Identifier: Apache-2.0",
-            "// Best ceiling heights over support amplitude, made by `python -m atpid_sim map --header`. Do not edit.",
+            "// Best ceiling heights over support amplitude, made by `atpid map --header`. Do not edit.",
             f"// System: {system}; mass fraction {mass_fraction:g}",
             *note,
             "#pragma once",

@@ -28,8 +28,8 @@ FORMAT, FORMAT_OF_RATIOS = 1, 2
 _GRIDS = ("heights", "beam_amplitudes", "efficiencies", "reproducible")
 #: Least mass fraction of a row [-]: no grain weighs less, and ratios of rows are numbers.
 _LEAST_FRACTION = 1e-12
-#: Two mass fractions this close are the same [-].
-_SAME_FRACTION = 1e-9
+#: Two mass fractions this close are the same [-]; amplitudes and frequencies are, by this share.
+_SAME = 1e-9
 #: Size of a map's file at most, unpacked [bytes].
 _LARGEST = 200_000_000
 #: No frequency is so many times the natural one [-].
@@ -39,10 +39,13 @@ _FARTHEST = 100.0
 #: Best heights of neighbouring frequencies whose clearances differ by this factor are of different wells: the ceiling
 #: would stand between them, so the lower is taken.
 _SAME_WELL = 1.5
+#: By how much the height at the largest amplitude may be below that at the least, and the closed damper's answer differ
+#: over the amplitudes, relative [-]: a map in another order differs by much more, one that was computed by 1e-15.
+_SAME_HEIGHT, _SAME_GAIN = 0.01, 0.01
 #: No clearance is taken for less [m]: a power law needs one.
 _TINY = 1e-9
 
-_MAKE = "make one with `python -m atpid_sim map SCENE.yaml --amplitudes A0:A1:N --mass-fractions m1,m2 --out MAP.npz`"
+_MAKE = "make one with `atpid map SCENE.yaml --amplitudes A0:A1:N --mass-fractions m1,m2 --out MAP.npz`"
 
 
 class MapError(InputError):
@@ -97,6 +100,7 @@ class HeightMap:
         if self.frequency_ratios is not None:
             return self._between_frequencies(amplitude, mass_fraction, frequency_ratio)
         share, row = self._between(mass_fraction)
+        amplitude = _on_grid(amplitude, self.amplitudes)
         lowest, highest = float(self.amplitudes[0]), float(self.amplitudes[-1])
         if not lowest <= amplitude <= highest:
             raise MapError(
@@ -113,6 +117,7 @@ class HeightMap:
         """Return the entry at a frequency ratio [-]: of neighbours in different wells the lower height."""
         assert self.frequency_ratios is not None
         ratios = self.frequency_ratios
+        ratio = _on_grid(ratio, ratios)
         if not ratios[0] <= ratio <= ratios[-1]:
             reach = f"{ratios[0]:g} to {ratios[-1]:g} of the natural frequency"
             raise MapError(
@@ -246,6 +251,9 @@ class HeightMap:
         )
         if not sound:
             raise MapError(f"{self.source}: holds no whole grid of finite heights over rising amplitudes; {_MAKE}")
+        if not self._is_of_one_beam():
+            wrong = "its heights fall over the amplitudes, or its efficiencies are not those of its beam amplitudes"
+            raise MapError(f"{self.source}: {wrong}; {_MAKE}")
 
     def _has_possible_values(self) -> bool:
         """Return whether every number can be: a map in millimetres, or scaled, must not move a ceiling."""
@@ -260,6 +268,19 @@ class HeightMap:
             and ((beams >= 0.0) & (beams <= _FARTHEST)).all()
             and (shares <= 1.0).all()
         )
+
+    def _is_of_one_beam(self) -> bool:
+        """Return whether each row's heights rise on the whole, and its closed damper is linear in the amplitude."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            closed = self.beam_amplitudes / ((1.0 - self.efficiencies) * self.amplitudes)
+        width = self.amplitudes.size
+        for heights, gains in zip(self.heights.reshape(-1, width), closed.reshape(-1, width), strict=True):
+            known, linear = heights[np.isfinite(heights)], gains[np.isfinite(gains)]
+            if known.size and known[-1] < known[0] * (1.0 - _SAME_HEIGHT):
+                return False
+            if linear.size and np.ptp(linear) > _SAME_GAIN * linear.max():
+                return False
+        return True
 
     def _has_all_but_its_failures(self) -> bool:
         missing = np.zeros(self.heights.shape, dtype=bool)
@@ -295,7 +316,7 @@ class HeightMap:
         """Fraction of the interval from the row below to the next, in the logarithm, and the row below."""
         rows = self.mass_fractions
         lowest, highest = float(rows[0]), float(rows[-1])
-        if not (lowest - _SAME_FRACTION <= fraction <= highest + _SAME_FRACTION) or math.isnan(fraction):
+        if not (lowest - _SAME <= fraction <= highest + _SAME) or math.isnan(fraction):
             have = f"{lowest:g}" if lowest == highest else f"{lowest:g} to {highest:g}"
             raise MapError(f"{self.source}: mass fraction {fraction:g} is outside its {have}; {_MAKE}")
         row = int(np.clip(np.searchsorted(rows, fraction, side="right") - 1, 0, max(len(rows) - 2, 0)))
@@ -303,6 +324,12 @@ class HeightMap:
             return 0.0, 0
         share = math.log(fraction / rows[row]) / math.log(rows[row + 1] / rows[row])
         return float(np.clip(share, 0.0, 1.0)), row
+
+
+def _on_grid(value: float, grid: Array) -> float:
+    """Return the point of `grid` (n,) that `value` is but for rounding, else `value`."""
+    near = float(grid[np.argmin(np.abs(grid - value))])
+    return near if abs(value - near) <= _SAME * near else value
 
 
 def _stored(several: bool) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from atpid_sim.scene import HarmonicExcitation, Scene
+from atpid_sim.scene import Scene
 
 #: Numbers that differ by less are the same [relative].
 _SAME = 1e-9
@@ -39,7 +39,7 @@ def difference(made_for: Identity, wanted: Identity) -> str | None:
 
 
 def _frequency(scene: Scene) -> float | str:
-    if not isinstance(scene.excitation, HarmonicExcitation) or scene.frequency_moves:
+    if not scene.excitation.is_tone or scene.frequency_moves:
         return "resonance"
     near = abs(scene.frequency_hz / scene.natural_frequency_hz - 1.0) <= _RESONANCE
     return "resonance" if near else scene.frequency_hz

@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ratings of heights in the quick search: amplitudes over all approach paths, at the quick level and the complete."""
+"""Ratings of heights in a search: amplitudes over all approach paths, at the quick level and the complete."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import cycle
+from typing import Any
 
 from atpid_sim.engine.state import State
-from atpid_sim.maps.approaches import Approach, later
-from atpid_sim.maps.best import EXCEEDED, FLAT, REPRODUCIBLE, SURCHARGE, Mapper
+from atpid_sim.maps.approaches import JUMPS, Approach, later
 from atpid_sim.maps.response import NEVER, DamperResponse, Ending, Response, Timing
 
+#: Heights whose amplitudes differ by less than this share are equally good [-].
+FLAT = 2e-3
+#: Where the approach paths to a height end in amplitudes further apart than this, its motion is not reproducible, and
+#: the surcharge on its amplitude.
+REPRODUCIBLE, SURCHARGE = 1e-2, 1.05
+#: While not all approaches are known, a height this much worse than the best so far is given up.
+EXCEEDED = 1.08
 #: How near to the steady motion a rating ends, and one that confirms another, relative to the amplitude [-].
 _CLOSE, _CONFIRMED_CLOSE = 5e-4, 5e-3
 #: A rating settles this many times as long as a transient lasts, since close to the cliff an instability grows slowly.
@@ -21,10 +28,11 @@ _LATER = 1.0
 #: The height that is chosen is confirmed on the approach paths begun so many periods later: what depends on the phase
 #: shows by chance only.
 _PHASES = (0.37, 0.71)
-
-
 #: Surcharge on an amplitude to which all paths come late: where others settle sooner they are preferred.
 _SLOW = 0.02
+
+#: Like `map`, its answers in the order of the jobs: on one core, or a pool's `map` on all.
+Mapper = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
 class Ratings:
@@ -35,15 +43,17 @@ class Ratings:
     """
 
     def __init__(
-        self, damper: DamperResponse, amplitude: float, approaches: Sequence[Approach], mapper: Mapper
-    ) -> None:
-        """See `quick_best`."""
+        self, damper: DamperResponse, amplitude: float, approaches: Sequence[Approach], mapper: Mapper,
+        irregular: float = 1.0,
+    ) -> None:  # fmt: skip
+        """See `best_height`; irregular: what the amplitude of an irregular motion counts as, in times itself [-]."""
         self._damper, self._amplitude, self._approaches, self._map = damper, amplitude, approaches, mapper
         self.quick = damper.sufficient(amplitude, FLAT)
         self._long = Timing(_PATIENT * damper.settling(), 16.0)
         self._rated: dict[float, list[float]] = {}  # height [m]: amplitudes [m], quick
         self._checked: dict[float, list[float]] = {}  # the same, complete
         self._others: dict[float, list[float]] = {}  # the same of the paths in other phases
+        self._surcharge, self._irregular = irregular, set[float]()  # heights of irregular motion [m]
         self._late: dict[float, float] = {}  # height [m]: largest share of paths that come late to a regular motion
         self.evaluations = 0
         self.disagreement = 0.0  # largest between two levels at a height with reproducible motion, relative
@@ -70,7 +80,10 @@ class Ratings:
         more = sum(max(one / worst - 1.0, 0.0) for one in others) / max(len(others), 1)
         slow = _SLOW * self._late.get(height, 0.0)
         gap = _gap(self._found(height))
-        return worst * (1.0 + more + slow) * (1.0 if gap <= REPRODUCIBLE else min(1.0 + gap, SURCHARGE))
+        surcharge = 1.0 if gap <= REPRODUCIBLE else min(1.0 + gap, SURCHARGE)
+        if height in self._irregular:
+            surcharge = max(surcharge, self._surcharge)
+        return worst * (1.0 + more + slow) * surcharge
 
     def worst(self, height: float) -> float:
         """Return the largest amplitude [m] over the paths to a rated height [m]."""
@@ -88,7 +101,9 @@ class Ratings:
         quick = self.quick is not self._damper and self.disagreement <= FLAT
         if quick and height not in self._rated and height not in self._checked:
             least = min(map(max, self._rated.values()), default=math.inf)
-            self._rated[height] = self._rate(self.quick, height, Ending(_CLOSE, EXCEEDED * least))
+            # where grains rebound far a transient may exceed for long what the motion comes to
+            limit = EXCEEDED * least if self._surcharge == 1.0 else math.inf
+            self._rated[height] = self._rate(self.quick, height, Ending(_CLOSE, limit))
         elif quick and height not in self._others:
             self._confirm(height, self.quick)
         elif height not in self._checked:
@@ -98,8 +113,10 @@ class Ratings:
 
     def _confirm(self, height: float, damper: DamperResponse) -> None:
         """Rate a height [m] on the approach paths in other phases."""
-        ways = [later(approach, phase) for approach, phase in zip(self._approaches, cycle(_PHASES), strict=False)]
-        self._others[height] = self._rate(damper, height, Ending(_CONFIRMED_CLOSE), approaches=ways)
+        self._others[height] = self._rate(damper, height, Ending(_CONFIRMED_CLOSE), approaches=self._in_other_phases())
+
+    def _in_other_phases(self) -> list[Approach]:
+        return [later(approach, phase) for approach, phase in zip(self._approaches, cycle(_PHASES), strict=False)]
 
     def check(self, height: float) -> None:
         """Rate a height [m] with the complete level; where its motion is reproducible in both, they are compared."""
@@ -109,12 +126,16 @@ class Ratings:
             self.disagreement = max(self.disagreement, abs(max(found) / max(before) - 1.0))
 
     def lasts(self, height: float, longer: float) -> bool:
-        """Rate a height [m] in runs so many times as long; return whether they come to no more than the usual ones."""
+        """Rate a height [m] in runs so many times as long; return whether they come to no more than the usual ones.
+
+        Where an irregular motion has a surcharge, they are made in other phases and after jumps as well.
+        """
         if height not in self._checked:
             self._checked[height] = self._rate(self._damper, height, NEVER)
         usual = max(self._checked[height])
         long = Timing(longer * self._damper.settling(), longer * self._long.window)
-        self._checked[height] = self._checked[height] + self._rate(self.quick, height, NEVER, long)
+        ways = [*self._approaches, *((*self._in_other_phases(), *JUMPS) if self._surcharge > 1.0 else ())]
+        self._checked[height] = self._checked[height] + self._rate(self.quick, height, NEVER, long, ways)
         return max(self._checked[height]) <= (1.0 + REPRODUCIBLE) * usual
 
     def _rate(
@@ -137,6 +158,8 @@ class Ratings:
             more = [(damper, height, ends[k][1], replace(ending, limit=math.inf), after) for k in late]
             for k, end in zip(late, self._map(self._continued, more), strict=True):
                 ends[k] = end
+        if not all(response.regular for response, _ in ends):
+            self._irregular.add(height)
         return [response.amplitude for response, _ in ends]
 
     def _approached(self, job: tuple[DamperResponse, float, Approach, Ending, Timing]) -> tuple[Response, State]:

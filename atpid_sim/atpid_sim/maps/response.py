@@ -13,13 +13,18 @@ import numpy as np
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.response_run import EXCEEDED, Drive, Schedule, respond
 from atpid_sim.engine.state import State
+from atpid_sim.kernel_inputs import contact_of, restitution_of
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity, finite_error
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
-from atpid_sim.system import System
+from atpid_sim.system import System, reduced_mass
 
 Path = tuple[tuple[float, float], ...]
+#: A reduction of the beam's amplitude below this is of no use: approach paths and model leave as much open [-].
+LEAST_USE = 0.01
+#: Frequencies over the natural one from which to which heights are selected [-].
+LOWEST_RATIO, HIGHEST_RATIO = 0.5, 2.0
 #: Dynamic over static stiffness up to which the steady response has no bound: what rounding leaves at resonance.
 _UNBOUNDED = 1e-9
 #: Period-to-period variation up to which a motion counts as regular [-].
@@ -127,6 +132,23 @@ class DamperResponse:
     def closed_amplitude(self, amplitude: float) -> float:
         """Return the beam's steady amplitude with the damper closed [m]: beam and grain as one mass."""
         return abs(self._phasor(amplitude))
+
+    def restitution(self, amplitude: float) -> float:
+        """Return the restitution [-] of grain and container at the closed beam's greatest velocity."""
+        speed = 2.0 * math.pi * self.frequency * self.closed_amplitude(amplitude)
+        return restitution_of(contact_of(self._integration.scene), speed, reduced_mass(self.system))
+
+    def closed_over_gravity(self, amplitude: float) -> float:
+        """Return the closed beam's largest acceleration over gravity [-] at a support amplitude [m]; none: infinity."""
+        acceleration = (2.0 * math.pi * self.frequency) ** 2 * self.closed_amplitude(amplitude)
+        return acceleration / self.system.gravity if self.system.gravity > 0.0 else math.inf
+
+    def rests(self, amplitude: float) -> bool:
+        """Whether the grain stays on the floor when the closed damper is opened: at every height the beam is the same.
+
+        It is lifted where the floor falls away faster than gravity; opening the ceiling exerts no force.
+        """
+        return self.closed_over_gravity(amplitude) <= 1.0
 
     def ballistic_clearance(self, amplitude: float) -> float:
         """Return the distance travelled in half a period at the grainless beam's peak velocity [m].

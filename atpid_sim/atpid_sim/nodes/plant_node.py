@@ -11,9 +11,7 @@ from typing import Any
 
 from atpid_interfaces.msg import CeilingState, Event, PlantTruth, SampleBlock
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from atpid_common.errors import BAD_INPUT, DONE, NUMERICAL_FAILURE
 from atpid_common.injected_faults import CEILING, SENSORS, FaultError, Injected, overlapping, parsed
@@ -22,7 +20,7 @@ from atpid_common.nodes.diagnostics import DiagnosticsPublisher
 from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
-from atpid_common.nodes.messages import BLOCKS, STATES, nanoseconds_of, time_of
+from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Row, Value
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
@@ -45,7 +43,7 @@ PARAMETERS = (
     Row("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
     Row("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
     Row(
-        "faults", [""], "faults to act beside the scene's: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
+        "faults", [""], "injected faults beside the scene's: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
         live=True,
     ),
 )  # fmt: skip
@@ -56,15 +54,9 @@ ACTED = (*SENSORS, "clock")
 class PlantNode(Node):
     """Parameters, topics, the handshake, and one call into the stream for each block."""
 
-    def __init__(
-        self,
-        *,
-        parameter_overrides: list[Parameter] | None = None,
-        make_plant: Callable[[Scene], PlantLike] = Plant,
-        **node_options: Any,
-    ) -> None:
+    def __init__(self, *, make_plant: Callable[[Scene], PlantLike] = Plant, **node_options: Any) -> None:
         """Read the scene; raise SceneError or StreamError where it cannot be run. `done` receives the exit status."""
-        super().__init__("plant_node", parameter_overrides=parameter_overrides, **node_options)
+        super().__init__("plant_node", **node_options)
         values = LiveParameters(self, PARAMETERS)
         scene = scene_given(self)
         self._scene_name = Path(values["scene"]).name
@@ -84,7 +76,6 @@ class PlantNode(Node):
         self._make_topics()
         self._leaving = Leaving(self, self._outgoing, lambda: expect_recorder and self._recorder.recording)
         self.done = self._leaving.done
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._handshake = Handshake(
             self,
             self._publish_handshake,
@@ -95,7 +86,7 @@ class PlantNode(Node):
         )
         on_status = self._handshake.on_status
         self._recorder = RecorderWatch(self, on_status, self._report_recorder, expected=expect_recorder)
-        self._pace_timer = self.create_timer(self.stream.block_seconds, self._pace, clock=steady)
+        self._pace_timer = self.create_timer(self.stream.block_seconds, self._pace, clock=STEADY)
         self._pace_timer.cancel()
         self._diagnostics = DiagnosticsPublisher(self, self._statuses)
         values.follow(self._faults, self._set_faults, self._events.publish)

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Periodic motions of beam and grain: found by Newton's method, their multipliers, and where they lose stability."""
 
-from atpid_sim.periodic.approach import SteadyEnding
 from atpid_sim.periodic.cliff import Cliff, Loss, find_cliff, raised
+from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, SteadyState
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
 from atpid_sim.periodic.solve import Ending, PeriodicMotion, Search, periodic_motion, solve
-from atpid_sim.periodic.steady import SteadySearch, SteadyState, steady_state
+from atpid_sim.periodic.steady import steady_state
 
 __all__ = [
-    "Cliff", "Conditions", "Ending", "Loss", "PeriodicMotion", "ReturnMap", "Search", "SteadyEnding", "SteadySearch",
-    "SteadyState", "find_cliff", "flying", "passage", "periodic_motion", "raised", "solve", "steady_state",
+    "Cliff", "Conditions", "Ending", "Loss", "Method", "PeriodicMotion", "ReturnMap", "Search", "SteadyEnding",
+    "SteadySearch", "SteadyState", "find_cliff", "flying", "passage", "periodic_motion", "raised", "solve",
+    "steady_state",
 ]  # fmt: skip

@@ -5,33 +5,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.engine.settling_run import IN_CONTACT, REGULAR, settle
-from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.engine.settling_run import REGULAR, settle
+from atpid_sim.outcome import Outcome
 from atpid_sim.periodic.return_map import Conditions, ReturnMap
 from atpid_sim.periodic.solve import least_size, size_of
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.excitation import amplitude_points, frequency_points
-from atpid_sim.simulation.integration import SUPPORT, Integration, drive_table
+from atpid_sim.simulation.excitation import frequency_points
+from atpid_sim.simulation.integration import Integration, drive_table
 from atpid_sim.system import Array
 
 #: Periods before contraction is looked for; in the last of them the section is chosen.
 _SETTLED = 4
-
-
-class SteadyEnding(Enum):
-    """How a search for a steady motion ended."""
-
-    FOUND = "the steady motion was found, and one more period verified it"
-    CHANGING = "excitation or ceiling change until the end: there is no steady motion"
-    IRREGULAR = "the transient does not contract regularly before the scene ends: run it as it is"
-    BY_CHANCE = "runs that differ slightly end in different motions: run the scene as it is"
-    IN_CONTACT = "the grain never flies freely, so that no section can be taken: run the scene as it is"
-    NOT_CONVERGED = "Newton's method did not converge to a motion near the transient: run the scene as it is"
 
 
 @dataclass(frozen=True)
@@ -46,44 +34,34 @@ class Approach:
     remaining: float  # distance still to go at the rate of contraction, relative
     growth: float  # of the distance between passages on the way, wherever they drew apart again
 
-    def alike(self, other: Approach) -> bool:
-        """Return whether another transient was followed as long, through the same section."""
-        return self.time == other.time and self.once.phase == other.once.phase and self.periods == other.periods
-
 
 def still_from(scene: Scene) -> float:
     """Return the time from which on excitation and ceiling are what they are at the end [s]."""
     last = 0.0
-    for points in (amplitude_points(scene), frequency_points(scene), scene.ceiling.heights):
+    for points in (scene.excitation.amplitude_points, frequency_points(scene), scene.ceiling.heights):
         changes = [k for k in range(1, len(points)) if points[k][1] != points[k - 1][1]]
         last = max(last, float(points[changes[-1]][0]) if changes else 0.0)
     return last
 
 
-def follow(
-    scene: Scene, quick: Integration, conditions: Conditions, still: float, disturbance: float = 0.0
-) -> Approach | SteadyEnding:
-    """Follow the scene until its passages of a section draw together regularly.
+def follow(scene: Scene, quick: Integration, conditions: Conditions, still: float) -> Approach | None:
+    """Follow the scene until its passages of a section draw together regularly; None where they do not.
 
-    still: when its last kink is [s]; disturbance: of the drive until then, relative.
+    still: when its last kink is [s].
     """
     period = 1.0 / conditions.frequency
     begin = period * (math.ceil(still / period) + _SETTLED - 1)
     most = int((scene.duration - begin) / period)
     if most < 1:
-        return SteadyEnding.IRREGULAR
-    rows = _rows_until(scene, begin)
+        return None
+    rows = rows_until(scene, begin)
     state, sections = quick.initial_state(), np.empty((most, 4))
     table = _next_period(rows[-1], period)
-    if disturbance != 0.0:
-        rows[:, SUPPORT] *= 1.0 + disturbance
     outcome, ending, passed, amplitude, count, periods, remaining = settle(
         quick.kernel_inputs, rows, table, state.y, state.n, least_size(conditions), quick.step_limit, sections
     )
-    if outcome != Outcome.DONE:
-        raise NumericalFailure(Outcome(outcome).sentence)
-    if ending != REGULAR:
-        return SteadyEnding.IN_CONTACT if ending == IN_CONTACT else SteadyEnding.IRREGULAR
+    if outcome != Outcome.DONE or ending != REGULAR:
+        return None
     once = ReturnMap(quick, conditions, float(table[0, columns.PHASE]) / (2.0 * math.pi) % 1.0)
     passages, time = sections[:count][::-periods][::-1], begin + passed * period
     scale = size_of(amplitude, conditions)
@@ -100,13 +78,13 @@ def _growth(passages: Array) -> float:
     return float(np.prod(np.maximum(ratios, 1.0)))
 
 
-def _rows_until(scene: Scene, end: float) -> Array:
+def rows_until(scene: Scene, end: float) -> Array:
     """Return the drive table of a scene up to `end` [s]."""
     if scene.frequency_moves:
         whole = drive_table(scene, (end,))
         return whole[whole[:, columns.END] <= end]
     # kinks of the ceiling as points of the amplitude: rows need not be cut
-    times, amplitudes = zip(*amplitude_points(scene), strict=True)
+    times, amplitudes = zip(*scene.excitation.amplitude_points, strict=True)
     edges = sorted({0.0, end, *(t for t in (*times, *(t for t, _ in scene.ceiling.heights)) if t < end)})
     points = list(zip(edges, np.interp(edges, times, amplitudes).tolist(), strict=True))
     rows = drive.harmonic_rows(points, scene.frequency_hz, end)

@@ -171,12 +171,15 @@ def passage(
     """
     period = 1.0 / conditions.frequency
     count = _SAMPLES * periods
-    series = sample_series(count)
+    series, log = sample_series(count), impact_log(_LOG * periods)
     spacing = period / _SAMPLES
-    _run(integration, conditions, state, phase, periods * period, Observation(period=spacing, samples=series))
+    seen = Observation(period=spacing, samples=series, impacts=log)
+    logged = _run(integration, conditions, state, phase, periods * period, seen).n[columns.IMPACTS]
     gap = series[columns.S_GRAIN] - series[columns.S_BEAM]
     clearance = conditions.height - 2.0 * integration.system.radius - gap
-    middle = _middle_of_longest((gap > 0.0) & (clearance > 0.0))
+    free = (gap > 0.0) & (clearance > 0.0)
+    free[(log[:logged, columns.E_TIME] / spacing).astype(int) % count] = False  # a contact may lie between samples
+    middle = _middle_of_longest(free)
     if middle is None:
         raise NumericalFailure("the grain is always in contact: there is no free flight to take a section in")
     later = _run(integration, conditions, state, phase, middle * spacing) if middle else state

@@ -24,6 +24,8 @@ _STEPS, _HALVINGS = 20, 6
 #: Distance between two passages, relative to the motion's size, below which they are the same: rounding of
 #: instantaneous impacts, or this many tolerances of integrated contacts.
 _ROUNDING, _TOLERANCES = 1e-11, 30.0
+#: Tolerance of runs whose differences give multipliers.
+_DIFFERENCES = 1e-9
 
 
 class Ending(Enum):
@@ -132,6 +134,19 @@ def size_of(amplitude: float, conditions: Conditions) -> Array:
     return np.array([size, velocity, size, velocity])
 
 
+def multipliers_at(returns: ReturnMap, section: Array, scale: Array) -> NDArray[np.complex128]:
+    """Return the multipliers (4,) at a section state (4,), from finely integrated runs. Raises NumericalFailure."""
+    integration = returns.integration
+    fine = integration.at_level(integration.fidelity, min(integration.rtol, _DIFFERENCES))
+    return sorted_multipliers(returns.by(fine).slope(section, scale).matrix)
+
+
+def sorted_multipliers(slope: Array) -> NDArray[np.complex128]:
+    """Return the eigenvalues (n,) of a derivative (n, n), the largest modulus first."""
+    found = np.linalg.eigvals(slope).astype(complex)
+    return found[np.argsort(-np.abs(found), kind="stable")]
+
+
 def _newton(returns: ReturnMap, start: Array, scale: Array) -> tuple[Array, float, int]:
     """Return section state, distance to its image relative to `scale`, and steps taken. Raises NumericalFailure."""
     section = start
@@ -162,8 +177,7 @@ def _distance(change: Array, scale: Array) -> float:
 def _described(returns: ReturnMap, section: Array, scale: Array, residual: float, iterations: int) -> PeriodicMotion:
     orbit: Orbit = returns.orbit(section)
     slope: Slope = returns.slope(section, scale)
-    multipliers = np.linalg.eigvals(slope.matrix).astype(complex)
-    multipliers = multipliers[np.argsort(-np.abs(multipliers), kind="stable")]
+    multipliers = sorted_multipliers(slope.matrix)
     coarse = float(np.abs(np.linalg.eigvals(slope.coarse)).max())
     return PeriodicMotion(
         conditions=returns.conditions,

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of a sensor's channel and of the clock, acted on readings and stamps block by block."""
+"""Injected faults of a sensor's channel and of the clock, in readings and stamps, block by block."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from atpid_common.injected_faults import MEANINGS, Injected
+from atpid_common.injected_faults import FAULT_KINDS, Injected, active_fault
 from atpid_sim.system import Array
 
 #: Channels of the simulated stand and the part that measures each.
@@ -16,7 +16,7 @@ PART_OF = {
     "beam_acceleration": "accelerometer",
 }
 #: Readings kept for a delay: the longest delay [s].
-_KEPT = MEANINGS["support_laser"]["delayed"].high
+_KEPT = FAULT_KINDS["support_laser"]["delayed"].high
 #: An intermittent clock is behind by so much [s].
 _BEHIND = 0.5
 
@@ -88,10 +88,8 @@ class StampFaults:
 
     def shift(self, faults: Sequence[Injected], time: float, stamp_ns: int) -> int:
         """Return by how much [ns] the stamp `stamp_ns` of an instant `time` [s] after the start is off."""
-        for fault in faults:
-            if fault.part == "clock" and fault.active(time):
-                return round(self._seconds(fault, time, stamp_ns) * 1e9)
-        return 0
+        fault = active_fault(faults, time, "clock")
+        return round(self._seconds(fault, time, stamp_ns) * 1e9) if fault else 0
 
     def _seconds(self, fault: Injected, time: float, stamp_ns: int) -> float:
         elapsed = time - fault.begin
@@ -110,4 +108,4 @@ class StampFaults:
             case "delayed":
                 return -fault.value
             case _:
-                return -_BEHIND if elapsed % fault.value >= 0.5 * fault.value else 0.0
+                return -_BEHIND if fault.gap(time) else 0.0

@@ -158,7 +158,7 @@ class Stream:
             raise StreamError(f"the run of {self._scene.duration:g} s is over: its {self.blocks} blocks are computed")
         number, first = self._next, self._next * self.ticks_per_block
         ticks = min(self.ticks_per_block, self.ticks - first)
-        if self._scene.ceiling.kind != "controlled":
+        if not self._scene.ceiling.controlled:
             target, speed = self._own_ceiling((first + ticks) / self.rate, ticks / self.rate)
         elif isfinite(target):
             # a real position sensor may read a closed ceiling a little too low; the grain holds the ceiling up

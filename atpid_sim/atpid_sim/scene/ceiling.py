@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import math
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, Tag, model_validator
@@ -25,7 +27,34 @@ from atpid_sim.fields import (
 Heights = tuple[tuple[float, float], ...]
 
 
-class FixedCeiling(Block):
+class PrescribedCeiling(Block):
+    """A ceiling that no controller moves; what a controlled one is asked for is unbounded, unknown or absent."""
+
+    kind: ClassVar[str]
+    controlled: ClassVar[bool] = False
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest height [m]: any."""
+        return 0.0, math.inf
+
+    @property
+    def speed(self) -> float:
+        """Speed at which a controller may move it [m/s]: NaN, unknown."""
+        return math.nan
+
+    @property
+    def controller(self) -> str:
+        """How the height is selected: not at all."""
+        return ""
+
+    @property
+    def map(self) -> Path | None:
+        """Height map: none."""
+        return None
+
+
+class FixedCeiling(PrescribedCeiling):
     """A ceiling that stands still."""
 
     kind: ClassVar[str] = "fixed"
@@ -37,7 +66,7 @@ class FixedCeiling(Block):
         return ((0.0, self.height),)
 
 
-class OpeningCeiling(Block):
+class OpeningCeiling(PrescribedCeiling):
     """A ceiling that goes once from closed to open, at constant speed (equations 3.35 and 3.36)."""
 
     kind: ClassVar[str] = "opening"
@@ -59,7 +88,7 @@ class OpeningCeiling(Block):
         return ((self.start, self.closed), (self.end, self.open))
 
 
-class ProfileCeiling(Block):
+class ProfileCeiling(PrescribedCeiling):
     """A ceiling that follows given points, straight in between."""
 
     kind: ClassVar[str] = "profile"
@@ -94,6 +123,7 @@ class ControlledCeiling(Block):
     """A ceiling that a controller moves at constant speed; it starts closed."""
 
     kind: ClassVar[str] = "controlled"
+    controlled: ClassVar[bool] = True
     closed: Length = Field(description="height at the start [m]")
     range: HeightRange = Field(description="lowest and highest height the motor may reach [m]")
     speed: Speed = Field(description="the motor's constant speed [m/s]")

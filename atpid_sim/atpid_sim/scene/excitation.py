@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the support does: a tone, nothing (free decay), a sweep, or a measured series."""
 
+import math
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, Tag, field_validator
@@ -29,10 +30,47 @@ Frequency = Annotated[
 Displacement = Annotated[Number, within(-1e3, 1e3)]
 
 
-class HarmonicExcitation(Block):
+Points = tuple[tuple[float, float], ...]
+
+
+class SupportMotion(Block):
+    """What every excitation is asked for."""
+
+    kind: ClassVar[str]
+    is_tone: ClassVar[bool] = False
+    is_free: ClassVar[bool] = False
+
+    @property
+    def amplitude_points(self) -> Points:
+        """((t [s], A [m]), ...) of the support, one where it is constant; NaN: it has none."""
+        return ((0.0, 0.0),)
+
+    @property
+    def largest_amplitude(self) -> float:
+        """Largest amplitude of the support [m]; NaN: it has none."""
+        return max(amplitude for _, amplitude in self.amplitude_points)
+
+    @property
+    def tone_frequency(self) -> float | Literal["resonance"] | Points:
+        """Frequency of a tone [Hz], or ((t [s], f [Hz]), ...)."""
+        return "resonance"
+
+    @property
+    def frequency_points(self) -> Points:
+        """((t [s], f [Hz]), ...) where the frequency is given as points, else nothing."""
+        return self.tone_frequency if isinstance(self.tone_frequency, tuple) else ()
+
+    @property
+    def deflection(self) -> float:
+        """Displacement from the static equilibrium at a release [m]; 0: it is not released."""
+        return 0.0
+
+
+class HarmonicExcitation(SupportMotion):
     """u = A(t) sin(2 pi f t) (equation 3.44), A and f along straight ramps where points are given."""
 
     kind: ClassVar[str] = "harmonic"
+    is_tone: ClassVar[bool] = True
     amplitude: AmplitudeOrPoints = Field(
         description="support amplitude [m], or [[t, A], ...] with straight ramps [s, m]"
     )
@@ -42,9 +80,14 @@ class HarmonicExcitation(Block):
     )
 
     @property
-    def frequency_points(self) -> tuple[tuple[float, float], ...]:
-        """((t [s], f [Hz]), ...) where the frequency is given as points, else nothing."""
-        return self.frequency if isinstance(self.frequency, tuple) else ()
+    def amplitude_points(self) -> Points:
+        """See `SupportMotion`."""
+        return ((0.0, self.amplitude),) if isinstance(self.amplitude, float) else self.amplitude
+
+    @property
+    def tone_frequency(self) -> float | Literal["resonance"] | Points:
+        """See `SupportMotion`."""
+        return self.frequency
 
 
 class FreeDecay(Block):
@@ -53,11 +96,17 @@ class FreeDecay(Block):
     deflection: Displacement = Field(description="displacement from the static equilibrium at release, upward [m]")
 
 
-class FreeExcitation(Block):
+class FreeExcitation(SupportMotion):
     """The support stands still; the beam is released at rest from a deflection."""
 
     kind: ClassVar[str] = "free"
+    is_free: ClassVar[bool] = True
     free: FreeDecay = Field(description="free decay")
+
+    @property
+    def deflection(self) -> float:
+        """See `SupportMotion`."""
+        return self.free.deflection
 
 
 class Sweep(Block):
@@ -69,11 +118,16 @@ class Sweep(Block):
     duration: Duration | None = Field(default=None, description="how long the sweep takes [s]; default: the whole run")
 
 
-class SweepExcitation(Block):
+class SweepExcitation(SupportMotion):
     """u = A sin(2 pi (f0 t + (f1 - f0) t^2 / 2 T))."""
 
     kind: ClassVar[str] = "sweep"
     sweep: Sweep = Field(description="frequency sweep")
+
+    @property
+    def amplitude_points(self) -> Points:
+        """See `SupportMotion`."""
+        return ((0.0, self.sweep.amplitude),)
 
 
 class Series(Block):
@@ -95,11 +149,16 @@ class Series(Block):
         return file
 
 
-class SeriesExcitation(Block):
+class SeriesExcitation(SupportMotion):
     """u interpolated by a cubic spline through measured points, so that velocity is its exact derivative."""
 
     kind: ClassVar[str] = "series"
     series: Series = Field(description="measured series")
+
+    @property
+    def amplitude_points(self) -> Points:
+        """See `SupportMotion`."""
+        return ((0.0, math.nan),)
 
 
 Excitation = Annotated[

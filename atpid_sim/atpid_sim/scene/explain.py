@@ -8,7 +8,7 @@ from typing import Any, Union, get_args, get_origin
 
 from pydantic_core import ErrorDetails
 
-from atpid_common.suggestion import did_you_mean
+from atpid_common.errors import did_you_mean
 from atpid_sim.contact.laws import NAMES
 from atpid_sim.fields import Block, variants_of
 from atpid_sim.scene.ceiling import Ceiling

@@ -17,13 +17,12 @@ from atpid_common.injected_faults import CEILING, PARTS, Injected, overlapping
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
-from atpid_sim.scene.ceiling import Ceiling, ControlledCeiling
+from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.errors import SceneError
-from atpid_sim.scene.excitation import Excitation, FreeExcitation, HarmonicExcitation
+from atpid_sim.scene.excitation import Excitation
 from atpid_sim.scene.faults import Fault
-from atpid_sim.scene.initial import Initial
 from atpid_sim.scene.sensors import Recording, Sensors
-from atpid_sim.scene.structure import Beam, Grain
+from atpid_sim.scene.structure import Beam, Grain, Initial
 from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
@@ -109,7 +108,7 @@ class SceneValues(Block):
     @property
     def frequency_hz(self) -> float:
         """Frequency of the tone [Hz], at the run's end where it moves; without a tone the natural frequency."""
-        given = self.excitation.frequency if isinstance(self.excitation, HarmonicExcitation) else "resonance"
+        given = self.excitation.tone_frequency
         if isinstance(given, tuple):
             times, frequencies = zip(*given, strict=True)
             return float(np.interp(self.duration, times, frequencies))
@@ -118,8 +117,13 @@ class SceneValues(Block):
     @property
     def frequency_moves(self) -> bool:
         """Whether the tone's frequency changes during the run."""
-        points = self.excitation.frequency_points if isinstance(self.excitation, HarmonicExcitation) else ()
-        return len({frequency for _, frequency in points}) > 1
+        return len({frequency for _, frequency in self.excitation.frequency_points}) > 1
+
+    @property
+    def height_limits(self) -> tuple[float, float]:
+        """Lowest and highest height a controller may command [m]: from closed, within the ceiling's range."""
+        low, high = self.ceiling.range
+        return max(low, 2.0 * self.grain.radius), high
 
     @property
     def injected(self) -> tuple[Injected, ...]:
@@ -135,7 +139,7 @@ class SceneValues(Block):
             if fault.begin >= self.duration:
                 allowed = f"faults that begin before the run's end, duration {self.duration:g} s"
                 raise SceneError(f"faults: given {fault}; allowed: {allowed}")
-            if fault.part in CEILING and not isinstance(self.ceiling, ControlledCeiling):
+            if fault.part in CEILING and not self.ceiling.controlled:
                 allowed = "a fault of motor or height sensor only where a controller moves the ceiling"
                 raise SceneError(f"faults: given {fault}; allowed: {allowed}")
 
@@ -146,7 +150,7 @@ class SceneValues(Block):
                 way = {"serial_link": " --emulated-stand", "recorder": " --real-time"}.get(fault.part, "")
                 raise SceneError(
                     f"faults: given {fault}; {where} cannot act faults of {fault.part}; leave it out, or run it by "
-                    f"`python -m atpid_control bench SCENE.yaml --out DIR{way}`"
+                    f"`atpid bench SCENE.yaml --out DIR{way}`"
                 )
 
     @property
@@ -156,11 +160,11 @@ class SceneValues(Block):
 
     def require_prescribed_ceiling(self) -> None:
         """Raise SceneError where a controller moves the ceiling: a single run has no controller."""
-        if isinstance(self.ceiling, ControlledCeiling):
+        if self.ceiling.controlled:
             raise SceneError(
                 f"ceiling: given one that a controller moves ({self.ceiling.controller}); allowed in a single run: one "
                 "of {height}, {closed, open, start, end}, {profile}; use `simulate --height H`, or run the loop with "
-                "`python -m atpid_control bench SCENE.yaml --out DIR`"
+                "`atpid bench SCENE.yaml --out DIR`"
             )
 
     def defaults(self) -> list[str]:
@@ -187,7 +191,7 @@ def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     named = {key: getattr(scene.ceiling, key) for key in ("height", "closed", "open") if hasattr(scene.ceiling, key)}
     if scene.ceiling.kind == "profile":
         named["profile"] = min(height for _, height in scene.ceiling.heights)
-    if isinstance(scene.ceiling, ControlledCeiling):
+    if scene.ceiling.controlled:
         named["range"] = scene.ceiling.range[0]
     for key, height in named.items():
         if height < diameter:
@@ -197,7 +201,7 @@ def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
 def _initial_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     if scene.initial is None:
         return
-    if isinstance(scene.excitation, FreeExcitation) and scene.initial.displacement:
+    if scene.excitation.is_free and scene.initial.displacement:
         allowed = "none beside excitation.free.deflection, which is the same"
         yield impossible("initial.displacement", scene.initial.displacement, allowed)
     clearance = scene.ceiling.heights[0][1] - 2.0 * scene.grain.radius

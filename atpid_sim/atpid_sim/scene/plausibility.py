@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
+from atpid_sim.contact.materials import mismatch
 from atpid_sim.contact.spec import ElasticSpec
-from atpid_sim.scene.ceiling import ControlledCeiling
-from atpid_sim.scene.excitation import FreeExcitation, HarmonicExcitation, SweepExcitation
 from atpid_sim.scene.model import SceneValues
 
 #: Largest support amplitude in use [m]: the thesis goes to 0.08 m.
@@ -47,12 +46,20 @@ def _shown(value: float) -> str:
 def warnings_of(scene: SceneValues) -> list[str]:
     """Return one line for each unusual value of the scene: key, value, usual range."""
     quantities = (*_structure(scene), *_contact(scene), *_excitation(scene), *_ceiling(scene), *_measurement(scene))
-    return [line for quantity in quantities if (line := quantity.warning()) is not None]
+    lines = [line for quantity in quantities if (line := quantity.warning()) is not None]
+    if isinstance(scene.contact, ElasticSpec):
+        other = mismatch(grain_density(scene), scene.contact.young_modulus)
+        lines += [f"contact.young_modulus: {other}"] if other else []
+    return lines
+
+
+def grain_density(scene: SceneValues) -> float:
+    """Return the density of the grain, a sphere [kg/m^3]."""
+    return scene.grain_mass / (4.0 / 3.0 * math.pi * scene.grain.radius**3)
 
 
 def _structure(scene: SceneValues) -> Iterator[Quantity]:
     critical = 2.0 * math.sqrt(scene.beam.stiffness * scene.total_mass)
-    volume = 4.0 / 3.0 * math.pi * scene.grain.radius**3
     heavy = f"a grain of {1e3 * scene.grain_mass:.4g} g and {1e3 * scene.grain.radius:.4g} mm radius"
     yield Quantity("beam.mass", scene.beam.mass, 1e-3, 1e4, "kg", "masses are in kilograms")
     yield Quantity("beam, resonance with the damper closed", scene.natural_frequency_hz, 0.1, 1e3, "Hz")
@@ -61,7 +68,7 @@ def _structure(scene: SceneValues) -> Iterator[Quantity]:
     )
     yield Quantity("beam, static deflection", scene.static_deflection, 0.0, 0.5, "m", "too heavy or too soft?")
     yield Quantity("grain.radius", scene.grain.radius, 2e-4, 0.2, "m", _MILLIMETRES)
-    yield Quantity("grain, density", scene.grain_mass / volume, 100.0, 23_000.0, "kg/m^3", heavy)
+    yield Quantity("grain, density", grain_density(scene), 100.0, 23_000.0, "kg/m^3", heavy)
     if scene.gravity != 0.0:
         yield Quantity("gravity", scene.gravity, 1.0, 30.0, "m/s^2")
 
@@ -69,17 +76,17 @@ def _structure(scene: SceneValues) -> Iterator[Quantity]:
 def _contact(scene: SceneValues) -> Iterator[Quantity]:
     if isinstance(scene.contact, ElasticSpec):
         modulus = scene.contact.young_modulus
-        yield Quantity("contact.young_modulus", modulus, 1e4, 1.3e12, "Pa", "rubber 1e6, steel 2.1e11")
+        yield Quantity("contact.young_modulus", modulus, 1e4, 1.3e12, "Pa", "rubber 2e6, steel 2.1e11")
 
 
 def _excitation(scene: SceneValues) -> Iterator[Quantity]:
     excitation = scene.excitation
-    if isinstance(excitation, FreeExcitation):
-        yield Quantity("excitation.free.deflection", abs(excitation.free.deflection), 0.0, 1.0, "m", _MILLIMETRES)
-    amplitude = _largest_amplitude(scene)
+    if excitation.is_free:
+        yield Quantity("excitation.free.deflection", abs(excitation.deflection), 0.0, 1.0, "m", _MILLIMETRES)
+    amplitude = scene.excitation.largest_amplitude
     if amplitude > 0.0:
         yield Quantity("excitation, amplitude", amplitude, 1e-6, LARGEST_AMPLITUDE, "m", _MILLIMETRES)
-    if isinstance(excitation, HarmonicExcitation):
+    if excitation.is_tone:
         tones = [frequency for _, frequency in excitation.frequency_points] or [scene.frequency_hz]
         for tone in dict.fromkeys((min(tones), max(tones))):
             yield Quantity("excitation.frequency over the resonance", tone / scene.natural_frequency_hz, 0.1, 10.0, "")
@@ -100,32 +107,22 @@ def closed_amplitude(scene: SceneValues, amplitude: float, frequency: float = ma
     return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
 
 
-def _largest_amplitude(scene: SceneValues) -> float:
-    excitation = scene.excitation
-    if isinstance(excitation, SweepExcitation):
-        return excitation.sweep.amplitude
-    if not isinstance(excitation, HarmonicExcitation):
-        return 0.0
-    given = excitation.amplitude
-    return given if isinstance(given, float) else max(amplitude for _, amplitude in given)
-
-
 def _ceiling(scene: SceneValues) -> Iterator[Quantity]:
     ceiling, heights = scene.ceiling, scene.ceiling.heights
     speeds = [abs(h1 - h0) / (t1 - t0) for (t0, h0), (t1, h1) in pairwise(heights)]
     highest = max(height for _, height in heights)
-    if isinstance(ceiling, ControlledCeiling):
+    if ceiling.controlled:
         highest, speeds = ceiling.range[1], [ceiling.speed]
     yield Quantity("ceiling, largest height", highest, 0.0, 3.0, "m", _MILLIMETRES)
-    if isinstance(ceiling, ControlledCeiling):
+    if ceiling.controlled:
         yield Quantity("ceiling.speed", ceiling.speed, 1e-3, 5.0, "m/s", _MILLIMETRES)
     elif speeds:
         yield Quantity("ceiling, largest speed", max(speeds), 0.0, 5.0, "m/s")
 
 
 def _measurement(scene: SceneValues) -> Iterator[Quantity]:
-    amplitude, laser = _largest_amplitude(scene), scene.sensors.laser
-    if isinstance(scene.excitation, HarmonicExcitation):
+    amplitude, laser = scene.excitation.largest_amplitude, scene.sensors.laser
+    if scene.excitation.is_tone:
         begin, end = scene.steady_window
         periods = (end - begin) * scene.frequency_hz
         yield Quantity("steady_window, in periods", periods, 2.0, math.inf, "", "amplitudes are taken in it")

@@ -48,6 +48,7 @@ class Scene(SceneValues):
 
         `height` [m] puts a ceiling that stands still there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
         replace that value in its block; any other name is a key of the scene itself (duration, ceiling={...}, ...).
+        Under a closed ceiling the grain begins on the floor, wherever it did before.
         Raises SceneError as loading does.
         """
         mapping = self.to_mapping()
@@ -58,7 +59,12 @@ class Scene(SceneValues):
         for key in ("amplitude", "frequency"):
             if key in changes:
                 mapping["excitation"][key] = changes.pop(key)
-        return scene_from_mapping(mapping | changes, source="changed scene")
+        mapping |= changes
+        start, ceiling = mapping.get("initial"), mapping["ceiling"]
+        first = ceiling.get("height", ceiling.get("closed"))
+        if start and first is not None and first <= 2.0 * self.grain.radius and "initial" not in changes:
+            mapping["initial"] = {key: value for key, value in start.items() if not key.startswith("grain_")}
+        return scene_from_mapping(mapping, source="changed scene")
 
 
 def load_scene(path: str | Path) -> Scene:

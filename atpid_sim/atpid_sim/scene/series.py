@@ -34,8 +34,8 @@ def read_series(series: Series, duration: float) -> tuple[Array, Array]:
     Raises SceneError where the file lacks a column, has text, gaps or unordered times, or is shorter than the run.
     """
     file = series.file
-    read = _read_npz if file.suffix.lower() == ".npz" else _read_csv
-    times, values = read(file, (series.time, series.displacement))
+    names = (series.time, series.displacement)
+    times, values = _read_npz(file, names) if file.suffix.lower() == ".npz" else read_columns(file, names).values()
     _check(file, series, times, values)
     times = times - times[0]
     if times[-1] < duration * (1.0 - 1e-9):
@@ -84,11 +84,12 @@ def _real(file: Path, name: str, array: NDArray[np.generic]) -> Array:
     return array.astype(np.float64)
 
 
-def _read_csv(file: Path, names: Sequence[str]) -> list[Array]:
+def read_columns(file: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Array]:
+    """Return the columns `names` of a CSV file, and those of `optional` that are there. Raises SceneError."""
     try:
         check(file, _LARGEST_CSV)
         with file.open(encoding="utf-8-sig", newline="") as stream:
-            return _columns(file, _rows(file, stream), names)
+            return _columns(file, _rows(file, stream), names, optional)
     except FileError as error:
         raise SceneError(f"{error}; give a CSV file") from None
     except OSError as error:
@@ -97,10 +98,13 @@ def _read_csv(file: Path, names: Sequence[str]) -> list[Array]:
         raise SceneError(f"{file}: is not text in UTF-8; save it as CSV in UTF-8") from None
 
 
-def _columns(file: Path, rows: Iterator[tuple[int, list[str]]], names: Sequence[str]) -> list[Array]:
+def _columns(
+    file: Path, rows: Iterator[tuple[int, list[str]]], names: Sequence[str], optional: Sequence[str]
+) -> dict[str, Array]:
     """Return the named columns below the header."""
     _, header = next(rows, (0, []))
     header[:1] = [name.lstrip("#").strip() for name in header[:1]]  # numpy.savetxt begins its header so
+    names = [*names, *(name for name in optional if name in header)]
     for name in names:
         _known(file, name, header, "column")
     places = [header.index(name) for name in names]
@@ -114,7 +118,7 @@ def _columns(file: Path, rows: Iterator[tuple[int, list[str]]], names: Sequence[
             except ValueError:
                 given = f"{shown(name)} is {shown(row[place])}"
                 raise SceneError(f"{file}:{line}: {given}; allowed: a number with a decimal point") from None
-    return [np.array(column, dtype=np.float64) for column in columns]
+    return {name: np.array(column, dtype=np.float64) for name, column in zip(names, columns, strict=True)}
 
 
 def _rows(file: Path, stream: TextIO) -> Iterator[tuple[int, list[str]]]:

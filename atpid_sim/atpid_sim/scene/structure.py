@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Beam and grain."""
+"""Beam and grain, and how they begin where they are not at rest."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, TypeGuard
+from typing import Annotated, Any, ClassVar, TypeGuard
 
 from pydantic import Field, model_validator
 
-from atpid_sim.fields import Block, Damping, Fraction, Length, Mass, Stiffness, Words, impossible
+from atpid_sim.fields import Block, Damping, Fraction, Length, Mass, Number, Stiffness, Words, impossible, within
 
 #: Largest damping ratio of the beam alone. Beyond, it follows the support and nothing else, but ever shorter steps are
 #: needed and the ledger loses its digits: at 400 000 it is open by 1 %, and a second takes five.
@@ -76,3 +76,31 @@ class Grain(Block):
 
     mass_fraction: Fraction = Field(description="grain mass over the mass of beam and grain together [-]")
     radius: Length = Field(description="grain radius [m]")
+
+
+_Displacement = Annotated[Number, within(-1e3, 1e3)]  # [m]
+_Velocity = Annotated[Number, within(-1e5, 1e5)]  # [m/s], upward
+_Height = Annotated[Number, within(0.0, 1e6)]  # [m]
+
+
+class Initial(Block):
+    """State at time zero."""
+
+    displacement: _Displacement = Field(default=0.0, description="of the beam from rest under the weight, upward [m]")
+    velocity: _Velocity = Field(default=0.0, description="of the beam, upward [m/s]")
+    grain_height: _Height = Field(default=0.0, description="of the grain above the floor; 0: it lies on it [m]")
+    grain_velocity: _Velocity | None = Field(
+        default=None, description="of the grain, upward; default: the beam's [m/s]"
+    )
+
+    @property
+    def grain_speed(self) -> float:
+        """Velocity of the grain [m/s]."""
+        return self.velocity if self.grain_velocity is None else self.grain_velocity
+
+    @model_validator(mode="after")
+    def _parts(self) -> Initial:
+        if self.grain_height == 0.0 and self.grain_speed < self.velocity:
+            allowed = f"at least velocity ({self.velocity:g} m/s) for a grain on the floor"
+            raise impossible("grain_velocity", self.grain_velocity, allowed)
+        return self

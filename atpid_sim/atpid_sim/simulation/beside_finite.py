@@ -18,7 +18,9 @@ _RTOL = 1e-4
 _NEAR = 0.5
 
 
-def compared(impacts: Integration, amplitude: float, verdict: Verdict, choice: Choice, undamped: float) -> Verdict:
+def cross_check_with_finite(
+    impacts: Integration, amplitude: float, verdict: Verdict, choice: Choice, undamped: float
+) -> Verdict:
     """Return the verdict on a reproducible run with instantaneous impacts, what the level leaves out included.
 
     amplitude: of that run [m]; verdict: on its repetitions; undamped: amplitude of the closed damper [m]. Where the
@@ -35,10 +37,12 @@ def compared(impacts: Integration, amplitude: float, verdict: Verdict, choice: C
     beyond = max(abs(amplitude - state.amplitude) - negligible_displacement(scene), 0.0)
     apart, left_out = beyond / max(state.amplitude, 1e-300), finite_error(scene, undamped)
     if apart + left_out <= _NEAR * stated:
-        return Verdict(verdict.error + stated, True, None)
+        return Verdict(verdict.error + stated, True, None, verdict.change)
     other = judge(finite, state.amplitude, state.steps, left_out, held_error(scene, undamped))
     error = max(stated, apart + left_out + other.error) + verdict.error
     if other.spread is None:
-        return Verdict(error, True, None)
+        return Verdict(error, True, None, min(verdict.change, other.change))
     least, median, most = other.spread
-    return Verdict(error, False, (float(np.fmin(amplitude, least)), median, float(np.fmax(amplitude, most))))
+    return Verdict(
+        error, False, (float(np.fmin(amplitude, least)), median, float(np.fmax(amplitude, most))), other.change
+    )

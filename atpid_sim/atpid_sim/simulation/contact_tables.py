@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.optimize import brentq
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
@@ -21,6 +20,7 @@ from atpid_sim.engine import contact_table as table
 from atpid_sim.engine import scaled_contact as scaled
 from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.kernel_inputs import Contact
+from atpid_sim.root import root
 from atpid_sim.system import Array, System, reduced_mass
 
 #: Least and largest alpha; beyond, the beam carries the grain along or draws the wall away, and it is integrated.
@@ -117,7 +117,7 @@ def _time(contact: Contact, mass: float, speed: float) -> float:
 
     if not excess(_SHALLOW) < 0.0 < excess(_DEEP):
         return math.nan
-    return math.exp(brentq(excess, _SHALLOW, _DEEP, xtol=1e-13)) / speed
+    return math.exp(root(excess, _SHALLOW, _DEEP, xtol=1e-13)) / speed
 
 
 def _row(one: _Scaled) -> tuple[Array, Array, float] | None:

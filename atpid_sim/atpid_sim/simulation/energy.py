@@ -56,14 +56,23 @@ def _flows(system: System, table: Array, first: State, y: Array, end: float, lef
     contact [J].
     """
     start_u, end_u = (drive.support_displacement(table, time) for time in (first.time, end))
-    work, beam_loss, contact_loss, ceiling = flows = [
+    work, beam_loss, contact_loss, ceiling = (
         y[..., k] - first.y[k] for k in (columns.INPUT, columns.BEAM_LOSS, columns.CONTACT_LOSS, columns.CEILING_WORK)
-    ]
+    )
     stored = _stored(system, y, end_u) - _stored(system, first.y, start_u) + left
     sprung = 0.5 * system.stiffness * np.maximum((first.beam - start_u) ** 2, (y[..., columns.BEAM] - end_u) ** 2)
-    turnover = sum(abs(flow) for flow in flows) + abs(stored) + sprung
+    residual = relative_residual(work, beam_loss, contact_loss, ceiling, stored, sprung)
+    return work, beam_loss, contact_loss, ceiling, stored, residual
+
+
+def relative_residual(work: Any, beam_loss: Any, contact_loss: Any, ceiling: Any, stored: Any, sprung: Any) -> Any:
+    """Return what does not add up (...) [-]: of flows (...) [J] and the change of the stored energy (...) [J].
+
+    It is relative to all of them and to `sprung` (...) [J], the largest energy of the spring at either end.
+    """
+    turnover = sum(abs(flow) for flow in (work, beam_loss, contact_loss, ceiling)) + abs(stored) + sprung
     gap = stored - (work - beam_loss - contact_loss + ceiling)
-    return work, beam_loss, contact_loss, ceiling, stored, gap / np.where(turnover > 0.0, turnover, 1.0)
+    return gap / np.where(turnover > 0.0, turnover, 1.0)
 
 
 def stored_energy(system: System, state: State, support: float) -> float:

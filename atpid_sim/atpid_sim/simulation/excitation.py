@@ -2,11 +2,11 @@
 """From a scene's excitation to the rows of the drive table."""
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from atpid_sim.engine import columns, drive
 from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation
@@ -26,10 +26,12 @@ def support_rows(scene: Scene) -> Array:
     if isinstance(excitation, HarmonicExcitation):
         if scene.frequency_moves:
             return _moving_rows(scene)
-        return drive.harmonic_rows(amplitude_points(scene), scene.frequency_hz, duration)
+        return drive.harmonic_rows(scene.excitation.amplitude_points, scene.frequency_hz, duration)
     if isinstance(excitation, FreeExcitation):
         return drive.still_rows(duration)
     if isinstance(excitation, SeriesExcitation):
+        from scipy.interpolate import CubicSpline  # here, since most runs need no part of scipy, which loads slowly
+
         times, values = read_series(excitation.series, duration)
         rows = drive.spline_rows(times, CubicSpline(times, values).c, duration)
         rows[-1, columns.END] = min(rows[-1, columns.END], duration)
@@ -37,27 +39,14 @@ def support_rows(scene: Scene) -> Array:
     return _sweep_rows(scene, excitation.sweep)
 
 
-def amplitude_points(scene: Scene) -> list[tuple[float, float]]:
-    """Return ((t [s], A [m]), ...) of a tone: one point where the amplitude is constant."""
-    amplitude = getattr(scene.excitation, "amplitude", 0.0)
-    points = [(0.0, amplitude)] if isinstance(amplitude, int | float) else amplitude
-    return [(float(t), float(a)) for t, a in points]
-
-
 def frequency_points(scene: Scene) -> list[tuple[float, float]]:
     """Return ((t [s], f [Hz]), ...) of a tone: one point where the frequency is constant."""
-    points = scene.excitation.frequency_points if isinstance(scene.excitation, HarmonicExcitation) else ()
-    return [(float(t), float(f)) for t, f in points] or [(0.0, scene.frequency_hz)]
+    return list(scene.excitation.frequency_points) or [(0.0, scene.frequency_hz)]
 
 
 def amplitude_at(scene: Scene, t: float) -> float:
     """Return the excitation's amplitude at time t [s] in m; NaN for a measured series."""
-    excitation = scene.excitation
-    if isinstance(excitation, HarmonicExcitation):
-        return _along(amplitude_points(scene), t)
-    if isinstance(excitation, FreeExcitation):
-        return 0.0
-    return math.nan if isinstance(excitation, SeriesExcitation) else excitation.sweep.amplitude
+    return _along(scene.excitation.amplitude_points, t)
 
 
 def frequency_at(scene: Scene, t: float) -> float:
@@ -72,7 +61,7 @@ def frequency_at(scene: Scene, t: float) -> float:
     return sweep.first + (sweep.last - sweep.first) * share
 
 
-def _along(points: list[tuple[float, float]], t: float) -> float:
+def _along(points: Sequence[tuple[float, float]], t: float) -> float:
     """Return the value at time t [s] along straight ramps between points."""
     return float(np.interp(t, [at for at, _ in points], [value for _, value in points]))
 
@@ -89,7 +78,7 @@ def _sweep_rows(scene: Scene, sweep: Sweep) -> Array:
 
 def _moving_rows(scene: Scene) -> Array:
     """Return the rows of a tone whose frequency moves along straight ramps, its phase without a jump."""
-    amplitudes, frequencies = amplitude_points(scene), frequency_points(scene)
+    amplitudes, frequencies = scene.excitation.amplitude_points, frequency_points(scene)
     kinks = {t for t, _ in (*amplitudes, *frequencies) if 0.0 < t < scene.duration}
     return _joined(
         [
@@ -128,6 +117,8 @@ class _Piece(NamedTuple):
 
     def _chirp(self, before: float, key: str) -> Array:
         """Return the rows of a spline through points of the tone, with its velocity at both ends."""
+        from scipy.interpolate import CubicSpline
+
         length, first = self.end - self.begin, self.frequency[0]
         rise = (self.frequency[1] - first) / length
         growth = (self.amplitude[1] - self.amplitude[0]) / length

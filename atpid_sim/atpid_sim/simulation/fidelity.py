@@ -14,30 +14,31 @@ omega T, T the depth of an impact over its speed, exceeds it in 54 of 55 (docs/d
 import math
 from dataclasses import dataclass
 
-from scipy.optimize import brentq
-
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.kernel_inputs import contact_of, system_of
-from atpid_sim.scene import HarmonicExcitation, Scene
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.root import root
+from atpid_sim.scene import Scene
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.integration import FIDELITIES, is_closed, undamped_amplitude
 from atpid_sim.system import reduced_mass
 
 #: Relative error of the amplitude over relative depth, measured: of instantaneous impacts, of the closed damper.
-_IMPACT, _CLOSED = 0.5, 2.0
+_IMPACT_ERROR, _CLOSED_ERROR = 0.5, 2.0
 #: In a decay, a sweep or a measured series the errors of impacts add up; a grain heavier than a quarter of all has a
 #: larger share of the motion.
-_PASSING, _HEAVY = 4.0, 4.0
+_UNSTEADY_FACTOR, _GRAIN_MASS_FACTOR = 4.0, 4.0
 #: Relative error of the amplitude over the cube of omega T, measured: of contacts of finite duration.
-_FINITE = 4.0
-#: What is left of the error of a closed damper where the spring gives with the contact, measured: at most a tenth.
-_GIVING = 0.2
+_FINITE_ERROR = 4.0
+#: Residual error of the closed damper when contact compliance is added in series with the spring, over the error of the
+#: closed damper; measured: at most a tenth.
+_COMPLIANT_CLOSED_SHARE = 0.2
 #: Share of the beam's own decay with which the error of a closed damper, taken as one mass, fades after its opening.
-_FADING = 0.5
+_CLOSED_DECAY_SHARE = 0.5
 #: Clearance over the radius below which the grain is held, as the engine has it.
-_HELD = 1e-5
+_HELD_CLEARANCE = 1e-5
 #: Logarithms of the least and largest depth [m] considered.
 _SHALLOW, _DEEP = -60.0, 10.0
 
@@ -106,11 +107,11 @@ def impact_error(scene: Scene, undamped: float | None = None) -> float:
     amplitude = undamped_amplitude(scene) if undamped is None else undamped
     if not amplitude > 0.0:
         return 1.0
-    more = max(1.0, _HEAVY * scene.grain.mass_fraction)
-    if not isinstance(scene.excitation, HarmonicExcitation) or scene.frequency_moves:
-        more *= _PASSING
+    more = max(1.0, _GRAIN_MASS_FACTOR * scene.grain.mass_fraction)
+    if not scene.excitation.is_tone or scene.frequency_moves:
+        more *= _UNSTEADY_FACTOR
     speed = 2.0 * math.pi * scene.frequency_hz * amplitude
-    return min(1.0, more * _IMPACT * _depth(scene, speed) / amplitude)
+    return min(1.0, more * _IMPACT_ERROR * _depth(scene, speed) / amplitude)
 
 
 def finite_error(scene: Scene, undamped: float | None = None, held: float | None = None) -> float:
@@ -126,13 +127,13 @@ def _finite_physics(scene: Scene, undamped: float | None, held: float | None = N
     amplitude = undamped_amplitude(scene) if undamped is None else undamped
     if not amplitude > 0.0:
         return 1.0
-    more = max(1.0, _HEAVY * scene.grain.mass_fraction)
-    if not isinstance(scene.excitation, HarmonicExcitation) or scene.frequency_moves:
-        more *= _PASSING
+    more = max(1.0, _GRAIN_MASS_FACTOR * scene.grain.mass_fraction)
+    if not scene.excitation.is_tone or scene.frequency_moves:
+        more *= _UNSTEADY_FACTOR
     pace = 2.0 * math.pi * max(scene.frequency_hz, scene.natural_frequency_hz)
     share = pace * _depth(scene, pace * amplitude) / (pace * amplitude)
     held = _held_share(scene) if held is None else held
-    return min(1.0, more * _FINITE * share**3 + (held * held_error(scene, amplitude) if held > 0.0 else 0.0))
+    return min(1.0, more * _FINITE_ERROR * share**3 + (held * held_error(scene, amplitude) if held > 0.0 else 0.0))
 
 
 def judged_errors(scene: Scene, choice: Choice, undamped: float | None = None) -> tuple[float, float]:
@@ -141,13 +142,13 @@ def judged_errors(scene: Scene, choice: Choice, undamped: float | None = None) -
 
 
 def held_error(scene: Scene, undamped: float | None = None) -> float:
-    """Return the relative error of a closed damper as one mass on a spring that gives with the contact."""
-    return _GIVING * closed_error(scene, undamped)
+    """Return the relative error of a closed damper as one mass on a spring in series with the contact."""
+    return _COMPLIANT_CLOSED_SHARE * closed_error(scene, undamped)
 
 
 def _held_share(scene: Scene) -> float:
     """Return the share of the closed damper's error that is left in the steady window."""
-    shut = 2.0 * scene.grain.radius + _HELD * scene.grain.radius
+    shut = 2.0 * scene.grain.radius + _HELD_CLEARANCE * scene.grain.radius
     heights = scene.ceiling.heights
     ends = [time for time, height in heights if height <= shut]
     if not ends:
@@ -155,15 +156,31 @@ def _held_share(scene: Scene) -> float:
     last = scene.duration if heights[-1][1] <= shut else max(ends)
     waited = scene.steady_window[0] - last
     decay = 0.5 * scene.beam.damping / scene.total_mass
-    return math.exp(-_FADING * decay * waited) if waited > 0.0 else 1.0
+    return math.exp(-_CLOSED_DECAY_SHARE * decay * waited) if waited > 0.0 else 1.0
 
 
 def closed_error(scene: Scene, undamped: float | None = None) -> float:
     """Return the relative amplitude error to expect of the closed damper as one mass, at most 1; see `impact_error`."""
     amplitude = undamped_amplitude(scene) if undamped is None else undamped
+    return min(1.0, _CLOSED_ERROR * _held_overlap(scene, amplitude) / amplitude) if amplitude > 0.0 else 1.0
+
+
+def require_shallow(scene: Scene, choice: Choice, undamped: float) -> None:
+    """Raise NumericalFailure where one mass stands for a grain that would be held deeper than its radius.
+
+    At the other levels the engine ends such a run.
+    """
+    if choice.fidelity != "simplified" or not is_closed(scene) or contact_of(scene).law == IMPACT:
+        return
+    if _held_overlap(scene, undamped) > scene.grain.radius:
+        raise NumericalFailure(Outcome.OVERLAP_TOO_DEEP.sentence)
+
+
+def _held_overlap(scene: Scene, amplitude: float) -> float:
+    """Return the overlap [m] of a grain in a closed damper that swings with an amplitude [m]."""
     law, p = contact_of(scene)
     push = scene.grain_mass * ((2.0 * math.pi * scene.frequency_hz) ** 2 * amplitude + scene.gravity)
-    return min(1.0, _CLOSED * static_overlap(law, p, push, 1e-3) / amplitude) if amplitude > 0.0 else 1.0
+    return float(static_overlap(law, p, push, 1e-3))
 
 
 def _depth(scene: Scene, speed: float) -> float:
@@ -177,4 +194,4 @@ def _depth(scene: Scene, speed: float) -> float:
 
     if not excess(_SHALLOW) < 0.0:
         return 0.0
-    return math.inf if excess(_DEEP) < 0.0 else math.exp(brentq(excess, _SHALLOW, _DEEP, xtol=1e-6, rtol=1e-6))
+    return math.inf if excess(_DEEP) < 0.0 else math.exp(root(excess, _SHALLOW, _DEEP, xtol=1e-6, rtol=1e-6))

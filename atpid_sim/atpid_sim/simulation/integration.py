@@ -20,11 +20,12 @@ from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.scene import FreeExcitation, Scene
-from atpid_sim.scene.initial import Initial
+from atpid_sim.scene import Scene
+from atpid_sim.scene.structure import Initial
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of, residuals
-from atpid_sim.simulation.excitation import frequency_at, frequency_points, support_rows
+from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points, support_rows
+from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.system import Array, System
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
@@ -174,7 +175,7 @@ class Integration:
             state.y[[columns.BEAM, columns.GRAIN]] += disturbance * max(abs(state.beam), self.scene.grain.radius)
             return state
         excitation, initial = self.scene.excitation, self.scene.initial or Initial()
-        deflection = excitation.free.deflection if isinstance(excitation, FreeExcitation) else initial.displacement
+        deflection = excitation.deflection if excitation.is_free else initial.displacement
         beam = deflection - self.scene.static_deflection
         size = abs(beam) if beam != 0.0 else self.scene.grain.radius
         state = State.resting(beam + disturbance * size, initial.velocity)
@@ -317,4 +318,22 @@ def undamped_amplitude(scene: Scene, table: Array | None = None) -> float:
     closed = Integration(scene, "simplified", mass=scene.total_mass)
     state = closed.initial_state()
     closed.advance(state, closed.table if table is None else table, Observation(scene.steady_window))
+    return state.amplitude
+
+
+def amplitude_without_damper(scene: Scene) -> float:
+    """Return half peak-to-peak of the structure as it is without the damper in the steady window [m].
+
+    In closed form where a tone is constant there, else of a run that begins at rest; NaN for a free decay.
+    """
+    beam, window = scene.beam, scene.steady_window
+    if scene.excitation.is_free:
+        return math.nan
+    tone = [{of(scene, t) for t in window} for of in (amplitude_at, frequency_at)]
+    if scene.excitation.is_tone and all(len(values) == 1 for values in tone):
+        return bare_amplitude(beam.mass, beam.stiffness, beam.damping, *(values.pop() for values in tone))
+    without = scene.with_(gravity=0.0, initial=None)  # at rest at first, where a smaller mass hangs higher
+    bare = Integration(without, "simplified", mass=beam.mass)
+    state = bare.initial_state()
+    bare.advance(state, bare.table, Observation(window))
     return state.amplitude

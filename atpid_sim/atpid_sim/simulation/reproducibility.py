@@ -18,8 +18,9 @@ from atpid_sim.system import Array
 _CHECKS = ((1e-2, 1e-5), (1e-2, -1e-5), (1e-3, 3e-6))
 #: Steps of a run from which fewer and coarser checks are made, and which those are.
 _EXPENSIVE, _FEW_CHECKS = 1_000_000, ((1e-1, 1e-5), (1e-1, -1e-5))
-#: Disturbance of the drive, in model errors: what a model leaves out acts in another way than this does.
-_MODEL = 5.0
+#: Disturbance of the drive, in model errors: what a model leaves out acts in another way than this does. At most so
+#: much: a larger one makes another scene.
+_MODEL, _MOST_OFF = 5.0, 0.05
 #: Runs of an ensemble fill the other two kinds of disturbance evenly, each this far behind the one before (Roberts,
 #: "The unreasonable effectiveness of quasirandom sequences", 2018).
 _EVENLY = np.array([0.7548776662466927, 0.5698402909980532])
@@ -29,6 +30,8 @@ _SHUT = 5e-6
 _DRIVE = 1e-2
 #: Relative change of an amplitude that counts: at least, in tolerances, and at most.
 _LEAST, _TOLERANCES, _MOST_ALLOWED = 1e-3, 20.0, 1e-2
+#: That of the first checks, and what is stated at least where nothing is integrated: rounding.
+_SLIGHT, _ROUNDING, _INTEGRATED = _DRIVE * 1e-5, 1e-12, ("soft", "finite")
 #: Runs of an ensemble, their share of the tolerance, and the largest of their disturbances. One more run would lie
 #: outside its range once in 17 times.
 _ENSEMBLE, _ENSEMBLE_SHARE, _ENSEMBLE_REACH = 32, 1e-1, 1e-5
@@ -56,6 +59,7 @@ class Verdict:
     error: float
     reproducible: bool
     spread: tuple[float, float, float] | None
+    change: float = float("nan")  # relative change of the drive, up to which the repeated runs were disturbed
 
 
 class _Motion(NamedTuple):
@@ -79,37 +83,50 @@ def judge(
     disturbed by as much as the run itself may be wrong, and the error is what any two of it differ by. A finer run that
     does not reach its end leaves the error unknown. model_error, held_error: relative errors of a fidelity level whose
     contacts come from a table, in the steady window and while the ceiling holds the grain; runs disturbed by five times
-    as much, and what they differ by, count as well. Where these disturbances grow, some of the ensemble have to agree.
+    as much count as well. Where these disturbances grow, some of the ensemble have to agree. What a regular motion
+    answers to a larger drive is no spread: as much more is allowed, and a spread is of runs disturbed less.
     """
     limit = max(_LEAST, min(_TOLERANCES * integration.rtol, _MOST_ALLOWED))
-    again = _Repetition(integration, amplitude, steps, _MODEL * model_error, _MODEL * held_error)
+    off, held = (min(_MODEL * error, _MOST_OFF) for error in (model_error, held_error))
+    again = _Repetition(integration, amplitude, steps, off, held)
+    allowed = limit + _GROWN * (again.off + again.held)
     checks = _CHECKS if steps < _EXPENSIVE else _FEW_CHECKS
     motions = [again.run(share, _Disturbance(part, _DRIVE * part), _MOST) for share, part in checks]
     finer = [motion.amplitude for motion in motions]
-    off = again.off_model() if model_error > 0.0 else []
-    disturbed = [motion.amplitude for motion in off]
+    larger = again.off_model() if model_error > 0.0 else []
+    disturbed = [motion.amplitude for motion in larger]
     negligible = negligible_displacement(integration.scene)
-    worst = _worst([*finer, *disturbed], amplitude, negligible)
-    agree = worst <= limit and not _diverged(motions)
-    if agree and not _diverged([motions[0], *off], again.off_allowed):
-        return Verdict(worst + _range(finer, negligible), True, None)
-    drawn = [amplitude, *finer, *disturbed, *again.ensemble(_GLANCE if agree else _ENSEMBLE)]
-    if agree != (_range(drawn, negligible) <= limit):
-        drawn += again.ensemble(_ENSEMBLE if agree else _CONFIRMING)
-    apart = _range(drawn, negligible)
-    if apart <= limit:
-        return Verdict(apart, True, None)
-    return Verdict(apart, False, (float(np.nanmin(drawn)), float(np.nanmedian(drawn)), float(np.nanmax(drawn))))
+    least = integration.rtol if integration.fidelity in _INTEGRATED else _ROUNDING
+
+    def verdict(drawn: list[float], within: float, change: float) -> Verdict:
+        error, agreed = max(_range(drawn), least), _range(drawn, negligible) <= within
+        spread = (float(np.nanmin(drawn)), float(np.nanmedian(drawn)), float(np.nanmax(drawn)))
+        return Verdict(error, agreed, None if agreed else spread, change)
+
+    agree = _worst(finer, amplitude, negligible) <= limit and not _diverged(motions)
+    regular = not _diverged([motions[0], *larger], again.off_allowed)
+    if agree and regular and _worst([amplitude, *disturbed], amplitude, negligible) <= allowed:
+        error = _worst([*finer, *disturbed], amplitude) + _range(finer)
+        return Verdict(max(error, least), True, None, max(_SLIGHT, again.off))
+    if agree:  # only disturbances as large as the model error grow
+        drawn = [amplitude, *finer, *disturbed, *again.ensemble(_GLANCE, again.model_reach)]
+        if not _range(drawn, negligible) <= limit:
+            drawn += again.ensemble(_ENSEMBLE, again.model_reach)
+        return verdict(drawn, allowed, again.model_reach)
+    drawn = [amplitude, *finer, *again.ensemble(_ENSEMBLE, again.reach)]
+    if not _range(drawn, negligible) <= limit:
+        return verdict(drawn, limit, again.reach)
+    return verdict([*drawn, *disturbed, *again.ensemble(_CONFIRMING, again.model_reach)], allowed, again.model_reach)
 
 
-def _worst(others: list[float], amplitude: float, negligible: float) -> float:
+def _worst(others: list[float], amplitude: float, negligible: float = 0.0) -> float:
     """Return the largest relative distance beyond a negligible one [m]; NaN where one of the others is."""
     found = np.array(others)
     apart = np.maximum(np.abs(found - amplitude) - negligible, 0.0)
     return float(np.max(apart / np.maximum(np.abs(found), 1e-300)))
 
 
-def _range(drawn: list[float], negligible: float) -> float:
+def _range(drawn: list[float], negligible: float = 0.0) -> float:
     """Return what amplitudes [m] differ by, beyond a negligible one, relative to the least; NaN where one is."""
     least, most = float(np.min(drawn)), float(np.max(drawn))
     return max(most - least - negligible, 0.0) / max(least, 1e-300)
@@ -141,15 +158,26 @@ class _Repetition:
     off: float  # disturbances of the drive in place of what a model leaves out, relative: throughout,
     held: float  # and while the ceiling holds the grain
 
-    def ensemble(self, count: int) -> list[float]:
+    @property
+    def reach(self) -> float:
+        """Largest relative disturbance of the drive in an ensemble: by what the tolerance may make a run wrong."""
+        return max(_SLIGHT, min(self.integration.rtol, _MOST_ALLOWED / _TOLERANCES))
+
+    @property
+    def model_reach(self) -> float:
+        """The same with what a model leaves out."""
+        return max(self.reach, self.off)
+
+    def ensemble(self, count: int, reach: float) -> list[float]:
         """Return the amplitudes [m] of up to `count` disturbed runs; NaN where one does not reach its end.
 
-        The drive is off by as much as model or tolerance may make a run wrong: less leads along one way through chaos.
+        The drive is off by up to `reach`, as much as tolerance or model may make a run wrong: less leads along one way
+        through chaos.
         """
         count = min(count, _TOGETHER // max(self.steps, 1))
-        reach = max(_DRIVE * _ENSEMBLE_REACH, min(self.integration.rtol, _MOST_ALLOWED / _TOLERANCES), self.off)
         parts = np.linspace(-1.0, 1.0, count)
-        others = self.held * (2.0 * np.mod(np.arange(count)[:, None] * _EVENLY, 1.0) - 1.0)
+        off = self.held if reach >= self.off else 0.0
+        others = off * (2.0 * np.mod(np.arange(count)[:, None] * _EVENLY, 1.0) - 1.0)
         disturbances = [
             _Disturbance(_ENSEMBLE_REACH * float(part), reach * float(part), float(held), float(late))
             for part, (held, late) in zip(parts, others, strict=True)

@@ -17,7 +17,7 @@ _PERIODS = 4.0
 
 def write_series(motion: Trajectory, path: Path) -> None:
     """Write the series (n,), SI, as CSV with a header line or, with the impacts (k, 3), as NPZ. Raises OutputError."""
-    # by the names that `excitation.series` and `calibrate-beam` read
+    # by the names that `excitation.series` and `calibrate beam` read
     columns = {
         "time": motion.time,
         "support_displacement": motion.support,

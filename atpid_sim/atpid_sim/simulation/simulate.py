@@ -11,15 +11,15 @@ import numpy as np
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import Outcome
-from atpid_sim.scene import FreeExcitation, Scene
+from atpid_sim.scene import Scene
 from atpid_sim.simulation import reproducibility
-from atpid_sim.simulation.beside_finite import compared
-from atpid_sim.simulation.decay import largest_decrement
+from atpid_sim.simulation.beside_finite import cross_check_with_finite
 from atpid_sim.simulation.energy import Ledger
-from atpid_sim.simulation.fidelity import Choice, choose, judged_errors
+from atpid_sim.simulation.fidelity import Choice, choose, judged_errors, require_shallow
 from atpid_sim.simulation.integration import (
     Integration,
     Observation,
+    amplitude_without_damper,
     drive_table,
     impact_log,
     is_closed,
@@ -27,6 +27,7 @@ from atpid_sim.simulation.integration import (
     sample_series,
     undamped_amplitude,
 )
+from atpid_sim.simulation.quantities import efficiency, largest_decrement, worse_than_without
 from atpid_sim.system import Array
 
 #: Impacts logged of one run.
@@ -56,7 +57,7 @@ class Result:
     rtol: float
     left_out: str  # what the chosen fidelity leaves out, in words
     error_estimate: float  # relative, of the amplitude: numerical and model error together
-    reproducible: bool
+    reproducible: bool  # under relative changes of the drive up to `reproducible_for`
     spread: tuple[float, float, float] | None  # least, median, largest amplitude [m] where it is not reproducible
     energy_residual: float  # relative
     ledger: Ledger
@@ -67,7 +68,10 @@ class Result:
     decrement: float = math.nan  # of a free decay: largest ratio of successive upper peaks [-]; else NaN
     undamped_decrement: float = math.nan  # the same with the damper closed [-]
     decrement_error: float = math.nan  # relative, by a hundredth of the tolerance [-]
-    warnings: tuple[str, ...] = ()  # unusual values of the scene
+    bare_amplitude: float = math.nan  # amplitude of the structure as it is without the damper [m]
+    reduction: float = math.nan  # 1 - amplitude / bare_amplitude [-]; below 0: the damper makes it worse
+    reproducible_for: float = math.nan  # relative change of the drive that repeated runs had at most [-]
+    warnings: tuple[str, ...] = ()  # unusual values of the scene, and a damper that makes it worse
 
     def to_json(self) -> dict[str, Any]:
         """Return plain numbers and text; NaN as None."""
@@ -101,8 +105,9 @@ def simulate(
     """
     scene = _with_height(scene, height)
     table = drive_table(scene, scene.steady_window)
-    undamped = undamped_amplitude(scene, table)
+    undamped, bare = undamped_amplitude(scene, table), amplitude_without_damper(scene)
     choice = choose(scene, fidelity, undamped=undamped)
+    require_shallow(scene, choice, undamped)
     integration = Integration(scene, choice.fidelity, rtol, table=table)
     integration.warm_up()
     begin, end = scene.steady_window
@@ -113,11 +118,12 @@ def simulate(
     run = integration.run(observation)
     wall = time.perf_counter() - begun
     amplitude, last = run.last.amplitude, run.last
+    reduction = efficiency(amplitude, bare)
     verdict = _verdict(integration, choice, amplitude, last.steps, undamped) if check else reproducibility.UNCHECKED
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,
-        efficiency=1.0 - amplitude / undamped if undamped > 0.0 else math.nan,
+        efficiency=efficiency(amplitude, undamped),
         motion=_classify(scene, last, run.samples, amplitude),
         impacts=last.floor_impacts + last.ceiling_impacts,
         floor_impacts=last.floor_impacts,
@@ -133,8 +139,11 @@ def simulate(
         steps=last.steps,
         wall_s=wall,
         result=Outcome.DONE.sentence,
+        reproducible_for=verdict.change,
         resonance=scene.natural_frequency_hz,
-        warnings=tuple(scene.warnings()),
+        bare_amplitude=bare,
+        reduction=reduction,
+        warnings=(*scene.warnings(), *worse_than_without(reduction)),
         **_decay(scene, choice.fidelity, integration.rtol),
     )
 
@@ -146,7 +155,7 @@ def _verdict(
     errors = judged_errors(integration.scene, choice, undamped)
     verdict = reproducibility.judge(integration, amplitude, steps, *errors)
     if choice.fidelity == "impact" and choice.model_error > 0.0 and verdict.reproducible:
-        return compared(integration, amplitude, verdict, choice, undamped)
+        return cross_check_with_finite(integration, amplitude, verdict, choice, undamped)
     return replace(verdict, error=verdict.error + choice.model_error)
 
 
@@ -175,7 +184,7 @@ def _with_height(scene: Scene, height: float | None) -> Scene:
 
 def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
     """Return what a free decay is measured by; nothing for any other excitation."""
-    if not isinstance(scene.excitation, FreeExcitation):
+    if not scene.excitation.is_free:
         return {}
 
     def largest(fidelity: str, rtol: float, height: float | None = None) -> float:
@@ -200,7 +209,7 @@ def _classify(scene: Scene, state: State, samples: Array, amplitude: float) -> s
         return "closed"
     window = scene.steady_window[1] - scene.steady_window[0]
     periods = window * scene.frequency_hz
-    driven = not isinstance(scene.excitation, FreeExcitation)
+    driven = not scene.excitation.is_free
     if driven and amplitude > negligible_displacement(scene) and _period_variation(samples, amplitude) > _IRREGULAR:
         return "irregular"
     floor, ceiling = state.n[columns.WINDOW_FLOOR], state.n[columns.WINDOW_CEILING]

@@ -7,7 +7,7 @@
  *   run MS | drain MS      advance simulated time as fast as possible; drain first lets the board take in what was sent
  *   pace X                 from now on run by itself, X times real time; 0: stand still (a hung board)
  *   set NAME VALUE         stand.h: jam, swapped, runaway, sensor, lower, upper, stop, height, speed, slip
- *   reset | hang | power 0|1 | unplug | plug
+ *   reset | hang | hang off | power 0|1 | unplug | plug      hang off: with interrupts off
  *   send HEX | recv        talk to the board without the pty (while unplugged)
  *   state                  the stand and the board as JSON
  *   quit                   or end of input: power off and leave
@@ -156,7 +156,7 @@ static const char *obey(char *line) {
     if (!strcmp(word, "state")) return print_state(), NULL;
     if (!strcmp(word, "recv")) return print_received(), NULL;
     if (!strcmp(word, "reset")) return mega_reset(&mega), "ok";
-    if (!strcmp(word, "hang")) return mega_hang(&mega), "ok";
+    if (!strcmp(word, "hang")) return mega_hang(&mega, !first || strcmp(first, "off")), "ok";
     if (!strcmp(word, "unplug")) return unplug(), "ok";
     if (!strcmp(word, "plug")) return plug() ? "ok" : "error no pty";
     if (!first) return "error unknown command, or its value is missing";

@@ -12,10 +12,11 @@
 #include <string.h>
 
 /* Data addresses of the ATmega2560. */
-enum { PINA = 0x20, DDRA = 0x21, PORTA = 0x22, MCUSR = 0x54 };
-enum { PORF = 1, EXTRF = 2 };
+enum { PINA = 0x20, DDRA = 0x21, PORTA = 0x22, MCUSR = 0x54, WDTCSR = 0x60 };
+enum { PORF = 1, EXTRF = 2, WDRF = 8, WDIF = 0x80 };
 enum { BIT_ENABLE = 0, BIT_UP = 1, BIT_LOWER = 2, BIT_UPPER = 3, BIT_STOP = 4 };
 enum { EEPROM_SIZE = 4096, HANG_ADDRESS = 0x30000, JUMP_TO_ITSELF = 0xCFFF };
+enum { WATCHDOG_HZ = 128000, LONGEST_SERVICE = 10000 /* instructions */ };
 
 int queue_put(struct queue *queue, uint8_t byte) {
     if (queue->count == QUEUE) return 0;
@@ -92,6 +93,7 @@ static void restarted(struct mega *mega) {
     ++mega->resets;
     mega->to_board.count = 0;
     mega->paused = 0;
+    mega->unserved = 0;
     mega->stuck_until = mega->clock + mega->bootloader;
 }
 
@@ -146,16 +148,33 @@ void mega_power_off(struct mega *mega) {
     look_at_motor(mega);
 }
 
-void mega_reset(struct mega *mega) {
-    if (!mega->avr) return;
+static void reset(struct mega *mega, uint8_t cause) {
     avr_reset(mega->avr);
-    mega->avr->data[MCUSR] = EXTRF;
+    mega->avr->data[MCUSR] = cause;
     restarted(mega);
     look_at_motor(mega);
 }
 
-void mega_hang(struct mega *mega) {
-    if (mega->avr) mega->avr->pc = HANG_ADDRESS;
+void mega_reset(struct mega *mega) {
+    if (mega->avr) reset(mega, EXTRF);
+}
+
+void mega_hang(struct mega *mega, int interrupts) {
+    if (!mega->avr) return;
+    /* an interrupt that is being served would not end: what hangs is the main program */
+    for (int left = LONGEST_SERVICE; left && !mega->avr->sreg[S_I]; --left) avr_run(mega->avr);
+    mega->avr->pc = HANG_ADDRESS;
+    if (!interrupts) mega->avr->sreg[S_I] = 0;
+}
+
+/* A time-out whose interrupt is not served before the next one restarts the board (data sheet 12.4); simavr 1.6 waits on. */
+static void restart_unserved(struct mega *mega) {
+    uint8_t control = mega->avr->data[WDTCSR];
+    unsigned prescaler = (control & 7u) | (control >> 2 & 8u);
+    uint64_t period = (2048ull << prescaler) * MEGA_HZ / WATCHDOG_HZ;
+    if (!(control & WDIF)) mega->unserved = 0;
+    else if (!mega->unserved) mega->unserved = mega->clock;
+    else if (mega->clock - mega->unserved >= period) reset(mega, WDRF);
 }
 
 static void show_contacts(struct mega *mega) {
@@ -201,6 +220,7 @@ void mega_run(struct mega *mega, uint64_t cycles) {
             show_contacts(mega);
             send_byte(mega);
             run_board(mega);
+            restart_unserved(mega);
         } else {
             mega->to_board.count = 0; /* no host */
             mega->clock += MEGA_STEP;

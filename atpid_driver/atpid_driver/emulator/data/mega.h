@@ -26,6 +26,7 @@ struct mega {
     uint64_t stuck_until;  /* in the bootloader until then */
     uint64_t bootloader;   /* cycles */
     uint64_t motor_off_at; /* clock when the motor was last switched off */
+    uint64_t unserved;     /* clock when the watchdog's interrupt began to wait; 0: it does not */
     uint64_t last_byte_at; /* clock when the board was last sent a byte */
     int paused;            /* simavr's receiver requests a pause */
     unsigned resets;       /* restarts of any kind since the emulator was started */
@@ -38,7 +39,7 @@ int queue_take(struct queue *queue);              /* -1: empty */
 int mega_power_on(struct mega *mega);             /* 0: the firmware cannot be loaded */
 void mega_power_off(struct mega *mega);
 void mega_reset(struct mega *mega);               /* the reset button, or a host opening the port */
-void mega_hang(struct mega *mega);                /* the main program never returns; only the watchdog helps */
+void mega_hang(struct mega *mega, int interrupts); /* the main program never returns; only the watchdog helps */
 void mega_run(struct mega *mega, uint64_t cycles);
 const char *mega_state(const struct mega *mega);
 #endif

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Restitution, contact time and effective modulus of grain and wall from what was measured."""

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`atpid calibrate contact`: a drop test in, restitution, modulus and the scene's `contact:` block out."""
+
+import argparse
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from atpid_common import output
+from atpid_common.arguments import file_path, path_to, positive, word
+from atpid_control.analysis.contact.drop import DURATION, IMPACT, ContactFit, fit_drop, impacts_of, read_impacts
+from atpid_control.analysis.contact.estimate import ContactError, Estimate
+from atpid_control.runs.parts import bag_of
+from atpid_control.runs.run import Signal, open_run
+
+#: Arguments of the example in the help.
+EXAMPLE = "drop.csv --mass 0.0202 --radius 0.0085 --out contact.yaml"
+#: Channels in which a contact is a pulse, in the order they are looked for.
+_PULSES = ("force", "acceleration", "beam_acceleration")
+#: Poisson's ratio of the block: its modulus is such that the effective one is what was measured.
+_POISSON = 0.3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    add = parser.add_argument
+    add(
+        "recording",
+        type=file_path,
+        help=f"a ball that bounces on a fixed wall: a .csv of {IMPACT} [s], with {DURATION} [s] and drop where known; "
+        "or force or acceleration, a .csv with time [s] or a bag",
+    )
+    add("--mass", type=positive("kg"), metavar="KG", help="the ball's mass [kg]; for the modulus")
+    add("--radius", type=positive("m"), metavar="M", help="its radius [m]; for the modulus")
+    add("--gravity", type=positive("m/s^2"), default=9.81, metavar="G", help="gravity [m/s^2]; default: 9.81")
+    add("--channel", type=word, help=f"the channel of force or acceleration; default: {', '.join(_PULSES)}")
+    add("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help="write the contact: block here")
+    output.add_force(parser)
+    add("--json", action="store_true", help="print one JSON object and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate and print; raise ContactError for bad input."""
+    if (args.mass is None) != (args.radius is None):
+        raise ContactError("--mass and --radius: given one; allowed: both or none")
+    if args.out is not None:
+        output.file(args.out, replace=args.force)
+    path = bag_of(args.recording)
+    impacts = read_impacts(path) if _is_table(path) else impacts_of(_pulses(path, args.channel))
+    fit = fit_drop(impacts, args.gravity, args.mass, args.radius)
+    if args.out is not None:
+        with output.writing(args.out):
+            args.out.write_text(to_yaml(fit), encoding="utf-8")
+    print(json.dumps(_plain(fit)) if args.json else _text(fit))
+    return 0
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file is a table of impacts, by its header; what cannot be read is left to its reader."""
+    if path.suffix.lower() != ".csv":
+        return False
+    with path.open(encoding="utf-8-sig", errors="replace") as lines:
+        return IMPACT in lines.readline(10_000)
+
+
+def _pulses(path: Path, channel: str | None) -> Signal:
+    """Return the recorded force or acceleration. Raises BagError: no such channel; ContactError: none at all."""
+    recorded = open_run(path)
+    if channel is not None:
+        return recorded.signal(channel)
+    present = {column.name for table, _ in recorded.streams() for column in table.values}
+    for name in _PULSES:
+        if name in present:
+            return recorded.signal(name)
+    raise ContactError(
+        f"{path}: channels {', '.join(sorted(present)) or 'none'}; needed: one of {', '.join(_PULSES)} in which each "
+        f"contact has 8 samples, or a table of {IMPACT}; displacements do not resolve a contact"
+    )
+
+
+def to_yaml(fit: ContactFit) -> str:
+    """Return a scene's `contact:` block; error bars are in comments, since a scene has values only."""
+    e = fit.restitution
+    lines = [f"# restitution {_shown(e)}, at {fit.speeds[0]:.3g} to {fit.speeds[1]:.3g} m/s, on a fixed wall"]
+    if fit.modulus is None:
+        return "\n".join([*lines, f"contact: {{law: impact, restitution: {min(e.value, 1.0):.5f}}}", ""])
+    modulus = f"{2.0 * (1.0 - _POISSON**2) * fit.modulus.value:.5e}"
+    return "\n".join([
+        *lines,
+        f"# effective modulus {_shown(fit.modulus)} Pa; only it counts, not how it is shared by grain and wall",
+        f"contact: {{law: tsuji, young_modulus: {modulus}, poisson_ratio: {_POISSON}, "
+        f"damping_ratio: {fit.damping_ratio:.5f}}}",
+        "",
+    ])  # fmt: skip
+
+
+def _plain(fit: ContactFit) -> dict[str, Any]:
+    found = asdict(fit)
+    for name in ("restitution", "contact_time", "modulus"):
+        value: Estimate | None = getattr(fit, name)
+        found[name] = None if value is None else value._asdict()
+    return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in found.items()}
+
+
+def _text(fit: ContactFit) -> str:
+    lines = [f"# {fit.restitution.number} impacts between two flights; intervals are of 95 %"]
+    if fit.contact_time is not None:
+        lines.append(f"# contact time at {fit.at_speed:.3g} m/s {_shown(fit.contact_time)} s")
+    return "\n".join([*lines, *(f"# not determined: {line}" for line in fit.missing), to_yaml(fit).rstrip()])
+
+
+def _shown(one: Estimate) -> str:
+    return f"{one.value:.5g} ({one.low:.5g} to {one.high:.5g})"

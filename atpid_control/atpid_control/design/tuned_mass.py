@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A tuned mass damper on a damped beam with a moving support, in closed form: the passive device damper is compared to.
+
+Everything is over the beam alone: frequencies over its natural frequency, damping over its critical damping, absolute
+displacements over that of the support. With an undamped beam the absolute displacement is that of Den Hartog's mass
+under a force (Mechanical Vibrations, 4th edition, section 3.3), since the support drives it through the spring alone.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize, minimize_scalar
+
+from atpid_sim.system import Array
+
+#: Frequency ratios among which a peak is looked for where no band is given; how far apart, and how many at least.
+ANY_FREQUENCY, _APART, _FEWEST = (0.3, 2.0), 1e-3, 101
+#: Least damping of a tuned mass, as defined below: a spring and its guide have that of themselves [-].
+_LEAST_DAMPING = 0.002
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Spring and damper of a tuned mass."""
+
+    frequency: float  # natural frequency of the tuned mass on a fixed beam, over the beam's [-]
+    damping: float  # c_a / (2 m_a omega_beam), as Den Hartog has it [-]
+
+
+@dataclass(frozen=True)
+class TunedBeam:
+    """A beam that carries a tuned mass."""
+
+    mass_ratio: float  # mu, tuned over beam mass [-]
+    damping_ratio: float  # of the beam alone [-]
+    tuning: Tuning
+
+    def beam(self, ratio: float | Array) -> Array:
+        """Return the beam's amplitude over the support's, shape of `ratio` [-], the excitation's frequency ratio."""
+        return np.abs(self._beam(np.asarray(ratio, dtype=float)))
+
+    def stroke(self, ratio: float | Array) -> Array:
+        """Return the amplitude of the tuned mass against the beam over the support's, shape of `ratio` [-]."""
+        r = np.asarray(ratio, dtype=float)
+        return np.asarray(np.abs(self._beam(r) * r * r / (self._spring(r) - r * r)))
+
+    def peak(self, band: tuple[float, float] = ANY_FREQUENCY) -> float:
+        """Return the largest amplitude of the beam over the support's in a band of frequency ratios [-]."""
+        ratios = np.linspace(*band, max(1 + round((band[1] - band[0]) / _APART), _FEWEST))
+        values = self.beam(ratios)
+        tops = 1 + np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]))
+        refined = (
+            minimize_scalar(
+                lambda r: -float(self.beam(r)), bounds=(ratios[k - 1], ratios[k + 1]), method="bounded",
+                options={"xatol": 1e-10},
+            ).fun
+            for k in tops
+        )  # fmt: skip
+        return float(max([*(-value for value in refined), values[0], values[-1]]))
+
+    def _spring(self, r: Array) -> Array:
+        """Return the complex stiffness of the tuned mass's spring and damper, over m_a omega_beam^2."""
+        return np.asarray(self.tuning.frequency**2 + 2j * self.tuning.damping * r)
+
+    def _beam(self, r: Array) -> Array:
+        spring = self._spring(r)
+        carried = self.mass_ratio * r * r * spring / (spring - r * r)
+        support = 1.0 + 2j * self.damping_ratio * r
+        return np.asarray(support / (support - r * r - carried))
+
+
+def den_hartog(mass_ratio: float) -> Tuning:
+    """Return Den Hartog's tuning, which ignores the beam's damping: equal fixed points, Brock's damping.
+
+    f = 1 / (1 + mu), zeta^2 = 3 mu / (8 (1 + mu)^3); the peak on an undamped beam is close to sqrt(1 + 2 / mu).
+    """
+    return Tuning(1.0 / (1.0 + mass_ratio), math.sqrt(3.0 * mass_ratio / (8.0 * (1.0 + mass_ratio) ** 3)))
+
+
+def optimised(mass_ratio: float, damping_ratio: float, band: tuple[float, float] = ANY_FREQUENCY) -> Tuning:
+    """Return the tuning whose largest amplitude in a band of frequency ratios is least, the beam's damping included."""
+    starts = [den_hartog(mass_ratio)]
+    if band != ANY_FREQUENCY:
+        starts.append(Tuning(0.5 * (band[0] + band[1]), 0.02))
+
+    def tuning(x: Array) -> Tuning:
+        return Tuning(float(x[0]), max(abs(float(x[1])), _LEAST_DAMPING))
+
+    def peak(x: Array) -> float:
+        return TunedBeam(mass_ratio, damping_ratio, tuning(x)).peak(band)
+
+    found = [
+        minimize(
+            peak, [start.frequency, start.damping], method="Nelder-Mead",
+            options={"xatol": 1e-9, "fatol": 1e-11, "initial_simplex": _around(start)},
+        )
+        for start in starts
+    ]  # fmt: skip
+    return tuning(min(found, key=lambda one: float(one.fun)).x)
+
+
+def _around(start: Tuning) -> Array:
+    f, z = start.frequency, start.damping
+    return np.array([[f, z], [1.01 * f, z], [f, 1.1 * z]])

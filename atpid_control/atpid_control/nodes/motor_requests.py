@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motor node's own services, by which the supervisor stops and arms it: only what they confirm is reported."""
+
+import time
+from typing import Any
+
+from atpid_interfaces.msg import CeilingState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from atpid_common.nodes.messages import STEADY
+
+MOTOR = "motor_node"
+#: Until an answer is given up: of its lifecycle state, a stop, all that arms it; and until its state shows it [s].
+_STATE, _STOP, _ARM, _SHOWN = 1.0, 1.5, 4.0, 1.0
+#: Lifecycle transitions that arm it from each state; an active one is armed by its service.
+_TRANSITIONS = {
+    "unconfigured": (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE),
+    "inactive": (Transition.TRANSITION_ACTIVATE,),
+    "active": (),
+}
+#: What it does once it is armed.
+_ARMED = {
+    CeilingState.HOMING: "homing has begun",
+    CeilingState.HOLDING: "the ceiling holds",
+    CeilingState.MOVING: "the ceiling moves",
+}
+
+
+class MotorRequests:
+    """Its methods wait without blocking: they are for callbacks of a reentrant group. Times are steady."""
+
+    def __init__(self, node: Node) -> None:
+        """Make the clients."""
+        self._node, self._clock = node, STEADY
+        self._stop = node.create_client(Trigger, f"{MOTOR}/stop")
+        self._rearm = node.create_client(Trigger, f"{MOTOR}/rearm")
+        self._get_state = node.create_client(GetState, f"{MOTOR}/get_state")
+        self._change = node.create_client(ChangeState, f"{MOTOR}/change_state")
+        self._state, self._armed = CeilingState(), Future()
+
+    def on_state(self, state: CeilingState) -> None:
+        """Take a state of the ceiling."""
+        self._state = state
+        if state.mode in _ARMED and not self._armed.done():
+            self._armed.set_result(None)
+
+    async def stop(self) -> str:
+        """Switch the motor off. Return why that is not confirmed, one line; empty: the board has confirmed it."""
+        answer = await self._answer(self._stop, Trigger.Request(), _STOP)
+        if answer is None:
+            return f"{MOTOR} does not answer"
+        return "" if answer.success else str(answer.message)
+
+    async def lifecycle_state(self) -> str:
+        """Return the motor node's lifecycle state, asked for now; empty: it does not answer."""
+        answer = await self._answer(self._get_state, GetState.Request(), _STATE)
+        return str(answer.current_state.label) if answer is not None else ""
+
+    async def arm(self, lifecycle_state: str) -> tuple[bool, str]:
+        """Arm the motor from this state of its node; return whether it is armed, and what it does or why it is not."""
+        if lifecycle_state not in _TRANSITIONS:
+            return False, f"{MOTOR} is {lifecycle_state}: start it again"
+        requests: list[tuple[Client, Any]] = [
+            (self._change, ChangeState.Request(transition=Transition(id=number)))
+            for number in _TRANSITIONS[lifecycle_state]
+        ]
+        end = time.monotonic() + _ARM
+        for client, request in requests or [(self._rearm, Trigger.Request())]:
+            answer = await self._answer(client, request, end - time.monotonic())
+            if answer is None:
+                return False, f"{MOTOR} has not answered within {_ARM:g} s"
+            if not answer.success:
+                return False, getattr(answer, "message", "") or self._reason(f"{MOTOR} refused; its log has the reason")
+        self._armed = Future()
+        await self._within(self._armed, _SHOWN)
+        if self._state.mode in _ARMED:
+            return True, _ARMED[self._state.mode]
+        return False, self._reason("the motor is off again")
+
+    def _reason(self, otherwise: str) -> str:
+        return f"motor off: {self._state.fault}; remove the cause" if self._state.fault else otherwise
+
+    async def _answer(self, client: Client, request: Any, limit: float) -> Any:
+        """Return the answer; None where there is none within `limit` [s]."""
+        if limit <= 0.0 or not client.service_is_ready():
+            return None
+        future = client.call_async(request)
+        await self._within(future, limit)
+        if not future.done() or future.exception() is not None:
+            client.remove_pending_request(future)
+            return None
+        return future.result()
+
+    async def _within(self, future: Future, limit: float) -> None:
+        """Wait until a future is done, for `limit` [s] at most."""
+        over = Future()
+
+        def end(_done: object = None) -> None:
+            if not over.done():
+                over.set_result(None)
+
+        future.add_done_callback(end)
+        timer = self._node.create_timer(limit, end, clock=self._clock)
+        await over
+        self._node.destroy_timer(timer)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From messages to a bag that `ros2 bag` reads, without rosbag2."""

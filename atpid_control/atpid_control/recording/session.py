@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One recording from its first message to its last: what is counted, what is written and when it is complete."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from atpid_common.message_checks import time_out_of_range
+from atpid_common.vocabulary import EventKind
+from atpid_control.recording.order import StampOrder
+from atpid_control.recording.trigger import PreTrigger, Trigger
+from atpid_control.runs import cdr
+from atpid_control.runs.errors import BagError, MessageError
+from atpid_control.runs.metadata import Qos, RunInfo
+from atpid_control.runs.topics import BLOCK, EVENT, TRUTH, Topic
+from atpid_control.runs.writer import CHUNK, BagWriter, Sink, Split
+
+Offered = Callable[[str], tuple[Qos, ...]]
+
+#: Stamps of one instant may differ by rounding [ns].
+_SAME_INSTANT = 10_000
+#: After the run's end, how long a topic may stay silent before the bag is closed without it [s].
+TIMEOUT = 2.0
+
+
+@dataclass
+class Continuity:
+    """The scans of one stream; each block has to begin at the sample index where the one before ended."""
+
+    next_index: int | None = None
+    scans: int = 0  # received
+    lost: int = 0  # missing between blocks
+
+    def add(self, block: cdr.BlockShape) -> int:
+        """Take the next block; return how many scans are missing before it (0: none)."""
+        missing = 0 if self.next_index is None else max(0, block.first_index - self.next_index)
+        self.next_index = block.first_index + block.scans
+        self.scans += block.scans
+        self.lost += missing
+        return missing
+
+
+@dataclass(frozen=True)
+class Writing:
+    """How the file is written: its chunks, when another file begins, and what has to happen first."""
+
+    chunk: int = CHUNK  # [bytes]
+    compression: str = "zstd"
+    split: Split | None = None  # None: one file
+    trigger: Trigger | None = None  # None: record at once
+
+
+class Session:
+    """Takes serialised messages as they arrive and keeps the bag; pure, so that it can be tested without ROS."""
+
+    def __init__(
+        self, folder: Path, run: RunInfo, topics: list[Topic], *, lockstep: bool, offered: Offered,
+        writing: Writing | None = None, sink: Callable[[Path], Sink] = Sink,
+    ) -> None:  # fmt: skip
+        """Open the bag at once; `offered` returns the quality of service of a topic's publishers. Raises BagError."""
+        writing = writing or Writing()
+        self.topics = {topic.name: topic for topic in topics}
+        self.received = dict.fromkeys(self.topics, 0)
+        self.written = dict.fromkeys(self.topics, 0)
+        self.continuity = {topic.name: Continuity() for topic in topics if topic.type == BLOCK}
+        self._lockstep, self._offered = lockstep, offered
+        self.order = StampOrder(list(self.topics), {topic.name for topic in topics if topic.in_loop})
+        self._reached: dict[str, int] = {}  # per loop topic: instant its data are complete to [ns]
+        self._sources: set[str] = set()  # nodes that have published the event `started`
+        self._first_ns = 0
+        self._finished = False
+        self._end_ns: int | None = None  # of the run, or of what a trigger records
+        self.waiting = PreTrigger(writing.trigger, topics) if writing.trigger else None
+        self._recorded = {name: Continuity() for name in self.continuity}  # scans written, after a trigger
+        self._began = self._sampled = self._ended = self._progress = 0.0  # monotonic [s]
+        self.writer = BagWriter(folder, run, chunk=writing.chunk, compression=writing.compression, sink=sink,
+                                split=writing.split)  # fmt: skip
+        self.recording = True
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the first block of samples [s]; NaN before."""
+        return time.monotonic() - self._sampled if self._sampled else math.nan
+
+    @property
+    def newest_ns(self) -> int | None:
+        """How far the run's data have come [ns]; None before the first."""
+        return max(self._reached.values(), default=None)
+
+    def receive(self, topic: str, data: bytes, now_ns: int) -> int:
+        """Take one message received at `now_ns`; return how many scans are missing before it.
+
+        Raises MessageError for a message that has no place in a record, which is left out, and BagError.
+        """
+        self.received[topic] += 1
+        if not self.recording:
+            return 0
+        kind = self.topics[topic]
+        if not kind.has_header:
+            self._write(topic, data, now_ns, now_ns)
+            return 0
+        head = cdr.header(data)
+        if head.stamp_ns < 0:
+            raise MessageError("its stamp is before 1970")
+        if kind.has_handshake and cdr.is_handshake(data):
+            return 0
+        missing = self._follow(kind, head, data)
+        if not self._lockstep:
+            self._write(topic, data, now_ns, head.stamp_ns)
+        else:
+            self.order.add(topic, head.stamp_ns, head.frame_id, data)
+            for held in self.order.ready():
+                self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
+        return missing
+
+    def _follow(self, topic: Topic, head: cdr.Header, data: bytes) -> int:
+        """Follow the progress of the run; return how many scans are missing.
+
+        A run's end counts only from a source, where one has announced its begin.
+        """
+        missing, reached, now = 0, head.stamp_ns, time.monotonic()
+        if topic.type == BLOCK:
+            shape = _checked(cdr.block_shape(data))
+            self._sampled = self._sampled or now
+            missing = self.continuity[topic.name].add(shape)
+            reached = _end_of(shape, head.stamp_ns)
+        elif topic.type == TRUTH:
+            reached = _end_of(_checked(cdr.truth_shape(data)), head.stamp_ns)
+        elif topic.type == EVENT:
+            kind = cdr.event_kind(data)
+            if kind == EventKind.STARTED:
+                self._sources.add(head.frame_id)
+            elif kind == EventKind.FINISHED and (not self._sources or head.frame_id in self._sources):
+                self._finished = True
+                self._end_at(head.stamp_ns)
+        if topic.in_loop:
+            if not self._began:
+                self._began, self._first_ns = now, head.stamp_ns
+            self._progress = now if topic.name in self.missing_topics() else self._progress
+            self._reached[topic.name] = max(reached, self._reached.get(topic.name, reached))
+        return missing
+
+    def _end_at(self, stamp_ns: int) -> None:
+        """Take the instant at which the recording ends; the earliest counts."""
+        self._end_ns = stamp_ns if self._end_ns is None else min(stamp_ns, self._end_ns)
+        self._ended = self._progress = time.monotonic()
+
+    def missing_topics(self) -> list[str]:
+        """Return the topics that have not reached the end of a finished run; none before."""
+        if self._end_ns is None:
+            return []
+        return [name for name, reached in self._reached.items() if reached < self._end_ns - _SAME_INSTANT]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run has finished and every topic that took part has reached its end, or is silent."""
+        if self._end_ns is None or not self.recording:
+            return False
+        return not self.missing_topics() or time.monotonic() - self._progress > TIMEOUT
+
+    def result(self) -> dict[str, str]:
+        """Return the results, as the bag stores them: durations [s], real-time factor, scans lost."""
+        if not self._began:
+            return {"finished": "no"}
+        ended = self._ended or time.monotonic()
+        last = max((*self._reached.values(), self._end_ns or self._first_ns))
+        wall, seconds = max(ended - self._began, 1e-9), (last - self._first_ns) * 1e-9
+        flows = self._recorded if self.waiting else self.continuity
+        lost = {f"lost_scans {name}": str(flow.lost) for name, flow in flows.items() if flow.scans}
+        return {
+            "finished": "yes" if self._finished else "no",
+            "wall_s": f"{wall:.3f}",
+            "data_s": f"{seconds:.3f}",
+            "real_time_factor": f"{seconds / wall:.3f}",
+            **lost,
+            **({"trigger": self.trigger_line} if self.waiting else {}),
+        }
+
+    @property
+    def trigger_line(self) -> str:
+        """What the recording waits for, or with which sample it began, in words; empty: there is no trigger."""
+        if self.waiting is None:
+            return ""
+        trigger, fired = self.waiting.trigger, self.waiting.fired
+        at = f"{trigger.topic} {trigger.signal} {trigger.edge} through {trigger.level:g}"
+        if fired is None:
+            return f"{at}: never"
+        scan = "" if fired.scan is None else f" at scan {fired.scan},"
+        short = "; less than trigger_pre before it: trigger_memory was full" if self.waiting.shortened else ""
+        return f"{at}:{scan} {fired.time_ns * 1e-9:.6f} s, {fired.value:g}{short}"
+
+    def end_chunk(self) -> None:
+        """Make sure that a crash from now on loses only what comes later. Raises BagError."""
+        if self.recording:
+            self._guarded(self.writer.end_chunk)
+
+    def sync(self) -> None:
+        """Make sure that a power cut from now on loses only what comes later. Raises BagError."""
+        if self.recording:
+            self._guarded(self.writer.sync)
+
+    def keep(self, name: str, data: bytes) -> None:
+        """Keep a file in the bag, verbatim. Raises BagError."""
+        if self.recording:
+            self._guarded(lambda: self.writer.attach(name, data))
+
+    def close(self) -> None:
+        """Write what still waits, the result and the index; twice does nothing. Raises BagError."""
+        if not self.recording:
+            return
+        for held in self.order.rest():
+            self._write(held.topic, held.data, held.stamp_ns, held.stamp_ns)
+        self.recording = False
+        self.writer.close(self.result())
+
+    def _write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
+        if self.waiting is None:
+            self._put(topic, data, log_ns, publish_ns)
+            return
+        for held in self.waiting.push(topic, data, log_ns, publish_ns):
+            if held.topic in self._recorded:
+                self._recorded[held.topic].add(cdr.block_shape(held.data))
+            self._put(held.topic, held.data, held.log_ns, held.publish_ns)
+        if self.waiting.stop_ns is not None and self._end_ns is None:
+            self._end_at(self.waiting.stop_ns)
+
+    def _put(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
+        if topic not in self.writer.channels:
+            self._guarded(lambda: self.writer.add_topic(topic, self.topics[topic].type, self._offered(topic)))
+        self._guarded(lambda: self.writer.write(topic, data, log_ns, publish_ns))
+        self.written[topic] += 1
+
+    def _guarded(self, act: Callable[[], None]) -> None:
+        """Call `act`; an error of the disk ends the recording."""
+        try:
+            act()
+        except BagError:
+            self.recording = False
+            raise
+
+
+def _checked(shape: cdr.BlockShape) -> cdr.BlockShape:
+    """Return `shape`; raise MessageError where its scans have no place in time."""
+    if reason := time_out_of_range(shape.first_index + shape.scans, shape.rate):
+        raise MessageError(reason)
+    return shape
+
+
+def _end_of(shape: cdr.BlockShape, stamp_ns: int) -> int:
+    """Return the instant after the last scan of a block [ns]."""
+    return stamp_ns + round(shape.scans / shape.rate * 1e9)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The few fields a recorder reads of a serialised message: stamp, frame_id and handshake in place, indices decoded.
+
+Layout (XCDR1, little-endian, alignment counted after the 4-byte encapsulation header):
+stamp.sec int32 at 4, stamp.nanosec uint32 at 8, frame_id length uint32 at 12, its characters with a final zero from 16.
+"""
+
+import struct
+from functools import cache
+from typing import Any, NamedTuple
+
+from mcap.records import Schema
+
+from atpid_control.runs.decode import Decoder
+from atpid_control.runs.definitions import message_type
+from atpid_control.runs.errors import BagError, MessageError
+from atpid_control.runs.topics import BLOCK, EVENT, TRUTH
+
+_HEADER = struct.Struct("<iII")
+_LITTLE_ENDIAN = 1
+
+
+class Header(NamedTuple):
+    """A message's std_msgs/Header."""
+
+    stamp_ns: int
+    frame_id: str
+
+
+class BlockShape(NamedTuple):
+    """Which scans a SampleBlock holds."""
+
+    first_index: int
+    rate: float  # [Hz]
+    scans: int
+
+
+def header(data: bytes) -> Header:
+    """Return stamp and frame_id of a message whose first field is a Header; raise MessageError for a big-endian one."""
+    if data[1] & 1 != _LITTLE_ENDIAN:
+        raise MessageError("it is big-endian; this recorder reads little-endian CDR only")
+    seconds, nanoseconds, length = _HEADER.unpack_from(data, 4)
+    frame_id = bytes(data[16 : 16 + max(0, length - 1)]).decode("utf-8", "replace")
+    return Header(seconds * 1_000_000_000 + nanoseconds, frame_id)
+
+
+def is_handshake(data: bytes) -> bool:
+    """Return the bool after the header of a message whose second field is `bool handshake`."""
+    return bool(data[16 + struct.unpack_from("<I", data, 12)[0]])
+
+
+def block_shape(data: bytes) -> BlockShape:
+    """Return which scans an atpid_interfaces/msg/SampleBlock holds; raise MessageError for one that cannot be."""
+    block = _decoded(BLOCK, data)
+    values, channels = len(block.data), len(block.channels)
+    if not channels or values % channels:
+        raise MessageError(f"{values} values for {channels} channels")
+    return BlockShape(block.first_index, block.rate, values // channels)
+
+
+def truth_shape(data: bytes) -> BlockShape:
+    """Return which scans an atpid_interfaces/msg/PlantTruth holds; raise MessageError for one that cannot be."""
+    truth = _decoded(TRUTH, data)
+    return BlockShape(truth.first_index, truth.rate, len(truth.support))
+
+
+def event_kind(data: bytes) -> str:
+    """Return the kind of an atpid_interfaces/msg/Event; raise MessageError for one that cannot be."""
+    return str(_decoded(EVENT, data).kind)
+
+
+def _decoded(kind: str, data: bytes) -> Any:
+    try:
+        return decoder_of(kind).decode(0, data)
+    except BagError:
+        raise MessageError("its bytes do not fit its type") from None
+
+
+@cache
+def decoder_of(kind: str) -> Decoder:
+    """Return what decodes messages of the installed type `kind`, as schema 0; raise TypeUnknownError."""
+    decoder = Decoder()
+    decoder.add(Schema(id=0, name=kind, encoding="ros2msg", data=message_type(kind).definition.encode()))
+    return decoder

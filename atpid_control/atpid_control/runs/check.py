@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks what is in a bag: every sample index, one answer to each block, stamps, heights and speeds, how it ended.
+
+`verify` proves that a bag is whole as a file; this, that the run in it was. The file is read as a stream: memory does
+not grow with its length.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
+
+from atpid_common.errors import AtpidError
+from atpid_common.files import parse_yaml
+from atpid_common.injected_faults import Injected
+from atpid_common.message_checks import CHECKS, check_as
+from atpid_common.vocabulary import EventKind, Severity
+from atpid_control.identification.identifier import last_stamp_ns
+from atpid_control.runs import check_rules as rules
+from atpid_control.runs.check_rules import Findings
+from atpid_control.runs.contents import kind_of
+from atpid_control.runs.decode import Decoder
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.losses import scans_of, stamp_of
+from atpid_control.runs.metadata import RESULT, RUN, SCENE
+from atpid_control.runs.records import bag_records
+from atpid_control.runs.writer import LIBRARY
+from atpid_sim.scene import scene_from_mapping
+from atpid_sim.scene.yaml12 import read_yaml
+
+#: Answers to a block, by their place after it.
+_PLACE = {"Excitation": 1, "CeilingCommand": 2}
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What the check of a bag showed."""
+
+    path: Path
+    findings: list[str]  # what breaks a rule, one line each
+    counts: dict[str, int]  # of all findings, by kind
+    events: list[str]  # warnings and alarms, one line for each kind
+    lost: int  # scans, by index, reported or not
+    blocks: int  # answered blocks
+    line: str  # everything in one line
+
+
+class _Check:
+    """The state of one pass over a bag."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.findings, self.answers = Findings(), rules.AnswerMatching()
+        self.limits = rules.Limits()
+        self.scans: dict[str, rules.NoGaps] = {}
+        self.stamps: dict[str, rules.RisingStamps] = {}
+        self.run: dict[str, str] = {}
+        self.result: dict[str, str] = {}
+        self.events: dict[str, tuple[int, str]] = {}  # by kind: how many, and the first
+        self.ended = ""
+        self.foreign = False  # recorded by another program, which keeps no result
+        self.finished_ns: int | None = None
+        self._ceiling: rules.CeilingWithinLimits | None = None
+        self._injected: tuple[Injected, ...] = ()  # the faults that the run had on purpose
+        #: Where a clock failed on purpose: the blocks, in whose order by index the rules are then applied.
+        self._unordered: list[tuple[str, int, str, int, Any]] | None = None
+
+    @property
+    def ceiling(self) -> rules.CeilingWithinLimits:
+        """The rules of the ceiling; made when the run's description and files, which stand first, have been read."""
+        if self._ceiling is None:
+            self._ceiling = rules.CeilingWithinLimits(self.limits, self.run.get("clock") == "lockstep", self._injected)
+        return self._ceiling
+
+    def attached(self, name: str, data: bytes) -> None:
+        """Take the limits of the ceiling from a file kept in the bag, where it has some."""
+        try:
+            if name == SCENE:
+                scene = scene_from_mapping(read_yaml(data.decode(), name), source=name, folder=self.path)
+                if scene.ceiling.controlled:
+                    self.limits.narrow(*scene.ceiling.range, scene.ceiling.speed)
+                self._expect(scene.injected)
+            elif name.endswith((".yaml", ".yml")):
+                self._of_node(parse_yaml(data))
+        except (AtpidError, UnicodeDecodeError) as error:
+            self.findings.add("file", f"{name}: {str(error).splitlines()[0]}")
+
+    def _expect(self, faults: tuple[Injected, ...]) -> None:
+        """Take the faults that the run had on purpose: what they alone explain is no finding."""
+        self._injected = faults
+        if any(fault.part == "clock" for fault in faults):
+            self._unordered, self.answers.shared_stamps = [], True
+
+    def _of_node(self, document: Any) -> None:
+        for key, block in document.items() if isinstance(document, Mapping) else ():
+            given = block.get("ros__parameters") if isinstance(block, Mapping) else None
+            if str(key).rsplit("/", 1)[-1] == "motor_node" and isinstance(given, Mapping):
+                self.limits.narrow(*(_number(given.get(name)) for name in ("lowest", "highest", "speed")))
+
+    def message(self, topic: str, kind: str, message: Any) -> None:
+        """Take a message of atpid_interfaces/msg/`kind`."""
+        reason = check_as(kind, message)
+        if reason:
+            self.findings.add("message", f"{topic}: {reason}")
+            return
+        stamp = stamp_of(message)
+        if kind == "Event":
+            self._event(stamp, message)
+            return
+        if topic not in self.stamps:
+            self.stamps[topic] = rules.RisingStamps(topic, strictly=kind != "CeilingState")
+        if self._unordered is None:
+            self.stamps[topic].add(stamp, self.findings)
+        if kind in ("SampleBlock", "PlantTruth") and self._unordered is not None:
+            self._unordered.append((topic, int(message.first_index), kind, stamp, message))
+        elif kind in ("SampleBlock", "PlantTruth"):
+            self._block(topic, kind, stamp, message)
+        elif kind in _PLACE:
+            self.answers.add(_PLACE[kind], stamp, self.findings)
+            if kind == "CeilingCommand":
+                self.ceiling.command(stamp, message.height, self.findings)
+        elif kind == "CeilingState":
+            self.ceiling.state(stamp, message.height, message.target, self.findings)
+
+    def _block(self, topic: str, kind: str, stamp: int, block: Any) -> None:
+        first, scans = int(block.first_index), scans_of(block)
+        if first == 0:
+            self.ceiling.begin = stamp * 1e-9
+        stream = self.scans.setdefault(topic, rules.NoGaps(topic))
+        stream.add(first, scans, int(getattr(block, "dropped", 0)), self.findings)
+        if kind == "PlantTruth":
+            self.ceiling.truth(stamp, first, block.rate, np.asarray(block.ceiling), self.findings)
+        elif topic.endswith("laser"):
+            self.answers.add(0, last_stamp_ns(stamp, first, scans, block.rate), self.findings)
+
+    def _event(self, stamp: int, event: Any) -> None:
+        if event.severity >= Severity.WARNING:
+            count, first = self.events.get(event.kind, (0, f"{rules.seconds(stamp)}, {event.text}"))
+            self.events[event.kind] = count + 1, first
+        if event.kind in (EventKind.FINISHED, EventKind.FAILED):
+            self.ended = f"{self.ended}; {event.text}" if self.ended else f"{event.kind}: {event.text}"
+            self.finished_ns = stamp
+
+    def end(self) -> Checked:
+        """Judge what is left."""
+        for topic, _, kind, stamp, block in sorted(self._unordered or [], key=lambda one: one[:2]):
+            self._block(topic, kind, stamp, block)
+        self.answers.end(self.findings, self.finished_ns)
+        if self.foreign and not self.result:
+            self.ended += f"{self.ended and '; '}recorded by another program: there is no result in it"
+        elif not self.result:
+            self.findings.add("end", "the recording was not closed; `atpid bag recover` makes a whole bag of it")
+        elif not self.ended:
+            self.ended = "stopped before a source had finished"
+        for name, stream in self.scans.items():
+            if self.result.get(f"lost_scans {name}", str(stream.lost)) != str(stream.lost):
+                counted = self.result[f"lost_scans {name}"]
+                self.findings.add(
+                    "lost", f"{name}: the recorder counted {counted} lost scans, the indices {stream.lost}"
+                )
+        if not self.answers.answered and not self.findings.counts:
+            self.findings.add("end", "there is no answered block in this bag")
+        events = [f"{kind}: {count}, the first at {first}" for kind, (count, first) in sorted(self.events.items())]
+        lost = sum(stream.lost for stream in self.scans.values())
+        return Checked(
+            self.path,
+            self.findings.lines(),
+            dict(self.findings.counts),
+            events,
+            lost,
+            self.answers.answered,
+            self._line(lost),
+        )
+
+    def _line(self, lost: int) -> str:
+        ceiling, limits = self.ceiling, self.limits
+        scans = sum(stream.scans for stream in self.scans.values())
+        moved = f"ceiling {ceiling.low:g} to {ceiling.high:g} m" if math.isfinite(ceiling.low) else "no ceiling"
+        allowed = f"allowed {limits.lowest:g} to {limits.highest:g} m, {limits.speed:g} m/s"
+        allowed = "its limits are not in the bag" if math.isnan(limits.lowest + limits.speed) else allowed
+        found = sum(self.findings.counts.values())
+        return (
+            f"{self.path}: {found or 'no'} findings; {self.answers.answered} blocks answered, {scans} scans, "
+            f"{lost} lost; {moved} ({allowed}); {sum(count for count, _ in self.events.values())} warnings; "
+            f"{self.ended or 'not closed'}"
+        )
+
+
+def check(path: Path) -> Checked:
+    """Check the run in a bag. Raises BagError where the file cannot be read to its end."""
+    state = _Check(path)
+    decoder, channels, kinds = Decoder(), dict[int, Channel](), dict[int, str]()
+    for record in bag_records(path):
+        if isinstance(record, Message):
+            channel = channels[record.channel_id]
+            kind = kinds.get(channel.schema_id, "")
+            if kind not in CHECKS:  # such as diagnostics and the log
+                continue
+            try:
+                message = decoder.decode(channel.schema_id, record.data)
+            except BagError as error:
+                state.findings.add("message", f"{channel.topic}: {error}")
+                continue
+            state.message(channel.topic, kind, message)
+        elif isinstance(record, Schema) and (kind := kind_of(record.name)):
+            decoder.add(record)
+            kinds[record.id] = kind
+        elif isinstance(record, Header):
+            state.foreign |= record.library != LIBRARY
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Attachment):
+            state.attached(record.name, record.data)
+        elif isinstance(record, Metadata):
+            {RUN: state.run, RESULT: state.result}.get(record.name, {}).update(record.metadata)
+    return state.end()
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decodes messages with the schemas inside the bag, and converts them to the definitions installed."""
+
+from functools import lru_cache
+from typing import Any
+
+from mcap.records import Schema
+from rosbags.convert.converter import default_message
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from atpid_control.runs.definitions import message_type
+from atpid_control.runs.errors import BagError
+
+#: Encapsulations of plain CDR: big- and little-endian.
+_CDR = (b"\x00\x00", b"\x00\x01")
+#: Bytes that may follow the last field: up to 3 that fill a word, and before an empty array of doubles 4 more.
+_PADDING = 7
+
+
+#: Longest definition [bytes]; those of ROS with all they contain have some thousand.
+_MOST_BYTES = 100_000
+
+
+@lru_cache(maxsize=256)
+def _store_of(name: str, definition: bytes) -> Any:
+    """Return the types of a definition: bags have the same ones, and to read and compile them takes milliseconds."""
+    if len(definition) > _MOST_BYTES:
+        raise BagError(f"{len(definition)} bytes; allowed: {_MOST_BYTES}")
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition.decode(), name))
+    store.get_msgdef(name)  # raises where a type inside is not defined
+    return store
+
+
+class Decoder:
+    """Message types by schema id."""
+
+    def __init__(self) -> None:
+        self._stores: dict[int, Any] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._fields: dict[str, Any] = {}  # of each type, the first definition of it
+
+    def add(self, schema: Schema) -> None:
+        """Register the types of one schema; raise BagError where it is not a ROS 2 message definition."""
+        if schema.id in self._schemas:
+            return
+        if schema.encoding != "ros2msg":
+            raise BagError(
+                f"schema {schema.name}: encoding {schema.encoding!r}; allowed: ros2msg, as recorder_node writes it"
+            )
+        try:
+            store = _store_of(schema.name, schema.data)
+            self._fields = {**store.fielddefs, **self._fields}
+        except Exception as error:  # the library raises many types of errors for what is no definition
+            reason = " ".join(str(error).split())[:80] or type(error).__name__
+            raise BagError(f"the definition of {schema.name[:80]!r} cannot be read ({reason})") from None
+        self._schemas[schema.id], self._stores[schema.id] = schema, store
+
+    def name(self, schema_id: int) -> str:
+        """Return the message type of a schema; raise BagError where the bag does not have it."""
+        if schema_id not in self._schemas:
+            raise BagError(f"the definition {schema_id} of a topic's messages is not in the bag: it is damaged")
+        return str(self._schemas[schema_id].name)
+
+    def decode(self, schema_id: int, data: bytes) -> Any:
+        """Return the message: fields by name, number sequences as arrays; raise BagError where the bytes do not fit."""
+        name = self.name(schema_id)
+        try:
+            return _deserialised(data, name, self._stores[schema_id])
+        except Exception as error:  # the generated code raises many types of errors for damaged bytes
+            raise BagError(f"a message of type {name} cannot be decoded ({error}): the bag is damaged") from None
+
+    def definition_of(self, schema_id: int) -> bytes:
+        """Return the definition of one schema."""
+        return bytes(self._schemas[schema_id].data)
+
+    def definition(self, name: str) -> bytes:
+        """Return the first definition of a topic's message type and, after separators, those of all types inside it."""
+        return next(bytes(schema.data) for schema in self._schemas.values() if schema.name == name)
+
+    def fields(self, name: str, schema_id: int | None = None) -> dict[str, Any]:
+        """Return the fields of a message type, as rosbags describes them, by their names in the message's order.
+
+        By the definitions of one schema, or by the bag's first one of the type. Raises BagError where there is none.
+        """
+        known = self._fields if schema_id is None else self._stores[schema_id].fielddefs
+        if name not in known:
+            raise BagError(f"the definition of {name[:80]!r} is of another type: the bag is damaged")
+        return dict(known[name][1])
+
+
+def _deserialised(data: bytes, name: str, store: Any) -> Any:
+    encapsulation = bytes(data[:2])
+    if len(data) < 4 or encapsulation not in _CDR:
+        raise ValueError("it is not plain CDR")
+    definition = store.get_msgdef(name)
+    read = definition.deserialize_cdr_le if encapsulation[1] else definition.deserialize_cdr_be
+    message, end = read(data[4:], 0, definition.cls, store)
+    if len(data) - 4 - end > _PADDING:
+        raise ValueError("it is longer than its definition")
+    return message
+
+
+class Converter:
+    """Serialises messages of one type anew. `missing`: fields the bag does not have, which keep their defaults;
+    `dropped`: fields of the bag the installed type does not have.
+    """
+
+    def __init__(self, name: str, decoder: Decoder) -> None:
+        """Compare the definitions of `name` in the bag and installed.
+
+        Raises BagError where a field has another type, TypeUnknownError where the package is not installed.
+        """
+        self._name = name
+        self._store = get_typestore(Stores.EMPTY)
+        self._store.register(get_types_from_msg(message_type(name).definition, name))
+        self._installed: dict[str, dict[str, Any]] = {
+            key: dict(fields) for key, (_, fields) in self._store.fielddefs.items()
+        }
+        self._recorded = decoder
+        self.missing: list[str] = []
+        self.dropped: list[str] = []
+        self._compare(name, "")
+
+    @property
+    def identical(self) -> bool:
+        """Whether both definitions have the same fields in the same order, so that nothing has to be converted."""
+        return self._same(self._name)
+
+    def convert(self, message: Any) -> bytes:
+        """Return a decoded message of the bag, serialised by the definition installed. Raises BagError."""
+        try:
+            return bytes(self._store.serialize_cdr(self._filled(self._name, message), self._name))
+        except (ValueError, TypeError, AssertionError) as error:
+            raise BagError(f"a message of type {self._name} cannot be converted: {error}") from None
+
+    def _same(self, name: str) -> bool:
+        ours, theirs = self._installed[name], self._recorded.fields(name)
+        return list(ours.items()) == list(theirs.items()) and all(
+            map(self._same, filter(None, map(_inner, ours.values())))
+        )
+
+    def _compare(self, name: str, path: str) -> None:
+        """Collect what differs in the type `name`, which stands at `path` of the message."""
+        recorded = self._recorded.fields(name)
+        installed = self._installed[name]
+        self.missing += [f"{path}{field}" for field in installed if field not in recorded]
+        self.dropped += [f"{path}{field}" for field in recorded if field not in installed]
+        for field, described in installed.items():
+            if field not in recorded:
+                continue
+            if recorded[field] != described:
+                raise BagError(
+                    f"field {path}{field} of {name} was recorded as {_words(recorded[field])}, installed is "
+                    f"{_words(described)}"
+                )
+            inner = _inner(described)
+            if inner:
+                self._compare(inner, f"{path}{field}.")
+
+    def _filled(self, name: str, recorded: Any) -> Any:
+        """Return a message of the installed type `name` with the values of `recorded`, defaults where it has none."""
+        defaults = default_message(self._store, name)
+        values = {}
+        for field, (kind, described) in self._installed[name].items():
+            given = getattr(recorded, field, None)
+            if given is None:
+                values[field] = getattr(defaults, field)
+            elif kind == Nodetype.NAME:
+                values[field] = self._filled(described, given)
+            elif _inner((kind, described)):
+                values[field] = [self._filled(described[0][1], item) for item in given]
+            else:
+                values[field] = given
+        return self._store.types[name](**values)
+
+
+def _inner(described: Any) -> str:
+    """Return the message type of a field, or of an array's elements; empty: a primitive."""
+    kind, rest = described
+    if kind == Nodetype.NAME:
+        return str(rest)
+    return _inner(rest[0]) if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ""
+
+
+def _words(described: Any) -> str:
+    """Return a field's type as a message file writes it."""
+    kind, rest = described
+    if kind == Nodetype.BASE:
+        return str(rest[0])
+    if kind == Nodetype.NAME:
+        return str(rest)
+    element, count = rest
+    return f"{_words(element)}[{count or ''}]"

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a bag: one, or several where the recorder has split it, as rosbag2 numbers them."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from atpid_common.files import FileError, parse_yaml, read_text
+from atpid_control.runs import metadata, sqlite
+from atpid_control.runs.errors import BagError
+
+MAGIC = b"\x89MCAP0\r\n"
+#: Longest metadata.yaml [bytes]; one of 30 topics has 10 kB, each file of a split bag adds 0.2 kB.
+MOST_METADATA = 2_000_000
+_NUMBER = re.compile(r"_(\d{1,9})\.(?:mcap|db3)$")
+
+
+def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
+    """Return the files of the bag `path` (its folder, or one file) in their order; raise BagError: no bag.
+
+    Each begins as MCAP or sqlite3 does; where it may be `damaged`, one of them nearly.
+    """
+    try:
+        found = path.exists()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BagError(f"{path}: cannot be opened ({reason}); give a bag's folder") from None
+    if not found:
+        raise BagError(f"{path}: no such bag; give the folder that `ros2 bag` or recorder_node made")
+    named = (sorted(path.glob(f"*{ending}"), key=_place) for ending in (".mcap", sqlite.ENDING))
+    files = [path] if path.is_file() else next(filter(None, named), [])
+    if not files:
+        raise BagError(
+            f"{path}: not a bag, there is no .mcap or .db3 file in this folder; give the folder that recorder_node made"
+        )
+    begins = {file: _begin(file) for file in files}
+    for file, begin in begins.items():
+        if not (begin in (MAGIC, sqlite.MAGIC[: len(MAGIC)]) or (damaged and any(map(_nearly, begins.values())))):
+            why = "it does not begin as a file of one does" if begin else "it is empty"
+            raise BagError(f"{file}: not a bag ({why}); give the folder that recorder_node made")
+    return files
+
+
+def bag_in(path: Path) -> Path:
+    """Return the bag in the folder of a run; of another path the path itself."""
+    inside = path / "bag"
+    return inside if inside.is_dir() and not any(path.glob("*.mcap")) else path
+
+
+def bag_of(path: Path) -> Path:
+    """Return the bag at `path`, or in the run there; raise BagError where there is none.
+
+    Commands begin with it, before they make a folder for their results. A table, which some take too, is itself.
+    """
+    if path.suffix.lower() != ".csv":
+        find_parts(path := bag_in(path))
+    return path
+
+
+def _place(file: Path) -> tuple[int, str]:
+    number = _NUMBER.search(file.name)
+    return int(number[1]) if number else -1, file.name
+
+
+def _begin(file: Path) -> bytes:
+    """Return the first bytes of a file. Raises BagError."""
+    try:
+        if not file.is_file():  # opening a pipe would wait for ever
+            raise BagError(f"{file}: not a file; take it out of the bag's folder")
+        with file.open("rb") as stream:
+            return stream.read(len(MAGIC))
+    except OSError as error:
+        raise BagError(f"{file}: cannot be read ({error.strerror}); give a bag that can") from None
+
+
+def _nearly(begin: bytes) -> bool:
+    """Whether at least half of the first bytes are those of an MCAP file."""
+    return 2 * sum(one == other for one, other in zip(begin, MAGIC, strict=False)) >= len(MAGIC)
+
+
+def read_metadata(folder: Path) -> Any:
+    """Return the information in metadata.yaml; raise BagError where it is missing or not what rosbag2 writes."""
+    path = folder / metadata.FILE_NAME
+    recover = f"`atpid bag recover {folder}` writes it anew"
+    if not path.is_file():
+        raise BagError(f"{folder}: {metadata.FILE_NAME} is missing, so the recording was not closed; {recover}")
+    try:
+        return parse_yaml(read_text(path, MOST_METADATA))["rosbag2_bagfile_information"]
+    except (FileError, LookupError, TypeError):
+        raise BagError(f"{path}: not what rosbag2 writes; {recover}") from None
+
+
+def counts_in(information: Any) -> dict[str, int]:
+    """Return the number of messages by topic in the information of metadata.yaml; raise BagError: it has none."""
+    try:
+        listed = information["topics_with_message_count"]
+        return {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in listed}
+    except (LookupError, TypeError, ValueError, OverflowError):
+        raise BagError(f"{metadata.FILE_NAME}: not what rosbag2 writes; `atpid bag recover` writes it anew") from None
+
+
+def check_listed(folder: Path, files: Iterable[Path], information: Any) -> None:
+    """Raise BagError unless metadata.yaml lists the files that are there: none missing, none of another recording."""
+    try:
+        listed = {Path(str(name)).name for name in information["relative_file_paths"]}
+    except (LookupError, TypeError):
+        path = folder / metadata.FILE_NAME
+        raise BagError(f"{path}: not what rosbag2 writes; `atpid bag recover` writes it anew") from None
+    if information.get("compression_format"):
+        convert = f"`rosbags-convert --src {folder} --dst NEW` writes one that is not"
+        raise BagError(f"{folder}: compressed by rosbag2 ({information['compression_format']}); {convert}")
+    there = {file.name for file in files}
+    if missing := sorted(listed - there):
+        raise BagError(
+            f"{folder}: {missing[0]}, which metadata.yaml lists, is missing; put it back, or `atpid bag recover`"
+        )
+    if others := sorted(there - listed):
+        raise BagError(f"{folder}: {others[0]} is not listed in metadata.yaml; take it out, or `atpid bag recover`")

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of a bag to play, by the definitions installed, and how far a replay's answers agree with the bag's."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from atpid_control.runs.cdr import block_shape, header
+from atpid_control.runs.contents import kind_of
+from atpid_control.runs.decode import Converter
+from atpid_control.runs.definitions import message_type
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.read import Bag, open_bag
+from atpid_control.runs.run import Run
+from atpid_control.runs.tables import STAMP
+from atpid_control.runs.topics import BLOCK
+
+#: The channel of the identifier: each block that has it is answered once.
+_ANSWERED = "support_displacement"
+
+
+@dataclass(frozen=True)
+class Item:
+    """One message to play."""
+
+    topic: str
+    time_ns: int  # log time [ns]
+    data: bytes
+    answer_ns: int | None  # stamp of the answer that follows: the block's last sample [ns]; None: no answer
+
+
+@dataclass(frozen=True)
+class Playback:
+    """The messages to play in the order of their log times."""
+
+    bag: Bag
+    items: tuple[Item, ...]
+    channels: dict[str, tuple[list[str], list[str]]]  # channels and units of each block topic
+    notes: tuple[str, ...] = ()  # what was converted, a line for each message type
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Message type of each topic played."""
+        return {item.topic: self.bag.types[item.topic] for item in self.items}
+
+    @property
+    def start_ns(self) -> int:
+        """Log time of the first message [ns]."""
+        return self.items[0].time_ns
+
+    @property
+    def seconds(self) -> float:
+        """From the first message to the last [s]."""
+        return (self.items[-1].time_ns - self.start_ns) * 1e-9
+
+    @property
+    def last_stamp_ns(self) -> int:
+        """Stamp of the last sample that is answered [ns]."""
+        return max(item.answer_ns for item in self.items if item.answer_ns is not None)
+
+
+def load_playback(path: Path, patterns: list[str]) -> Playback:
+    """Read a bag and choose topics by `patterns` ("sensors/*", in any namespace).
+
+    Messages recorded with an older definition are converted to the one installed. Raises BagError: no bag, nothing to
+    play, no block the identifier would answer, or messages that cannot be converted.
+    """
+    bag = open_bag(path)
+    anywhere = [f"*/{pattern.lstrip('/')}" for pattern in patterns]
+    chosen = [topic for topic in bag.types if any(fnmatchcase(topic, pattern) for pattern in anywhere)]
+    if not chosen:
+        has = ", ".join(sorted(bag.types)) or "no messages"
+        raise BagError(f"{path}: no topic fits {', '.join(patterns) or 'an empty list'}; the bag has {has}")
+    converters = {kind: _converter(bag, kind) for kind in dict.fromkeys(bag.types[topic] for topic in chosen)}
+    first_blocks = {topic: next(bag.messages(topic), None) for topic in chosen if bag.types[topic] == BLOCK}
+    channels = {topic: (list(b[1].channels), list(b[1].units)) for topic, b in first_blocks.items() if b is not None}
+    answered = {topic for topic, (names, _) in channels.items() if _ANSWERED in names}
+    items = []
+    for raw in bag.raw:
+        if raw.topic in chosen:
+            converter = converters[bag.types[raw.topic]]
+            data = converter.convert(bag.decode(raw)) if converter else raw.data
+            items.append(Item(raw.topic, raw.log_ns, data, _last_sample(data) if raw.topic in answered else None))
+    if not any(item.answer_ns is not None for item in items):
+        raise BagError(
+            f"{path}: no sensors topic with the channel {_ANSWERED}, so there is nothing to identify in this bag"
+        )
+    notes = (_conversion(bag, kind, converter) for kind, converter in converters.items() if converter)
+    return Playback(bag, tuple(items), channels, tuple(notes))
+
+
+def _converter(bag: Bag, kind: str) -> Converter | None:
+    """Return what converts messages of the type `kind`; None where they are played as they are."""
+    recorded = {bag.hashes[topic] for topic, name in bag.types.items() if name == kind}
+    if recorded == {message_type(kind).hash}:
+        return None
+    try:
+        converter = Converter(kind, bag.decoder)
+    except BagError as error:
+        commit = bag.run.get("commit", "unknown")
+        raise BagError(f"{bag.path}: {error}; replay it with the version that recorded it ({commit})") from None
+    return None if converter.identical else converter
+
+
+def _conversion(bag: Bag, kind: str, converter: Converter) -> str:
+    differences = [f"{field} is not in the bag and keeps its default" for field in converter.missing]
+    differences += [f"{field} is left out" for field in converter.dropped]
+    listed = "; ".join(differences) or "the fields stand in another order"
+    version = f"version {bag.run.get('commit', 'unknown')}"
+    return f"{kind} was recorded with another definition ({version}) and is converted: {listed}"
+
+
+def _last_sample(data: bytes) -> int | None:
+    shape, stamp = block_shape(data), header(data).stamp_ns
+    return stamp + round((shape.scans - 1) / shape.rate * 1e9) if shape.scans else None
+
+
+#: What is compared of each message type: what the controller and the ceiling act on, not the wording of a reason.
+COMPARED = {
+    "Excitation": ("quality", "amplitude", "frequency"),
+    "CeilingCommand": ("sequence", "height", "excitation_amplitude", "method"),
+}
+#: What another processor rounds otherwise: a number's last digit over the least pivot of a fit, `linear.LEAST_PIVOT`.
+RELATIVE, ABSOLUTE = 2.0**-52 / 1e-11, 1e-9
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How many messages of a topic the replay repeats."""
+
+    topic: str
+    recorded: int
+    agreeing: int
+    first_difference: str  # in words; empty: all agree
+
+    def __str__(self) -> str:
+        line = f"{self.topic}: {self.agreeing} of {self.recorded} agree"
+        return f"{line}; first difference: {self.first_difference}" if self.first_difference else line
+
+
+def compare(recorded: Run, replayed: Run) -> list[Agreement]:
+    """Return the agreement of every topic with estimates or commands; messages belong together by their stamps."""
+    agreements = []
+    for kind, names in COMPARED.items():
+        answers = {stamp: row for _, rows in _rows(replayed, kind, names) for stamp, row in rows}
+        for topic, rows in _rows(recorded, kind, names):
+            start = min((stamp for stamp, _ in rows), default=0)
+            differing = []
+            for stamp, row in rows:
+                if text := _difference(row, answers.get(stamp), names):
+                    differing.append(f"{(stamp - start) * 1e-9:.3f} s after the first, {text}")
+            agreeing = len(rows) - len(differing)
+            agreements.append(Agreement(topic, len(rows), agreeing, differing[0] if differing else ""))
+    return agreements
+
+
+def _rows(run: Run, kind: str, names: tuple[str, ...]) -> Iterator[tuple[str, list[tuple[int, tuple[Any, ...]]]]]:
+    """Yield each topic with messages of a type, and their (stamp [ns], values of the fields)."""
+    for table, arrays in sorted(run.tables.values(), key=lambda one: one[0].topic):
+        if kind_of(table.type) == kind:
+            values = zip(*(arrays[name].tolist() for name in names), strict=True)
+            yield table.topic, list(zip(arrays[STAMP].tolist(), values, strict=True))
+
+
+def _difference(recorded: tuple[Any, ...], replayed: tuple[Any, ...] | None, names: tuple[str, ...]) -> str:
+    """Return in words how an answer differs; empty: it does not."""
+    if replayed is None:
+        return "no answer"
+    pairs = zip(names, recorded, replayed, strict=True)
+    return ", ".join(f"{name} {one!r} is now {other!r}" for name, one, other in pairs if not _equal(one, other))
+
+
+def _equal(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        both_unknown = math.isnan(one) and math.isnan(other)
+        return both_unknown or math.isclose(one, other, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+    return bool(one == other)

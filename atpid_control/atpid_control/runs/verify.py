@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verifies a bag by reading every message, and names by sample index what is missing in it.
+
+`mcap recover` may succeed on a file that cannot be read; here success means that every message was decoded.
+"""
+
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+from mcap.records import Channel, Header, McapRecord, Message, Schema, Statistics
+
+from atpid_control.runs import sqlite
+from atpid_control.runs.decode import Decoder
+from atpid_control.runs.errors import BagError
+from atpid_control.runs.losses import Losses
+from atpid_control.runs.parts import check_listed, counts_in, find_parts, read_metadata
+from atpid_control.runs.records import IDS, BoundedFile, channel_of, records, renumbered
+from atpid_control.runs.salvage import Damage, salvage
+from atpid_control.runs.writer import LIBRARY
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What reading every message of a bag showed."""
+
+    folder: Path
+    messages: int
+    by_topic: dict[str, int]
+    size: int  # [bytes]
+    start_ns: int
+    end_ns: int
+    lost: tuple[str, ...] = ()  # what is missing, by sample index, a line each
+    unread: tuple[str, ...] = ()  # topics that were counted and not decoded, a line each
+
+
+class Pass:
+    """One pass over the messages of a bag: each is decoded and counted, and what is missing between them found."""
+
+    def __init__(self, strict: bool) -> None:
+        """Raise BagError for a message that cannot be decoded, where `strict`; else count it as lost."""
+        self._strict = strict
+        self._decoder, self._channels = Decoder(), dict[int, Channel]()
+        self._unknown: dict[int, str] = {}  # definitions of another program that cannot be read: why
+        self.unread: dict[str, str] = {}  # topics with messages of them
+        self.losses, self.counts = Losses(), Counter[str]()
+        self.written = Counter[str]()  # messages of each topic by the files' own statistics
+        self.start, self.end = sys.maxsize, 0  # no list: a day of the bench has 9 million messages
+
+    def take(self, record: McapRecord, place: int) -> bool:
+        """Take a record of the file at `place`; return whether it can be used. Raises BagError."""
+        try:
+            return self._take(record, place)
+        except BagError:
+            if self._strict:
+                raise
+            return False
+
+    def _take(self, record: McapRecord, place: int) -> bool:
+        if isinstance(record, Header):
+            self.losses.numbered = record.library == LIBRARY
+        elif isinstance(record, Schema):
+            try:
+                self._decoder.add(record)
+            except BagError as error:
+                if self.losses.numbered:  # of our own recorder: damaged
+                    raise
+                self._unknown[record.id] = str(error)
+        elif isinstance(record, Channel):
+            self._channels[record.id] = record
+        elif isinstance(record, Statistics):
+            for number, count in record.channel_message_counts.items():
+                known = self._channels.get(number + place * IDS)
+                self.written[known.topic if known else f"channel {number}"] += count
+        elif isinstance(record, Message):
+            channel = channel_of(record, self._channels)
+            if channel.schema_id in self._unknown:
+                self.unread[channel.topic], message = self._unknown[channel.schema_id], None
+            else:
+                message = self._decoder.decode(channel.schema_id, record.data)
+            self.counts[channel.topic] += 1
+            self.start, self.end = min(self.start, record.log_time), max(self.end, record.log_time)
+            self.losses.add(channel.topic, record.sequence, message)
+        return True
+
+
+def verify(path: Path) -> Verified:
+    """Read and decode every message of the bag, in order and by its index, and compare with metadata.yaml.
+
+    Raises BagError where it is not whole.
+    """
+    files = find_parts(path)
+    seen = Pass(strict=True)
+    for place, file in enumerate(files):
+        before = seen.counts.total()
+        for record in records(file):
+            seen.take(renumbered(record, place), place)
+        if file.suffix != sqlite.ENDING:
+            _read_by_index(file, seen.counts.total() - before)
+    folder = files[0].parent
+    information = read_metadata(folder)
+    counted = counts_in(information)
+    if path.is_dir():
+        check_listed(folder, files, information)
+    if path.is_dir() or _alone(files[0]):
+        _compare(folder, counted, seen.counts)
+    size = sum(file.stat().st_size for file in files)
+    start = min(seen.start, seen.end)
+    return Verified(folder, seen.counts.total(), dict(seen.counts), size, start, seen.end, tuple(seen.losses.lines()),
+                    tuple(f"{topic}: {why}" for topic, why in seen.unread.items()))  # fmt: skip
+
+
+def survey(path: Path) -> list[str]:
+    """Return what is lost in a damaged bag, by sample index, a line each; memory does not grow. Raises BagError."""
+    files = find_parts(path, damaged=True)
+    seen, lines = Pass(strict=False), list[str]()
+    for place, file in enumerate(files):
+        for record in salvaged(file, lines):
+            seen.take(renumbered(record, place), place)
+    return [*lines, *seen.losses.lines(written(files, seen)), *seen.losses.ends()]
+
+
+def salvaged(file: Path, lines: list[str]) -> Iterator[McapRecord]:
+    """Yield the records of a file that are whole; a line for each part that is not goes to `lines`. Raises BagError."""
+    left_out = 0
+    if file.suffix == sqlite.ENDING:
+        raise BagError(f"{file}: a bag in sqlite3 is not recovered here; {sqlite.NO_RECOVERY}")
+    try:
+        for record in salvage(file):
+            if not isinstance(record, Damage):
+                yield record
+                continue
+            left_out += 1
+            if left_out <= _LISTED:
+                size = f", bytes {record.begin} to {record.end - 1}" if record.end > record.begin else ""
+                lines.append(f"{file.name}{size}: {record.why}")
+    except OSError as error:
+        raise BagError(f"{file}: cannot be read ({error.strerror}); give a bag that can") from None
+    if left_out > _LISTED:
+        lines.append(f"{file.name}: and {left_out - _LISTED} more damaged parts")
+
+
+#: Damaged parts of a file that are listed.
+_LISTED = 20
+
+
+def written(files: Sequence[Path], seen: Pass) -> Mapping[str, int]:
+    """Return how many messages of each topic were written, by metadata.yaml or the files' own statistics."""
+    counts = Counter(seen.written)
+    if len(files) > 1 or _alone(files[0]):
+        with suppress(BagError):  # of a recording that was not closed
+            counts |= Counter(counts_in(read_metadata(files[0].parent)))
+    return {topic: count for topic, count in counts.items() if 0 < count < _MOST_COUNTED}
+
+
+#: A stated number of messages above it is none.
+_MOST_COUNTED = 10**12
+
+
+def _alone(file: Path) -> bool:
+    return len(list(file.parent.glob("*.mcap"))) == 1
+
+
+def _read_by_index(file: Path, messages: int) -> None:
+    """Read the bag as other programs do; raise BagError where they do not find all its messages."""
+    with file.open("rb") as stream:
+        try:
+            reader: Any = make_reader(BoundedFile(stream), validate_crcs=True)  # type: ignore[arg-type]
+            found = sum(1 for _ in reader.iter_messages(log_time_order=False))
+        except Exception as error:  # the library raises many types of errors for an index that leads astray
+            reason = " ".join(str(error).split())[:120] or type(error).__name__
+            raise BagError(f"{file}: its index cannot be used ({reason}); `atpid bag recover` writes it anew") from None
+    if found != messages:
+        raise BagError(f"{file}: its index leads to {found} of {messages} messages; `atpid bag recover` writes it anew")
+
+
+def _compare(folder: Path, counted: Mapping[str, int], counts: Mapping[str, int]) -> None:
+    """Raise BagError where metadata.yaml lists other numbers of messages than there are."""
+    wrong = sorted(topic for topic in counted.keys() | counts.keys() if counted.get(topic, 0) != counts.get(topic, 0))
+    if wrong:
+        raise BagError(
+            f"{folder / 'metadata.yaml'}: lists {counted.get(wrong[0], 0)} messages on {wrong[0]}, the files hold "
+            f"{counts.get(wrong[0], 0)}; `atpid bag recover {folder}` writes it anew"
+        )

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node graph as processes: which nodes, with which parameters, started, watched and stopped; bench and stand."""

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The emulated stand: the stand's own graph on a machine without hardware.
+
+The vendor's LabJack package runs on a stand-in library, the motor node on a serial port behind which the real firmware
+runs on an emulated ATmega2560. Both are connected to the simulated plant: it receives the ceiling's height from the
+emulated motor, and its laser signals become the voltages that the stand-in device samples.
+"""
+
+from pathlib import Path
+
+from atpid_common.injected_faults import CEILING, LINK
+from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import Parameters, combined
+from atpid_control.stand.parts import (
+    FEED,
+    LABJACK,
+    NODES,
+    PARTS,
+    SERIAL_MOTOR,
+    SUPERVISOR,
+    ceiling_parameters,
+    own_parameters,
+    program,
+    supervised,
+)
+from atpid_control.stand.running import PLAIN, Commands, RosOptions, command_of
+from atpid_driver.standins.build import build, environment
+from atpid_driver.standins.control import Control
+from atpid_sim.scene import Scene
+
+#: The plant's lasers under another name: the identifier's blocks come from the device, never from the plant.
+_BEHIND = "emulated/sensors/laser"
+_LOOP = ("identifier", "selector", "recorder")
+_CALIBRATIONS = ("emulated_support.yaml", "emulated_beam.yaml")
+
+
+def parameters_emulated(
+    scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, place: Path, *, board: bool,
+    given: Parameters | None = None,
+) -> Parameters:  # fmt: skip
+    """Return what each node starts with; `place` is the folder of the port and the feed, `board`: firmware is emulated.
+
+    given: values of the user's parameter file.
+
+    Raises BenchError for a ceiling without a controller, or with another speed than the firmware's.
+    """
+    if not scene.ceiling.controlled:
+        raise BenchError("the emulated stand moves the ceiling by its motor: the scene's ceiling needs a controller")
+    scene.refuse_faults(
+        "the emulated stand", ("clock", *CEILING)
+    )  # its device has a clock, and the firmware a motor, of its own
+    if not board:
+        scene.refuse_faults("an emulated stand without its board (sudo make avr-tools)", LINK)
+    parameters = own_parameters(scene, scene_file, height_map, bag, lockstep=False, link=True)
+    motor, ceiling = SERIAL_MOTOR.configured(), ceiling_parameters(scene)
+    if abs(ceiling["speed"] - motor["speed"]) > 1e-9:
+        raise BenchError(
+            f"ceiling.speed {ceiling['speed']:g} m/s: the firmware's motor has {motor['speed']:g} m/s; "
+            "change the scene, or firmware/config.h and motor_serial.yaml"
+        )
+    if board:
+        parameters["motor_node"] = ceiling | {"port": str(place / "board"), "supervised": True}
+    rate = scene.sensors.laser.rate
+    sampled = {"rate": rate, "calibrations": list(_CALIBRATIONS)}
+    parameters["labjack_node"] = sampled | {"blocks_per_second": 1.0 / scene.recording.block}
+    parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
+    parameters[SUPERVISOR.name] = supervised((*PARTS, LABJACK, FEED), scene, scene_file)
+    usual = {part.name: part.configured() for part in (*PARTS, SUPERVISOR, LABJACK, FEED)}
+    return combined(usual | ({"motor_node": motor} if board else {}), parameters, given or {})
+
+
+def emulator_command(scene: Scene, place: Path, *more: str) -> list[str]:
+    """Return the command of the emulated board, whose line has the scene's faults: outside of all that is tested."""
+    faults = [word for fault in scene.injected if fault.part in LINK for word in ("--fault", str(fault))]
+    return [str(program()), "emulator", "--link", str(place / "board"), *faults, *more]
+
+
+def commands_emulated(
+    scene: Scene, parameter_file: Path, place: Path, ros: RosOptions = PLAIN, *, board: bool
+) -> Commands:  # fmt: skip
+    """Return (name, command) of every process, in the order of stopping: sources first, the board last."""
+    name, labjack = command_of(LABJACK, parameter_file, ros)
+    plant, words = command_of(NODES["plant_node"], parameter_file, ros)
+    # the motor first, so that Ctrl-C switches it off at once
+    first, last = (NODES["motor_node"], SUPERVISOR), (FEED, *(NODES[f"{name}_node"] for name in _LOOP))
+    commands = [
+        *(command_of(part, parameter_file, ros) for part in first),
+        (plant, [*words, "-r", f"sensors/laser:={_BEHIND}"]),
+        (name, ["env", *_device_environment(place), *labjack]),
+        *(command_of(part, parameter_file, ros) for part in last),
+    ]
+    return [*commands, ("emulator", emulator_command(scene, place))] if board else commands
+
+
+def _device_environment(place: Path) -> list[str]:
+    """Return the environment in which LabJack's package finds the stand-in, which is built where it is missing."""
+    control = place / "device"
+    libraries = build()
+    Control(control).close()  # the device's file, which must be there when it is opened
+    return [f"{name}={value}" for name, value in
+            environment(libraries, ljm_control=control, ljm_source=f"feed:{place / 'laser'}").items()]  # fmt: skip

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes of a stand, made in one process: what runs them in lockstep, and the policy made of them."""

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the stand's SROS 2 policy from its nodes: each is made, not started, and asked what it has opened."""
+
+import tempfile
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from atpid_common.arguments import file_path, path_to
+from atpid_common.errors import DONE
+from atpid_common.nodes.node_main import initialise
+from atpid_common.output import writing
+from atpid_control.selection.map_cache import map_for
+from atpid_control.stand.domain import own_domain
+from atpid_control.stand.nodes.composition import node_class
+from atpid_control.stand.parts import LABJACK, LIVE, NI, NODES, SERIAL_MOTOR, SUPERVISOR
+from atpid_control.stand.security import OPERATOR, Rights, operator_rights, policy
+from atpid_sim.scene import load_scene
+
+STAND = (
+    SERIAL_MOTOR,
+    SUPERVISOR,
+    LABJACK,
+    NI,
+    NODES["identifier_node"],
+    NODES["selector_node"],
+    NODES["recorder_node"],
+    LIVE,
+)
+#: What a node opens only while it works, or with other parameters than those of its file.
+LATER = {
+    "identifier_node": Rights(subscribe={"/ceiling/state"}),  # where it infers from the beam
+    "selector_node": Rights(subscribe={"/sensors/laser"}),  # while it searches
+}
+_LISTED, _READ = "/list_parameters", "/get_parameters"
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/stand_realtime.yaml --out atpid_control/config/security/stand.policy.xml"
+
+
+@contextmanager
+def made(scene: Path, folder: Path) -> Iterator[dict[str, Node]]:
+    """Yield the stand's nodes by name, in a domain of their own; none is spun, so no device is opened."""
+    given: Mapping[str, Mapping[str, Any]] = {
+        "selector_node": {"scene": str(scene), "map": str(map_for(load_scene(scene)) or "")},
+        "motor_node": {"supervised": True},
+        "supervisor_node": {"nodes": [part.name for part in STAND if part not in (SUPERVISOR, LIVE)]},
+        "live_node": {"scene": str(scene), "port": 0},
+        "recorder_node": {"scene": str(scene), "bag": str(folder / "bag")},
+    }
+    context = Context()
+    with own_domain():
+        initialise([], context=context)
+        nodes: dict[str, Node] = {}
+        try:
+            for part in STAND:
+                values = {**part.configured(), **given.get(part.name, {})}
+                overrides = [Parameter(key, value=value) for key, value in values.items()]
+                nodes[part.name] = node_class(part.package, part.name)(parameter_overrides=overrides, context=context)
+            yield nodes
+        finally:
+            for node in nodes.values():
+                getattr(node, "close", lambda: None)()
+                node.destroy_node()
+            context.shutdown()
+
+
+def opened(observer: Node, name: str, namespace: str = "/") -> Rights:
+    """Return what the node `name` has opened, as `observer` sees it in the graph."""
+    queries = (
+        observer.get_publisher_names_and_types_by_node,
+        observer.get_subscriber_names_and_types_by_node,
+        observer.get_service_names_and_types_by_node,
+        observer.get_client_names_and_types_by_node,
+    )
+    return Rights(*({topic for topic, _ in query(name, namespace)} for query in queries)).actions_folded
+
+
+def rights_of(nodes: Mapping[str, Node]) -> dict[str, Rights]:
+    """Return the rights of each node, and of an operator."""
+    found = {name: opened(node, name) | LATER.get(name, Rights()) for name, node in nodes.items()}
+    for one in found.values():  # the values of parameters are requested once their names are known
+        one.request |= {name.removesuffix(_LISTED) + _READ for name in one.request if name.endswith(_LISTED)}
+    return found | {OPERATOR: operator_rights(found.values(), Rights(publish={"/rosout", "/parameter_events"}))}
+
+
+def run(given: Namespace) -> int:
+    """Make the policy; return 0."""
+    with tempfile.TemporaryDirectory(prefix="atpid-policy-") as folder, made(given.scene, Path(folder)) as nodes:
+        text = policy(rights_of(nodes))
+    if given.out is None:
+        print(text, end="")
+    else:
+        with writing(given.out):
+            given.out.write_text(text, encoding="utf-8")
+    return DONE
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("scene", type=file_path, metavar="SCENE.yaml", help="a scene of the stand")
+    parser.add_argument("--out", type=path_to(".xml"), metavar="FILE", help="file to write; default: standard output")

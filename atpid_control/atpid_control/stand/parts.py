@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which nodes the bench consists of, and the parameters each starts with."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
+
+from atpid_common.injected_faults import CEILING, LINK, RECORDER
+from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import Parameters, combined, read_parameters
+from atpid_sim.scene import Scene
+
+#: Speed of a ceiling for which no speed is given: the standard bench's [m/s].
+_USUAL_SPEED = 0.3
+
+
+@dataclass(frozen=True)
+class Part:
+    """One node of the graph: an executable of a package, and its parameter file.
+
+    That is one of the package, or a user's, by its absolute path; "": it has none.
+    """
+
+    package: str
+    name: str
+    config: str
+
+    @property
+    def executable(self) -> Path:
+        """What `ros2 run` starts; raises BenchError where the workspace is not built."""
+        return _built(Path(_found(get_package_prefix, self.package)) / "lib" / self.package / self.name)
+
+    @property
+    def config_file(self) -> Path:
+        """Its parameter file; raises BenchError where the workspace is not built."""
+        return Path(_found(get_package_share_directory, self.package)) / "config" / self.config
+
+    def configured(self) -> dict[str, Any]:
+        """Return the parameters of its file. Raises BenchError or FileError where there is none for it."""
+        return read_parameters(self.config_file, [self.name])[self.name] if self.config else {}
+
+
+PARTS = (
+    Part("atpid_sim", "plant_node", "plant.yaml"),
+    Part("atpid_control", "identifier_node", "identifier.yaml"),
+    Part("atpid_control", "selector_node", "selector.yaml"),
+    Part("atpid_driver", "motor_node", "motor.yaml"),
+    Part("atpid_control", "recorder_node", "recorder.yaml"),
+)
+NODES = {part.name: part for part in PARTS}
+#: What supervises them in real time; in lockstep nothing depends on a clock, and nothing is supervised.
+SUPERVISOR = Part("atpid_control", "supervisor_node", "supervisor.yaml")
+#: Of the bench in real time, in the order of stopping: the motor first.
+REAL_TIME_PARTS = (NODES["motor_node"], SUPERVISOR, *(part for part in PARTS if part.name != "motor_node"))
+#: What shows them to the operator: no other node needs it, and the run goes on without it.
+LIVE = Part("atpid_control", "live_node", "live.yaml")
+#: Those of the stand.
+LABJACK = Part("atpid_driver", "labjack_node", "labjack.yaml")
+NI = Part("atpid_driver", "ni_node", "ni.yaml")
+SERIAL_MOTOR = Part("atpid_driver", "motor_node", "motor_serial.yaml")
+#: Of the emulated stand: what passes the plant's signals on to the device.
+FEED = Part("atpid_driver", "feed_node", "")
+#: Names for which a parameter file may have values, whichever of them a run has.
+NAMES = tuple(part.name for part in (*REAL_TIME_PARTS, LIVE, LABJACK, NI, FEED))
+
+
+def parameters_for(
+    scene: Scene,
+    scene_file: Path,
+    height_map: Path | None,
+    bag: Path,
+    *,
+    lockstep: bool,
+    given: Parameters | None = None,
+) -> Parameters:
+    """Return what each node of the simulated bench starts with; `given`: values of the user's parameter file.
+
+    Raises SceneError for faults that cannot be acted there.
+    """
+    own = own_parameters(scene, scene_file, height_map, bag, lockstep=lockstep)
+    parts = PARTS if lockstep else REAL_TIME_PARTS
+    return combined({part.name: part.configured() for part in parts}, own, given or {})
+
+
+def own_parameters(
+    scene: Scene, scene_file: Path, height_map: Path | None, bag: Path, *, lockstep: bool, link: bool = False
+) -> Parameters:
+    """Return what the scene and the run set in each node of the bench.
+
+    link: whether there is a serial link, whose faults can be acted. Raises SceneError for faults that cannot be.
+    """
+    scene.require_faults_fit()
+    if not link:
+        scene.refuse_faults("the simulated bench, which has no serial link,", LINK)
+    if lockstep:
+        scene.refuse_faults("the bench in lockstep, whose recorder is no process,", RECORDER)
+    parameters: Parameters = {"identifier_node": {"lockstep": lockstep}}
+    parameters["plant_node"] = {"scene": str(scene_file), "lockstep": lockstep, "expect_recorder": True}
+    parameters["selector_node"] = {"scene": str(scene_file), "map": str(height_map or ""), "lockstep": lockstep}
+    motor = {"backend": "simulated", "lockstep": lockstep}
+    # the ceiling stands where the plant's does, also for a motor node that is started again in mid-run
+    parameters["motor_node"] = motor | ceiling_parameters(scene) | {"initial_height": math.nan}
+    if injected := [str(fault) for fault in scene.injected if fault.part in CEILING]:
+        parameters["motor_node"] |= {"faults": injected}
+    parameters["recorder_node"] = {"bag": str(bag), "scene": str(scene_file), "lockstep": lockstep}
+    if not lockstep:
+        parameters["motor_node"]["supervised"] = True
+        parameters[SUPERVISOR.name] = supervised(PARTS, scene, scene_file)
+    return parameters
+
+
+def supervised(parts: Iterable[Part], scene: Scene, scene_file: Path) -> dict[str, Any]:
+    """Return what a run sets in the supervisor: all of its nodes have to answer.
+
+    A scene with faults is run with them: its loop is not checked.
+    """
+    own: dict[str, Any] = {"nodes": [part.name for part in parts], "scene": str(scene_file)}
+    return own | ({"check_time": 0.0} if scene.injected else {})
+
+
+def ceiling_parameters(scene: Scene) -> dict[str, float]:
+    """Return limits, speed and initial height of the simulated ceiling [m, m/s]."""
+    heights = scene.ceiling.heights
+    if scene.ceiling.controlled:
+        low, high = scene.ceiling.range
+        speed = scene.ceiling.speed
+    else:
+        low, high = 2.0 * scene.grain.radius, max(height for _, height in heights)
+        steps = pairwise(heights)
+        speed = max((abs(h1 - h0) / (t1 - t0) for (t0, h0), (t1, h1) in steps), default=0.0) or _USUAL_SPEED
+    # a range of no width would exclude its own end
+    high = math.nextafter(high, math.inf) if high <= low else high
+    return {"lowest": low, "highest": high, "speed": speed, "initial_height": heights[0][1]}
+
+
+def program() -> Path:
+    """Return the program `atpid` of this workspace; raise BenchError where it is not built."""
+    return _built(Path(_found(get_package_prefix, "atpid_control")) / "bin" / "atpid")
+
+
+def _built(path: Path) -> Path:
+    if not path.exists():
+        raise BenchError(f"{path} is missing: build the workspace with `make setup`")
+    return path
+
+
+def _found(where: Any, package: str) -> str:
+    try:
+        return str(where(package))
+    except (PackageNotFoundError, OSError):
+        raise BenchError(f"package {package} is not on the path: `make setup`, then `. ros2_ws/activate`") from None

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results of a run, how long after a sample its command is out among them: summary.json, and the same as a table."""
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from atpid_common.vocabulary import EventKind, Severity
+from atpid_control.runs.run import Run
+from atpid_control.views.report.latency import laser_blocks, latency_of, received_of, summary_line
+from atpid_control.views.report.stages import Printed, Stage, beside
+from atpid_control.views.report.view import View, not_arrived
+from atpid_sim.scene import Scene
+from atpid_sim.simulation.quantities import worse_than_without
+from atpid_sim.simulation.simulate import finite
+
+_COLUMNS = (
+    "time\n[s]", "excited\n[m]", "iden-\ntified", "f\n[Hz]", "height\n[m]", "beam\n[m]", "closed\n[m]",
+    "effi-\nciency", "reduc-\ntion",
+)  # fmt: skip
+
+
+def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
+    """Return summary.json's object: the results, and what they depend on. NaN: unknown."""
+    run = view.run
+    own, closed = view.decrements or (math.nan, math.nan)
+    return {
+        "stages": [stage.as_dict() for stage in view.stages],
+        "decrement": own,
+        "undamped_decrement": closed,
+        "real_time_factor": real_time_factor(run, mode),
+        "origin": run.motion.origin,
+        "bag": str(run.path),
+        "mode": mode,
+        "run_id": run.about.get("run_id", ""),
+        "seed": scene.seed,
+        "lost_scans": lost_scans(run),
+        "missing": run.missing,
+        "unanswered_blocks": unanswered_blocks(run),
+        "latency": latency_of(run) if mode != "lockstep" else None,
+        "events": dict(sorted(Counter(kind for kind, _ in notable(run)).items())),
+        "defaults": scene.defaults(),
+        "warnings": scene.warnings(),
+    }
+
+
+def write_summary(summary: Mapping[str, Any], path: Path) -> None:
+    """Write it; NaN, which JSON does not have, as null."""
+    path.write_text(json.dumps(finite(dict(summary)), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def lost_scans(run: Run) -> int:
+    """Return how many scans are missing between the blocks of all sensors, by their indices, where these go on."""
+    return sum(table.lost for table, _ in run.streams())
+
+
+def real_time_factor(run: Run, mode: str) -> float:
+    """Return simulated over wall time [-]: by the recorder or, in real time, between its first and last block."""
+    if mode == "lockstep":
+        return float(run.result.get("real_time_factor", "nan"))
+    blocks = laser_blocks(run)
+    if len(blocks) < 2:
+        return math.nan
+    (first, _, wall_first), (last, _, wall_last) = blocks[0], blocks[-1]
+    return (last - first) / max(1, wall_last - wall_first)
+
+
+def unanswered_blocks(run: Run) -> int:
+    """Return how many blocks of the laser have no estimate, or whose estimate has no command.
+
+    A device goes on after the plant has finished: blocks after that are not answered.
+    """
+    events = run.messages("Event")
+    finished = events["received"][events["kind"] == EventKind.FINISHED] if events else []
+    end = run.start_ns + round(1e9 * min(finished)) if len(finished) else 2**63
+    blocks = sum(1 for _, _, received in laser_blocks(run) if received <= end)
+    answers = (len({stamp for stamp, _ in received_of(run, kind)}) for kind in ("Excitation", "CeilingCommand"))
+    return max(0, blocks - min(answers))
+
+
+def notable(run: Run) -> list[tuple[str, str]]:
+    """Return (kind, text) of all warnings and alarms in order."""
+    return [(event.kind, event.text) for event in run.all_events if event.severity > Severity.INFO]
+
+
+def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console) -> None:
+    """Print the table of stages and the facts below it."""
+
+    def line(text: str, style: str | None = None) -> None:
+        console.print(text, style=style, soft_wrap=True, markup=False, highlight=False)
+
+    if view.stages:
+        console.print(stage_table(view.stages, beside(view.run, view.stages)))
+    for text in [*(f"not reached: {text}" for text in not_arrived(view)), *_made_worse(view.stages)]:
+        line(text)
+    line(
+        f"{summary['mode']}: {summary['real_time_factor']:.1f} x real time; lost scans: {summary['lost_scans']}; "
+        f"unanswered blocks: {summary['unanswered_blocks']}; seed {summary['seed']}"
+    )
+    if summary["latency"]:
+        console.print(summary_line(summary["latency"]), soft_wrap=True)
+    for text in summary["missing"]:
+        line(f"missing: {text}")
+    if summary["lost_scans"] or summary["unanswered_blocks"] or summary["missing"]:
+        line("INCOMPLETE: samples or answers are missing; the figures above are not to be relied on", "bold")
+    for kind, text in notable(view.run):
+        line(f"{kind}: {text}")
+    used = "; ".join(scene.decisive_defaults(measured=True))
+    if used:
+        line(f"defaults: {used}", "dim")
+
+
+def _made_worse(stages: Sequence[Stage]) -> list[str]:
+    """Return a line for each stage in which the damper makes it worse."""
+    return [f"{stage.t0:g} to {stage.t1:g} s: {text}"
+            for stage in stages for text in worse_than_without(stage.reduction)]  # fmt: skip
+
+
+def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> Table:
+    """Return the table, with what the thesis prints beside where it is the thesis's scene."""
+    title = "at the end of each stage; amplitudes are half peak-to-peak"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for name in _COLUMNS:
+        table.add_column(Text(name), justify="right", no_wrap=True)
+    for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\neff.") if printed else ():
+        table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
+    for stage, other in zip_longest(stages, printed or ()):
+        table.add_row(*_row(stage), *(_printed(other) if other else ()))
+    return table
+
+
+def _row(stage: Stage) -> list[str]:
+    shares = [f"{round(100 * share, 1) + 0.0:.1f} %" if math.isfinite(share) else "nan"
+              for share in (stage.efficiency, stage.reduction)]  # fmt: skip
+    if stage.amplitude_spread is not None:
+        shares = [stage.efficiency_text(), stage.reduction_text()]
+    shown = (
+        f"{stage.excitation_amplitude:.5f}",
+        f"{stage.identified_amplitude:.5f}",
+        f"{stage.identified_frequency:.3f}",
+        f"{stage.height:.4f}{'' if stage.arrived else '*'}",
+        f"{stage.amplitude:.4f}",
+        f"{stage.undamped_amplitude:.3f}",
+        *shares,
+    )
+    return [f"{stage.t0:g} to {stage.t1:g}", *("" if "nan" in text else text for text in shown)]
+
+
+def _printed(stage: Printed) -> list[str]:
+    height = f"{stage.height_sign}{stage.height:g}"
+    return [height, f"{stage.amplitude:g}", f"{stage.closed:g}", f"{100 * stage.efficiency:.0f} %"]

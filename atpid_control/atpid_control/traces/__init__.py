@@ -1,7 +1,0 @@
-# SPDX-License-Identifier: Apache-2.0
-"""A run as Foxglove and PlotJuggler plot it: one number a message, states as text, the damper in three dimensions."""
-
-from atpid_control.traces.file import write_traces
-from atpid_control.traces.tracer import Tracer
-
-__all__ = ["Tracer", "write_traces"]

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a run to what people and other programs read: page, pictures, tables, traces, the live page."""

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two recorded runs on one time axis: by the start of their samples, by the clock of the hardware, or by an event."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from atpid_common.errors import InputError
+from atpid_control.analysis.orders import Orders, orders, steady_part
+from atpid_control.analysis.signals import AnalysisError, Signals, signals_of
+from atpid_control.analysis.spectra import Spectrum, spectrum
+from atpid_control.runs.run import open_run
+from atpid_control.views.report.latency import latency_of
+from atpid_control.views.report.view import View, view_of
+from atpid_sim.simulation.quantities import half_peak_to_peak
+from atpid_sim.system import Array
+
+#: How runs are aligned, besides by the kind of an event.
+START, CLOCK = "start", "clock"
+#: Least overlap of two runs on one time axis [s].
+_OVERLAP = 0.1
+
+
+class BagComparisonError(InputError):
+    """Two bags that cannot be compared: what was given, what is there, what to do."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity of both runs; NaN: not known in one of them."""
+
+    name: str
+    unit: str
+    first: float
+    second: float
+
+    @property
+    def difference(self) -> float:
+        """The second less the first."""
+        return self.second - self.first
+
+    @property
+    def relative(self) -> float:
+        """The difference over the first [-]; NaN where that is 0."""
+        return self.difference / abs(self.first) if self.first else math.nan
+
+
+@dataclass(frozen=True)
+class RunOnAxis:
+    """One of the two runs."""
+
+    name: str
+    view: View
+    signals: Signals  # support and beam, NaN where a sample was lost
+    shift: float  # to be added to its times [s]
+    spectrum: Spectrum | None
+    orders: Orders | None
+    missing: tuple[str, ...]  # what is not in the bag and should be
+
+    @property
+    def time(self) -> Array:
+        """Times of its signals on the common axis (n,) [s]."""
+        return np.asarray(self.signals.time + self.shift)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Two runs beside each other."""
+
+    runs: tuple[RunOnAxis, RunOnAxis]
+    aligned_by: str
+    rows: list[Row]
+    time: Array  # (n,) the common part [s]
+    difference: Array  # (n,) beam of the second less that of the first [m]
+    doubts: tuple[str, ...]
+    missing: tuple[str, ...]  # what is not in the bags and should be
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the numbers as plain values."""
+        rows = [
+            {"name": row.name, "unit": row.unit, "first": row.first, "second": row.second,
+             "difference": row.difference, "relative": row.relative}
+            for row in self.rows
+        ]  # fmt: skip
+        origins = [placed.signals.origin for placed in self.runs]
+        return {"bags": [placed.name for placed in self.runs], "origin": origins, "aligned_by": self.aligned_by,
+                "shifts": [placed.shift for placed in self.runs], "rows": rows, "doubts": list(self.doubts),
+                "missing": list(self.missing)}  # fmt: skip
+
+
+def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
+    """Return two bags beside each other, aligned by `start`, `clock` or the first event of a kind.
+
+    Raises BagError, BagComparisonError: no such event, or no common time.
+    """
+    # sensors only, so that a simulated run and a measured one are compared by the same reading
+    views = [view_of(replace(open_run(path), prefer="")) for path in (first, second)]
+    shifts = _shifts(views, (first, second), align)
+    runs = [_placed(path, view, shift) for path, view, shift in zip((first, second), views, shifts, strict=True)]
+    time, difference = _difference(runs, align)
+    rows = [*_rows(runs), *_difference_rows(runs, difference)]
+    return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)),
+                    runs[0].missing + runs[1].missing)  # fmt: skip
+
+
+def _placed(path: Path, view: View, shift: float) -> RunOnAxis:
+    signals, missing = signals_of(view.run, both=False)
+    found: Orders | None = None
+    density: Spectrum | None = None
+    with suppress(AnalysisError):  # a run too short, or without excitation: its rows are missing in the table
+        density = spectrum(signals.response, signals.rate)
+        found = orders(steady_part(signals))
+    return RunOnAxis(str(path), view, signals, shift, density, found, tuple(missing))
+
+
+def _shifts(views: list[View], paths: tuple[Path, Path], align: str) -> list[float]:
+    """Return what to add to the times of each run [s]."""
+    if align == START:
+        return [0.0, 0.0]
+    if align == CLOCK:
+        starts = [view.run.start_ns for view in views]
+        return [0.0, (starts[1] - starts[0]) * 1e-9]
+    times = []
+    for view, path in zip(views, paths, strict=True):
+        at = [event.time for event in view.run.events if event.kind == align]
+        if not at:
+            kinds = ", ".join(sorted({event.kind for event in view.run.events})) or "none"
+            raise BagComparisonError(f"{path}: --align: no event {align!r}; in this bag: {kinds}; or {START}, {CLOCK}")
+        times.append(at[0])
+    return [0.0, times[0] - times[1]]
+
+
+def _difference(runs: list[RunOnAxis], align: str) -> tuple[Array, Array]:
+    """Return the common times (n,) [s] and the difference of the beams there (n,) [m], NaN in a gap of one of them."""
+    times = [placed.time for placed in runs]
+    begin, end = max(time[0] for time in times), min(time[-1] for time in times)
+    if end - begin < _OVERLAP:
+        spans = "; ".join(f"{time[0]:.6g} to {time[-1]:.6g} s" for time in times)
+        raise BagComparisonError(f"--align: given {align}; the two runs have no common time ({spans}); give {START}")
+    common = times[0][(times[0] >= begin) & (times[0] <= end)]
+    # between two samples of which one is lost the result is NaN too
+    beams = [np.interp(common, time, placed.signals.response) for time, placed in zip(times, runs, strict=True)]
+    return common, np.asarray(beams[1] - beams[0])
+
+
+def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
+    """Yield what both runs have, side by side."""
+    first, second = (placed.view for placed in runs)
+    yield Row("duration", "s", first.run.duration, second.run.duration)
+    yield Row("beam, half peak-to-peak", "m", half_peak_to_peak(first.beam), half_peak_to_peak(second.beam))
+    for number, stages in enumerate(zip_longest(first.stages, second.stages), 1):
+        for name, unit, field in (
+            ("excitation, true", "m", "excitation_amplitude"), ("excitation, identified", "m", "identified_amplitude"),
+            ("frequency, identified", "Hz", "identified_frequency"), ("ceiling height", "m", "height"),
+            ("beam amplitude", "m", "amplitude"), ("beam, closed damper", "m", "undamped_amplitude"),
+            ("efficiency", "-", "efficiency"),
+        ):  # fmt: skip
+            values = [math.nan if stage is None else float(getattr(stage, field)) for stage in stages]
+            yield Row(f"stage {number}: {name}", unit, *values)
+    yield from _order_rows(runs)
+    if first.decrements or second.decrements:
+        yield Row("largest ratio of successive peaks", "-", *(v.decrements[0] if v.decrements else math.nan
+                                                             for v in (first, second)))  # fmt: skip
+    recorded = [view.run for view in (first, second)]
+    delays = [latency_of(run) if run.about.get("clock") == "real time" else {} for run in recorded]
+    if any(delays):
+        for name in ("p50", "p99", "max"):
+            values = [delay["sample_to_command"][name] if delay else math.nan for delay in delays]
+            yield Row(f"sample to command, {name}", "s", *values)
+    yield Row("samples lost", "", float(first.run.lost), float(second.run.lost))
+    counts = [Counter(event.kind for event in view.run.events for _ in range(event.count)) for view in (first, second)]
+    for kind in sorted(counts[0] | counts[1]):
+        yield Row(f"events: {kind}", "", float(counts[0][kind]), float(counts[1][kind]))
+
+
+def _order_rows(runs: list[RunOnAxis]) -> Iterator[Row]:
+    found = [placed.orders for placed in runs]
+    if any(found):
+        amplitudes = [math.nan if one is None else float(one.amplitude[0]) for one in found]
+        yield Row("order 1 of the beam, last part", "m", *amplitudes)
+        yield Row("distortion (THD), last part", "-", *(math.nan if one is None else one.distortion for one in found))
+
+
+def _difference_rows(runs: list[RunOnAxis], difference: Array) -> Iterator[Row]:
+    known = difference[np.isfinite(difference)]
+    size = float(np.nanstd(runs[0].view.run.motion.beam))
+    root = float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
+    yield Row("beam, second less first, root mean square", "m", 0.0, root)
+    yield Row("the same over the first's standard deviation", "-", 0.0, root / size if size > 0.0 else math.nan)
+
+
+def _doubts(runs: list[RunOnAxis]) -> Iterator[str]:
+    for placed in runs:
+        run = placed.view.run
+        if run.lost:
+            yield f"{placed.name}: {run.lost} samples lost"
+        if any(stage.reproducible is False for stage in placed.view.stages):
+            yield f"{placed.name}: irregular motion: single runs differ, so that a difference may be chance"
+        if run.result.get("finished") != "yes" and not run.unread:
+            yield f"{placed.name}: the recording ended before the run did"
+    counts = [len(placed.view.stages) for placed in runs]
+    if counts[0] != counts[1]:
+        yield f"{counts[0]} stages in the first, {counts[1]} in the second: those without a partner have no difference"

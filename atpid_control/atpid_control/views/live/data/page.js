@@ -1,0 +1,234 @@
+// SPDX-License-Identifier: Apache-2.0
+// The live page: takes the stream, draws at the browser's own pace, sends what the operator asks for.
+
+import { Picture } from "./picture.js";
+import { Plots } from "./plots.js";
+
+const KEPT = { motion: 1600, truth: 1600, excitation: 3000, command: 3000, ceiling: 3000, efficiency: 3000 };
+const DELAY = 0.15; // blocks come every 50 ms: shown so much later, motion is smooth [s]
+const PICTURE = 30; // least time between two pictures: 30 a second where the screen has 60 [ms]
+const SPAN = 5, PERIODS = 30; // of the motion: at most so many seconds, and so many periods
+const DROPPED = 1013; // another page took this one's place: coming back would end that one
+const TRACES = 250, LONG = 1000; // between two drawings of the plots, which cost more than the damper [ms]
+const RECONNECT = 1000, SILENT = 1500, SURE = 4000; // [ms]
+const HELD = "held by the operator";
+const find = (id) => document.getElementById(id);
+const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0 }); // also for tests
+const picture = new Picture(find("picture")), plots = new Plots(find);
+let stream = null, dropped = "", lastMessage = 0, number = 0, lastEvent = 0, origin = null, radius = null, ahead = null;
+
+const empty = () => {
+  for (const name of Object.keys(KEPT)) live.rows[name] = [];
+  ahead = null;
+  live.spectrum = { frequency: [], support: null, beam: null };
+};
+empty();
+
+// the stream
+
+function connect() {
+  stream = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream`);
+  stream.onopen = () => { live.connections++; lastMessage = performance.now(); };
+  stream.onmessage = (event) => { lastMessage = performance.now(); receive(JSON.parse(event.data)); };
+  stream.onclose = (event) => {
+    stream = null;
+    if (event.code === DROPPED) dropped = event.reason;
+    else setTimeout(connect, RECONNECT);
+  };
+}
+
+function receive(message) {
+  if (message.type === "hello") return offer(message.methods);
+  if (message.type === "answer") return answer(message.success, message.text);
+  if (message.type === "all" || message.run !== live.run) empty();
+  if (message.type === "all") { find("events").replaceChildren(); lastEvent = 0; }
+  live.run = message.run;
+  origin = message.origin;
+  radius = message.radius;
+  for (const [name, rows] of Object.entries(message.rows)) append(live.rows[name], rows, KEPT[name]);
+  const newest = live.rows.motion.at(-1);
+  if (newest && message.rows.motion) follow(newest[0] - performance.now() / 1000);
+  message.events.forEach(show);
+  const before = live.state;
+  live.state = message.state;
+  // whether the motor is off, and whether the run is over, is shown at once
+  if (before?.motor.mode !== live.state.motor.mode || before?.finished !== live.state.finished) words();
+  if (message.spectrum) live.spectrum = message.spectrum; // only where it is new
+}
+
+function append(kept, rows, most) {
+  for (const row of rows) if (!kept.length || row[0] > kept.at(-1)[0]) kept.push(row);
+  if (kept.length > 1.2 * most) kept.splice(0, kept.length - most);
+}
+
+// How far the data's time is ahead of the browser's clock: smoothed, so that the motion does not jerk.
+function follow(difference) {
+  ahead = ahead === null || Math.abs(difference - ahead) > 0.5 ? difference : ahead + 0.05 * (difference - ahead);
+}
+
+// the pictures
+
+function between(rows, time, column) {
+  let low = 0, high = rows.length - 1;
+  if (high < 0) return null;
+  if (time >= rows[high][0]) return rows[high][column];
+  while (high - low > 1) { const middle = (low + high) >> 1; if (rows[middle][0] <= time) low = middle; else high = middle; }
+  const [a, b] = [rows[low], rows[high]];
+  if (a[column] === null || b[column] === null || time <= a[0]) return a[column];
+  return a[column] + ((b[column] - a[column]) * (time - a[0])) / (b[0] - a[0]);
+}
+
+let drawn = 0, drawnMotion = 0, drawnLong = 0, drawnText = 0, drawnSpectrum = null, counted = 0, countedAt = 0, shownTime = null;
+
+function draw(now) {
+  requestAnimationFrame(draw);
+  const { motion, truth, ceiling, command } = live.rows;
+  if (ahead !== null && motion.length && now - drawn > PICTURE) {
+    const time = Math.min(now / 1000 + ahead - DELAY, motion.at(-1)[0]);
+    if (time !== shownTime) {
+      shownTime = time;
+      drawn = now - Math.min(now - drawn - PICTURE, 8);
+      picture.draw({
+        support: between(motion, time, 1), beam: between(motion, time, 2), grain: between(truth, time, 1),
+        ceiling: between(truth, time, 2) ?? between(ceiling, time, 1), commanded: between(command, time, 1),
+      }, radius);
+      if (now - drawnMotion > TRACES) { drawnMotion = now; plots.drawMotion(motion, time, span()); }
+      live.pictures++;
+      counted++;
+    }
+  }
+  if (now - drawnLong > LONG) { drawnLong = now; plots.drawLong(live.rows); }
+  if (live.spectrum && drawnSpectrum !== live.spectrum && now - drawnLong > 100) plots.drawSpectrum((drawnSpectrum = live.spectrum));
+  if (now - countedAt > 1000) {
+    const rate = Math.round((1000 * counted) / (now - countedAt));
+    text("rate", `${rate} picture${rate === 1 ? "" : "s"} a second`);
+    counted = 0;
+    countedAt = now;
+  }
+}
+
+function span() {
+  const frequency = live.state?.excitation.frequency;
+  return frequency ? Math.min(SPAN, PERIODS / frequency) : SPAN;
+}
+
+// the words
+
+const text = (id, value, bad) => {
+  const element = find(id), words = String(value);
+  if (element.textContent !== words) element.textContent = words;
+  if (bad !== undefined) element.className = bad ? "bad" : "";
+};
+const millimetres = (value, digits = 1) => (value === null || value === undefined ? "–" : `${(1e3 * value).toFixed(digits)} mm`);
+const percent = (value) => (value === null || value === undefined ? "–" : `${(100 * value).toFixed(1)} %`);
+
+function words() {
+  const open = stream !== null && stream.readyState === 1 && performance.now() - lastMessage < SILENT;
+  const state = live.state, off = state && !state.motor.on ? motorOff(state.motor) : "", fault = state?.motor.mode === "fault";
+  const problem = open && state ? lost(state) : "";
+  const closed = dropped ? `Closed: ${dropped}; reload this page to have it back` : "No connection to the live page's node: nothing here is up to date; trying again";
+  text("link", open ? `Connected${off}` : closed);
+  find("link").className = !open || fault ? "bad" : off || problem ? "" : "good";
+  find("lost").hidden = !problem;
+  text("lost", problem);
+  document.body.dataset.open = open;
+  const ended = Boolean(open && state?.finished), over = !open || ended || Boolean(state?.lost);
+  document.body.classList.toggle("over", over);
+  document.querySelectorAll("section button, section select, section input").forEach((each) => { each.disabled = over; });
+  find("stop").disabled = ended && (!state.motor.mode || "ceiling/state" in state.silent); // without its node there is none
+  if (!state) return;
+  const { motor, command, excitation: e, efficiency, supervisor, recorder } = state;
+  text("power", motor.power ?? "not known: no motor node yet", motor.mode === "fault");
+  text("mode", [motor.mode ?? "–", motor.homed === false ? "not homed" : "", motor.fault ?? ""].filter(Boolean).join(", "));
+  text("reason", command.method ? `${command.method}: ${command.reason}` : "–");
+  text("hold", command.reason === HELD ? "End the hold" : "Hold the ceiling");
+  const bar = e.amplitude_std == null ? "" : ` ± ${(1e3 * e.amplitude_std).toFixed(3)}`;
+  text("excitation", e.amplitude == null ? e.quality ?? "–" : `${(1e3 * e.amplitude).toFixed(3)}${bar} mm, ${e.quality}`);
+  const spread = e.frequency_std == null ? "" : ` ± ${e.frequency_std.toFixed(3)}`;
+  text("frequency", e.frequency == null ? "–" : `${e.frequency.toFixed(3)}${spread} Hz`);
+  text("beam", millimetres(e.beam_amplitude));
+  text("efficiency", efficiency.now === undefined ? "–" : `${percent(efficiency.now)}; ${percent(efficiency.mean)}`);
+  text("commanded", millimetres(command.height));
+  text("height", millimetres(motor.height));
+  text("recorder", recorder.recording ? `records ${recorder.bag.split("/").slice(-2).join("/")}` : recorder.bag === undefined ? "none yet" : "does not record", recorder.recording === false);
+  const end = live.rows.motion.at(-1);
+  text("run", state.finished ? `finished: ${state.finished}` : end ? `${end[0].toFixed(1)} s; supervisor: ${supervisor.state ?? "none"}${off}` : "has not begun", fault);
+  text("grain", live.rows.truth.length ? "Grain and ceiling as simulated." : "The grain is not measured, so it is not shown.");
+  nodes(state.nodes);
+}
+
+const motorOff = (motor) => (motor.mode ? `; motor off: ${motor.fault || motor.mode}` : "; no motor node yet");
+
+function lost(state) {
+  if (state.finished) return "";
+  if (!state.seen) return "Nothing has been received from the graph yet.";
+  if (state.lost) return "The graph is lost: no topic comes any more.";
+  const silent = Object.entries(state.silent).map(([topic, since]) => `${topic} for ${since.toFixed(0)} s`);
+  return silent.length ? `Silent: ${silent.join(", ")}` : "";
+}
+
+function nodes(found) {
+  const list = find("nodes");
+  while (list.children.length > found.length) list.lastChild.remove();
+  found.forEach((node, place) => {
+    const item = list.children[place] ?? list.appendChild(document.createElement("li"));
+    const line = `${node.well ? "✓" : "✗"} ${node.name}: ${node.text}`;
+    if (item.textContent !== line) item.textContent = line;
+    item.className = node.well ? "" : "bad";
+  });
+}
+
+function show(event) {
+  if (event.number <= lastEvent) return;
+  lastEvent = event.number;
+  const list = find("events"), item = document.createElement("li");
+  const since = origin === null ? "" : `${(event.at - origin).toFixed(1)} s `;
+  item.textContent = `${since}${event.severity}, ${event.from}: ${event.text}`;
+  item.className = event.severity;
+  list.prepend(item);
+  while (list.children.length > 200) list.lastChild.remove();
+}
+
+// the operator
+
+function ask(request) {
+  if (stream === null || stream.readyState !== 1) {
+    const stop = request.do === "stop" ? "; use the emergency stop" : "";
+    return answer(false, `there is no connection: nothing was done${stop}`);
+  }
+  text("answer", "…", false);
+  stream.send(JSON.stringify({ number: number++, ...request }));
+}
+
+function answer(success, words) {
+  live.answer = { success, words };
+  text("answer", success ? `✓ ${words}` : `✗ ${words}`, !success);
+}
+
+function offer(methods) {
+  const chosen = find("method").value;
+  find("method").replaceChildren(...methods.map((name) => new Option(name, name, false, name === chosen)));
+}
+
+find("stop").onclick = () => { live.pressed = Date.now(); ask({ do: "stop" }); };
+find("disarm").onclick = () => ask({ do: "disarm" });
+find("hold").onclick = () => ask({ do: "hold", on: live.state?.command.reason !== HELD });
+find("choose").onsubmit = (event) => { event.preventDefault(); ask({ do: "method", name: find("method").value }); };
+find("mark").onsubmit = (event) => { event.preventDefault(); ask({ do: "note", text: find("note").value }); find("note").value = ""; };
+
+// Arming moves the ceiling: it takes a second press.
+let sure = 0;
+find("arm").onclick = () => {
+  const button = find("arm"), again = performance.now() < sure;
+  sure = again ? 0 : performance.now() + SURE;
+  button.classList.toggle("sure", !again);
+  button.textContent = again ? "Arm again" : "Press once more: the ceiling may move";
+  if (again) ask({ do: "arm" });
+  else setTimeout(() => { if (performance.now() >= sure) { button.textContent = "Arm again"; button.classList.remove("sure"); } }, SURE + 50);
+};
+
+matchMedia("(prefers-color-scheme: dark)").onchange = () => location.reload(); // the pictures take their colours once
+
+connect();
+setInterval(words, 250);
+requestAnimationFrame(draw);

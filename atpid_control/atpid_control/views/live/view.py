@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The view model: from the graph's messages to what the page shows; read by their fields alone, so it is free of ROS.
+
+Times on the page are seconds since the run's first sample, by the stamps; how old a message is, is by the steady clock.
+Messages come in one thread and the page is asked for in another: every method may be called in either.
+"""
+
+import math
+import threading
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from atpid_common.vocabulary import EventKind, Quality, Severity
+from atpid_control.views.live.efficiency import EfficiencySoFar
+from atpid_control.views.live.rows import Row, Rows, plain
+from atpid_control.views.live.signals import KEPT, columns, spectrum, thinned
+from atpid_control.views.live.state import GraphState
+from atpid_sim.scene import Scene
+from atpid_sim.system import Array
+
+SUPPORT, BEAM = "support_displacement", "beam_displacement"
+#: The long plots: time between two rows [s], how many are kept (5 min), and silence that is a gap [s].
+_SPACING, _LONG, _GAP = 0.1, 3000, 1.0
+_EVENTS = 200
+#: Between two spectra [s].
+_SPECTRUM = 0.5
+#: Topics whose heights are plotted, with the name of their rows.
+_HEIGHTS = {"ceiling/command": "command", "ceiling/state": "ceiling"}
+
+#: Frequency [Hz], and amplitudes [m] of support and beam, one of which may be None; None: there is none yet.
+Spectrum = dict[str, Any] | None
+
+
+class LiveView:
+    """What the page shows, of the last seconds, and what of it is new."""
+
+    def __init__(self, scene: Scene | None = None) -> None:
+        """Take the scene, for the efficiency; None: it is not known."""
+        self._lock = threading.Lock()
+        self._scene, self._efficiency = scene, EfficiencySoFar(scene)
+        self._rows = {
+            "motion": Rows(KEPT),  # support, beam [m]
+            "truth": Rows(KEPT),  # grain, ceiling above the floor [m]
+            "excitation": Rows(_LONG, _SPACING, _GAP),  # amplitude, its standard deviation [m]
+            "command": Rows(_LONG, _SPACING, _GAP),  # height [m]
+            "ceiling": Rows(_LONG, _SPACING, _GAP),  # height [m]
+            "efficiency": Rows(_LONG, _SPACING, _GAP),  # [-]
+        }
+        self._state = GraphState()
+        self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
+        self._new_events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
+        self._seen_events: deque[tuple[Any, ...]] = deque(maxlen=4 * _EVENTS)
+        self._origin_ns: int | None = None
+        self._last_index: dict[str, int] = {}  # of each stream
+        self._run, self._counted = 0, 0
+        self._spectrum_at = -math.inf
+        self._spectrum: Spectrum = None
+
+    # messages, each with the steady time of its receipt [s]
+
+    def on_block(self, block: Any, now: float) -> None:
+        """Take a SampleBlock of sensors/laser; one whose index goes back begins another run."""
+        with self._lock:
+            self._state.on_message("sensors/laser", block, now)
+            if self._origin_ns is None or block.first_index <= self._last_index["motion"]:
+                self._begin(_nanoseconds(block))
+            names = list(block.channels)
+            data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
+            chosen = np.stack([_column(data, names, name) for name in (SUPPORT, BEAM)], axis=1)
+            self._add_samples("motion", block, chosen)
+
+    def on_truth(self, truth: Any, now: float) -> None:
+        """Take a PlantTruth: grain and ceiling as they are simulated."""
+        del now
+        with self._lock:
+            if self._origin_ns is not None:
+                self._add_samples("truth", truth, np.stack([np.asarray(truth.grain), np.asarray(truth.ceiling)], 1))
+
+    def on_excitation(self, excitation: Any, now: float) -> None:
+        """Take an Excitation; a steady one gives an efficiency."""
+        with self._lock:
+            self._state.on_message("excitation", excitation, now)
+            values = (excitation.amplitude, excitation.frequency, excitation.beam_amplitude)
+            if excitation.quality == Quality.STEADY and self._efficiency.known:
+                reached = self._efficiency.add(*values)
+                self._state.on_efficiency(reached, self._efficiency.mean)
+                self._add("efficiency", excitation, reached)
+            self._add("excitation", excitation, excitation.amplitude, excitation.amplitude_std)
+
+    def on_state(self, topic: str, message: Any, now: float) -> None:
+        """Take a CeilingCommand, CeilingState, SupervisorState or RecorderStatus, by its topic."""
+        with self._lock:
+            self._state.on_message(topic, message, now)
+            if topic in _HEIGHTS:
+                self._add(_HEIGHTS[topic], message, message.height)
+
+    def on_diagnostics(self, array: Any, now: float) -> None:
+        """Take a DiagnosticArray."""
+        with self._lock:
+            self._state.on_diagnostics(array, now)
+
+    def on_event(self, event: Any, now: float) -> None:
+        """Take an Event; one that a late discovery repeats is not shown twice."""
+        del now
+        with self._lock:
+            stamp = _nanoseconds(event)
+            key = (stamp, event.header.frame_id, event.kind, event.text)
+            if key in self._seen_events:
+                return
+            self._seen_events.append(key)
+            if event.kind == EventKind.FINISHED:
+                self._state.finished = event.text or "the run is over"
+            self._counted += 1
+            shown = {
+                "number": self._counted, "at": stamp * 1e-9, "from": event.header.frame_id, "kind": event.kind,
+                "severity": Severity(event.severity).name.lower(), "text": event.text,
+            }  # fmt: skip
+            self._events.append(shown)
+            self._new_events.append(shown)
+
+    # the page
+
+    def everything(self, now: float) -> dict[str, Any]:
+        """Return all that a browser needs that has just come, at the steady time `now` [s]."""
+        with self._lock:
+            rows = {name: rows.all() for name, rows in self._rows.items()}
+            self._renew_spectrum(now)
+            return self._message("all", rows, list(self._events), self._spectrum, now)
+
+    def news(self, now: float) -> dict[str, Any]:
+        """Return what is new since the last call."""
+        with self._lock:
+            rows = {name: rows.take() for name, rows in self._rows.items()}
+            events = list(self._new_events)
+            self._new_events.clear()
+            # one that has been sent is not sent again: the browser would draw it again
+            return self._message("news", rows, events, self._spectrum if self._renew_spectrum(now) else None, now)
+
+    def drop_news(self) -> None:
+        """Forget what is new: no browser is connected, and one that connects is sent everything."""
+        with self._lock:
+            for rows in self._rows.values():
+                rows.take()
+            self._new_events.clear()
+
+    def _message(
+        self, kind: str, rows: dict[str, Sequence[Row]], events: list[dict[str, Any]], spectrum: Spectrum, now: float
+    ) -> dict[str, Any]:
+        origin = None if self._origin_ns is None else self._origin_ns * 1e-9
+        radius = self._scene.grain.radius if self._scene is not None else None
+        return {
+            "type": kind, "run": self._run, "origin": origin, "radius": radius,
+            "rows": {name: found for name, found in rows.items() if found},
+            "events": events, "state": self._state.shown(now), "spectrum": spectrum,
+        }  # fmt: skip
+
+    def _renew_spectrum(self, now: float) -> bool:
+        """Compute the spectra of the last seconds anew where they are due; return whether they were."""
+        if now < self._spectrum_at + _SPECTRUM:
+            return False
+        self._spectrum_at, self._spectrum = now, None
+        rows = self._rows["motion"].all()
+        if rows:
+            table = columns(rows)
+            support, beam = (spectrum(table[:, 0], table[:, column]) for column in (1, 2))
+            lines = support or beam
+            if lines is not None:
+                self._spectrum = {"frequency": list(map(plain, lines[0]))}
+                for name, found in (("support", support), ("beam", beam)):
+                    self._spectrum[name] = None if found is None else list(map(plain, found[1]))
+        return True
+
+    def _begin(self, origin_ns: int) -> None:
+        """Begin another run."""
+        if self._origin_ns is not None:
+            self._efficiency.restart()
+            self._state.restart()
+            self._spectrum_at, self._spectrum = -math.inf, None
+        self._last_index.clear()
+        self._origin_ns, self._run = origin_ns, self._run + 1
+        for rows in self._rows.values():
+            rows.clear()
+
+    def _add(self, name: str, message: Any, *values: float) -> None:
+        if self._origin_ns is not None:
+            self._rows[name].add((_nanoseconds(message) - self._origin_ns) * 1e-9, *values)
+
+    def _add_samples(self, name: str, message: Any, values: Array) -> None:
+        assert self._origin_ns is not None
+        begin = (_nanoseconds(message) - self._origin_ns) * 1e-9 - message.first_index / message.rate
+        if message.first_index > self._last_index.get(name, math.inf) + 1:  # a block was lost
+            self._rows[name].add_gap(begin + (message.first_index - 1) / message.rate)
+        self._last_index[name] = message.first_index + len(values) - 1
+        for time, row in zip(*thinned(message.first_index, message.rate, values), strict=True):
+            self._rows[name].add(begin + float(time), *row)
+
+
+def _nanoseconds(message: Any) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _column(data: Array, names: list[str], name: str) -> Array:
+    return data[:, names.index(name)] if name in names else np.full(len(data), np.nan)

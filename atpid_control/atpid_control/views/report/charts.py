@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's charts as plain plotly figures. Colours are names ("@own") that the page fills in for light and dark."""
+
+from typing import Any
+
+import numpy as np
+
+from atpid_control.analysis.analyse import Analysis
+from atpid_control.views.report.panels import Chart, Panel, extremes
+from atpid_sim.system import Array
+
+Figure = dict[str, Any]
+
+#: Points a curve is drawn with at most: each bucket keeps its highest and lowest.
+_POINTS = 6000
+_FONT = "Inter, system-ui, -apple-system, Segoe UI, Roboto, Helvetica, Arial, sans-serif"
+_GAP = 0.07
+
+
+def thinned(time: Array, value: Array, points: int = _POINTS) -> tuple[list[float], list[float | None]]:
+    """Return a curve with at most `points` points that keeps every extreme; NaN as None."""
+    chosen = extremes(value, points)
+    time, value = time[chosen], value[chosen]
+    return [round(float(t), 5) for t in time], [round(float(v), 7) if np.isfinite(v) else None for v in value]
+
+
+def draw(chart: Chart) -> Figure:
+    """Return the panels below each other, one time axis for all."""
+    total = sum(panel.share for panel in chart.panels)
+    room = 1.0 - _GAP * (len(chart.panels) - 1)
+    figure: Figure = {"data": [], "layout": _layout(chart.height)}
+    top = 1.0
+    for number, panel in enumerate(chart.panels, start=1):
+        bottom = max(0.0, top - room * panel.share / total)
+        axis = "y" if number == 1 else f"y{number}"
+        figure["layout"][f"yaxis{axis[1:]}"] = {**_axis(), "domain": [bottom, top]}
+        _panel(figure, panel, axis, top)
+        top = bottom - _GAP
+    time = {"range": [chart.begin, chart.end], "title": {"text": "time, s"}, "minallowed": 0.0}
+    figure["layout"]["xaxis"] = {**_axis(), "anchor": axis, **time}
+    figure["layout"]["shapes"] = [
+        {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0, "y1": 1, "layer": "below",
+         "line": {"width": 0}, "fillcolor": "@window"}
+        for begin, end in chart.windows
+    ]  # fmt: skip
+    return figure
+
+
+def spectra(found: Analysis) -> Figure:
+    """Return the power spectral densities of support and beam, to eight times the frequency of half the power."""
+    figure: Figure = {"data": [], "layout": _layout(320)}
+    beam = found.spectra[1]
+    total = np.cumsum(beam.density[1:])
+    end = 8 * (int(np.searchsorted(total, 0.5 * total[-1])) + 1)
+    top = float(np.log10(max(float(one.density[1:].max()) for one in found.spectra)))
+    for one, name, colour in zip(found.spectra, ("support", "beam"), ("@given", "@own"), strict=True):
+        chosen = slice(1, end + 1)
+        density = np.where(one.density[chosen] > 0.0, one.density[chosen], np.nan)
+        x, y = [round(float(f), 4) for f in one.frequency[chosen]], [float(f"{v:.4g}") for v in density]
+        shown = [value if np.isfinite(value) else None for value in y]
+        line = {"color": colour, "width": 1.6}
+        figure["data"].append({"type": "scatter", "mode": "lines", "x": x, "y": shown, "name": name, "line": line,
+                               "hovertemplate": "%{y:.3g} m²/Hz"})  # fmt: skip
+    figure["layout"]["showlegend"] = True
+    figure["layout"]["legend"] = {"x": 1, "xanchor": "right", "y": 1}
+    figure["layout"]["xaxis"] = {**_axis(), "title": {"text": "frequency, Hz"}}
+    figure["layout"]["yaxis"] = {**_axis(), "type": "log", "range": [top - 10.0, top + 0.5], "exponentformat": "power"}
+    _title(figure, 1.0, "Power spectral density", "m²/Hz")
+    return figure
+
+
+def _layout(height: int) -> Figure:
+    return {
+        "height": height, "margin": {"l": 56, "r": 112, "t": 34, "b": 44}, "showlegend": False, "annotations": [],
+        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)", "hovermode": "x unified",
+        "font": {"family": _FONT, "size": 12.5, "color": "@muted"}, "dragmode": "zoom",
+        "hoverlabel": {"bgcolor": "@paper", "bordercolor": "@grid", "font": {"color": "@ink"}},
+    }  # fmt: skip
+
+
+def _axis() -> Figure:
+    return {"gridcolor": "@grid", "zerolinecolor": "@grid", "zerolinewidth": 1, "linecolor": "@grid", "ticks": ""}
+
+
+def _note(figure: Figure, **given: Any) -> None:
+    figure["layout"]["annotations"].append({"showarrow": False, **given})
+
+
+def _title(figure: Figure, top: float, text: str, unit: str) -> None:
+    place = {"xref": "paper", "yref": "paper", "x": 0, "y": top, "yanchor": "bottom", "yshift": 5}
+    _note(figure, **place, xanchor="left", text=f"<b>{text}</b>", font={"color": "@ink", "size": 13.5})
+    _note(figure, **place, xanchor="right", xshift=-6, text=unit)
+
+
+def _panel(figure: Figure, panel: Panel, axis: str, top: float) -> None:
+    _title(figure, top, panel.title, panel.unit)
+    hover = f"%{{y:.{4 if panel.unit == 'm' else 3}f}} {panel.unit}"
+    for curve in panel.curves:
+        x, y = thinned(curve.time, curve.value)
+        line = {"color": f"@{curve.colour}", "width": curve.widths[1]} | ({"shape": "hv"} if curve.holds else {})
+        figure["data"].append(
+            {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": curve.name, "yaxis": axis, "line": line,
+             "hovertemplate": hover, "connectgaps": False}
+        )  # fmt: skip
+        _note(
+            figure, name="label", xref="paper", yref=axis, x=1, y=curve.label, xanchor="left", xshift=8,
+            yshift=8.0 * curve.side, text=f"<b>{curve.name}</b>", font={"color": f"@{curve.label_colour}"},
+        )  # fmt: skip
+    for middle, height, text in panel.efficiencies:
+        place = {"xref": "x", "yref": axis, "x": middle, "y": height, "yanchor": "top"}
+        _note(figure, name="efficiency", text=f"<b>{text}</b>", font={"color": "@own", "size": 19}, **place)
+    for middle, height, text in panel.printed:
+        figure["data"].append(
+            {"type": "scatter", "mode": "markers+text", "x": [middle], "y": [height],
+             "text": [text], "textposition": "bottom center",
+             "textfont": {"color": "@accent"}, "yaxis": axis, "name": "thesis", "hoverinfo": "skip",
+             "marker": {"symbol": "diamond", "size": 9, "color": "@accent", "line": {"color": "@paper", "width": 1}}}
+        )  # fmt: skip
+    scale = figure["layout"][f"yaxis{axis[1:]}"]
+    scale |= {"rangemode": "tozero"} if panel.limits[0] == 0.0 else {"range": list(panel.limits)}
+    if panel.errors is not None:
+        chosen = extremes(panel.errors[1], _POINTS)
+        time, error, bar = ([round(float(value), 5) for value in values[chosen]] for values in panel.errors)
+        scale["tickvals"] = [panel.limits[0], 0.0, panel.limits[1]]
+        figure["data"].append(
+            {"type": "scatter", "mode": "markers", "x": time, "yaxis": axis, "name": "error", "y": error,
+             "marker": {"color": "@own", "size": 3.5}, "hovertemplate": hover,
+             "error_y": {"type": "data", "array": bar, "color": "@soft", "thickness": 2.0, "width": 0}}
+        )  # fmt: skip

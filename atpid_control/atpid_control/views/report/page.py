@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a report: self-contained, light or dark by the reader's setting; its template is data/report.html."""
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from plotly.offline import get_plotlyjs
+
+from atpid_control.analysis.analyse import Analysis, analyse
+from atpid_control.analysis.rows import rows
+from atpid_control.analysis.signals import AnalysisError, signals_of
+from atpid_control.runs.run import Run
+from atpid_control.views.report import charts, panels
+from atpid_control.views.report.latency import latency_of
+from atpid_control.views.report.picture import DARK, LIGHT, Palette
+from atpid_control.views.report.stages import Printed, Stage, measured_decrement
+from atpid_control.views.report.view import View, headline, not_arrived
+from atpid_sim.simulation.energy import Ledger
+
+_COLUMNS = (
+    "stage", "support amplitude", "identified", "error", "frequency", "ceiling height", "beam, closed", "beam",
+    "efficiency", "without damper", "reduction",
+)  # fmt: skip
+
+
+def page(view: View) -> str:
+    """Return the whole page as HTML."""
+    analysis = analysis_of(view.run)
+    drawn = {"overview": panels.overview(view), "grain": panels.grain(view)}
+    shown = {name: charts.draw(chart) for name, chart in drawn.items() if chart is not None}
+    shown |= {"spectra": charts.spectra(analysis)} if analysis is not None else {}
+    colours = f":root{{{_colours(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{_colours(DARK)}}}}}\n"
+    # a closing tag inside the text would end the script element
+    data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    code = {"colours": colours, "style": _data("page.css"), "figures": data, "library": get_plotlyjs(),
+            "script": _data("page.js")}  # fmt: skip
+    pages = Environment(loader=PackageLoader(__package__, "data"), autoescape=True, undefined=StrictUndefined,
+                        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # fmt: skip
+    return pages.get_template("report.html").render(contents(view, analysis) | code)
+
+
+def _data(name: str) -> str:
+    return files(__package__).joinpath("data", name).read_text(encoding="utf-8")
+
+
+def _colours(palette: Palette) -> str:
+    return "".join(f"--{name}:{value};" for name, value in asdict(palette).items())
+
+
+def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
+    """Return the names the template uses, `view` itself among them."""
+    real_time = view.run.about.get("clock") == "real time"
+    printed: Sequence[Printed | None] = view.printed or [None] * len(view.stages)
+    return {
+        "view": view, "headline": headline(view), "origin": _origin(view), "tiles": list(_tiles(view)),
+        "columns": _COLUMNS, "stages": [_cells(*row) for row in zip(view.stages, printed, strict=True)],
+        "irregular": any(stage.amplitude_spread for stage in view.stages), "not_arrived": not_arrived(view),
+        "energy": _energy(view.run), "latency": latency_of(view.run) if real_time else None, "analysis": analysis,
+        "analysis_rows": list(rows(analysis)) if analysis else [],
+        "doubts": [*analysis.doubts, *view.run.faults(-math.inf, math.inf)] if analysis else [], "facts": _facts(view),
+    }  # fmt: skip
+
+
+def analysis_of(run: Run) -> Analysis | None:
+    """Return the analysis of what the sensor measured; None where nothing moves, or the run is too short."""
+    try:
+        return analyse(signals_of(run, both=False)[0])
+    except AnalysisError:
+        return None
+
+
+def _origin(view: View) -> list[str]:
+    about = view.run.about
+    parts = (
+        about.get("scene", "no scene"),
+        about.get("created", "")[:16].replace("T", " "),
+        f"{view.run.duration:.4g} s",
+    )
+    return [part for part in parts if part]
+
+
+def _tiles(view: View) -> Iterator[dict[str, Any]]:
+    """Yield the main results: one a stage, or the decrements of a free decay."""
+    scene = view.run.scene
+    if view.always_closed:
+        return
+    if view.decrements is None:
+        for stage in view.stages:
+            if math.isfinite(stage.efficiency):
+                what = f"reduction, support ±{1e3 * stage.excitation_amplitude:.4g} mm"
+                below = (
+                    f"without the damper ±{stage.bare_amplitude:.3f} m → {_beam_amplitude(stage)}; "
+                    f"closed ±{stage.undamped_amplitude:.3f} m, efficiency {stage.efficiency_text()}"
+                )
+                yield _tile(stage.reduction_text(), what, below)
+    elif scene is not None:
+        own, closed = view.decrements
+        free, still = measured_decrement(scene, scene.ceiling.heights[0][1]), measured_decrement(scene, 0.0)
+        ratio = "largest ratio of successive peaks"
+        yield _tile(f"{own:.2f}", "with the grain free", ratio, free)
+        yield _tile(f"{closed:.2f}", "with the damper closed", ratio, still, reference=True)
+
+
+def _beam_amplitude(stage: Stage) -> str:
+    if stage.amplitude_spread is None:
+        return f"±{stage.amplitude:.3f} m"
+    least, largest = stage.amplitude_spread
+    return f"±{least:.3f} to {largest:.3f} m: irregular; this run: ±{stage.amplitude:.3f} m"
+
+
+def _tile(
+    value: str, what: str, below: str, measured: float | None = None, *, reference: bool = False
+) -> dict[str, Any]:
+    said = f"{measured:.4g}" if measured else ""
+    return {"value": value, "what": what, "below": below, "reference": reference, "measured": said}
+
+
+def _energy(run: Run) -> dict[str, Any] | None:
+    """Return where the energy of the run went; None of hardware."""
+    ledger = run.ledger
+    if ledger is None:
+        return None
+    parts = [
+        ("contacts of the grain", ledger.contact_loss, "own"),
+        ("the beam's own damping", ledger.beam_loss, "given"),
+        ("still in motion", max(0.0, ledger.stored), "accent"),
+    ]
+    total = sum(value for _, value, _ in parts) or 1.0
+    left = abs(ledger.residual)
+    mantissa, exponent = f"{left:.0e}".split("e")
+    return {
+        "supplied": _supplied(ledger), "impacts": run.impacts, "mantissa": mantissa,
+        "exponent": str(int(exponent)).replace("-", "−") if left else "",
+        "parts": [{"name": name, "value": value, "share": value / total, "colour": colour}
+                  for name, value, colour in parts if value > 0.0],
+    }  # fmt: skip
+
+
+def _supplied(ledger: Ledger) -> str:
+    supplied = [f"The support supplied {ledger.input:.4g} J"] if ledger.input else []
+    if ledger.ceiling_work:
+        verb = "supplied" if ledger.ceiling_work > 0.0 else "took up"
+        supplied.append(f"the ceiling's motor {verb} {abs(ledger.ceiling_work):.3g} J")
+    if ledger.stored < 0.0:
+        supplied.append(f"{-ledger.stored:.4g} J were stored at the start")
+    return ", ".join(supplied)
+
+
+def _facts(view: View) -> dict[str, str]:
+    """Return where the run comes from, and what was lost."""
+    run, about, result, scene = view.run, view.run.about, view.run.result, view.run.scene
+    clock, factor = about.get("clock", "–"), result.get("real_time_factor")
+    if factor and clock == "lockstep":
+        clock = f"{clock}, {float(factor):.1f} times as fast as real time"
+    return {
+        "scene": run.scene_problem or about.get("scene", "–"),
+        "seed": str(scene.seed) if scene else "–",
+        "run": about.get("run_id", "–"),
+        "commit": about.get("commit", "–"),
+        "clock": clock,
+        "lost": f"{run.lost} scans of {len(run.measured.time)}, in {run.blocks} blocks",
+        "answers": f"{len(run.estimates.time)} estimates, {len(run.commands.time)} commands",
+        "recording": "whole" if result.get("finished") == "yes" else "ended before the run did",
+    }
+
+
+def _cells(stage: Stage, printed: Printed | None) -> list[dict[str, str]]:
+    """Return a stage's cells, with what the thesis prints and the best that is known beneath."""
+    error = 100.0 * (stage.identified_amplitude / stage.excitation_amplitude - 1.0)
+    thesis = dict.fromkeys(("height", "closed", "beam", "efficiency"), "")
+    best = dict(thesis)
+    if printed is not None:
+        thesis = {
+            "height": f"{printed.height_sign}{printed.height:.2f} m", "closed": f"{printed.closed:.2f} m",
+            "beam": f"{printed.amplitude:.2f} m", "efficiency": f"{100.0 * printed.efficiency:.0f} %",
+        }  # fmt: skip
+        best |= {"height": f"{printed.best_height:.2f} m", "efficiency": f"{100.0 * printed.best_efficiency:.0f} %"}
+    efficiency = stage.efficiency_text() if stage.amplitude_spread else number(100.0 * stage.efficiency, ".1f", "%")
+    reduction = stage.reduction_text() if stage.amplitude_spread else number(100.0 * stage.reduction, ".1f", "%")
+    cells = [
+        (f"{stage.t0:.4g} to {stage.t1:.4g} s", ""),
+        (number(1e3 * stage.excitation_amplitude, ".4g", "mm"), ""),
+        (number(1e3 * stage.identified_amplitude, ".3f", "mm"), ""),
+        (number(error, "+.3f", "%"), ""),
+        (number(stage.identified_frequency, ".3f", "Hz"), ""),
+        (number(stage.height, ".3f", "m") + ("" if stage.arrived else " *"), "height"),
+        (number(stage.undamped_amplitude, ".3f", "m"), "closed"),
+        (number(stage.amplitude, ".3f", "m"), "beam"),
+        (efficiency, "efficiency"),
+        (number(stage.bare_amplitude, ".3f", "m"), ""),
+        (reduction, ""),
+    ]
+    return [{"text": text, "thesis": thesis.get(name, ""), "best": best.get(name, "")} for text, name in cells]
+
+
+def number(value: float, form: str, unit: str) -> str:
+    """Return a value in the page's form: a true minus sign, no sign on zero, a dash for NaN."""
+    if not math.isfinite(value):
+        return "–"
+    text = f"{value:{form}}"
+    if float(text) == 0.0:  # rounded to zero, it has no sign
+        text = text.lstrip("+-")
+    return f"{text} {unit}".replace("-", "−")

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures as PNG, for README and papers; the page draws the same panels."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from atpid_control.views.report.panels import Chart, Curve, Panel, extremes, grain, overview
+from atpid_control.views.report.view import View
+from atpid_sim.figure_numbers import metadata_of
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of one scheme: grey for the given excitation and the closed damper, blue for the damper.
+
+    Orange is kept for the thesis's printed figures and for warnings. The contrast of text is at least 4.5 to 1.
+    """
+
+    paper: str
+    ink: str
+    muted: str  # axes, captions
+    grid: str
+    given: str  # the closed damper, the true excitation, the command
+    given_text: str  # the same where it is text
+    own: str  # the damper, the estimate, the ceiling
+    soft: str  # the same, as an area
+    accent: str  # the thesis's figures, warnings
+    window: str  # where a stage is measured
+
+
+LIGHT = Palette(
+    paper="#ffffff", ink="#1a1d21", muted="#5f6770", grid="#e7e9ec", given="#b4bac1", given_text="#6b727a",
+    own="#0f6aa3", soft="#cfe3f0", accent="#b4540a", window="#f2f5f8",
+)  # fmt: skip
+DARK = Palette(
+    paper="#14171b", ink="#e9ebee", muted="#9aa2ab", grid="#2a2f36", given="#5b646e", given_text="#98a1ab",
+    own="#62b2e6", soft="#1d3b50", accent="#eb9b57", window="#1b2026",
+)  # fmt: skip
+SCHEMES = {"light": LIGHT, "dark": DARK}
+
+
+_DPI = 160
+_SIZE = 9.5
+#: A curve longer than this is drawn with so many of its points.
+_LONG, _POINTS = 200_000, 20_000
+
+
+def save_pictures(view: View, folder: Path) -> list[Path]:
+    """Draw every picture the run has, light and dark; return the files written."""
+    written = []
+    for scheme, palette in SCHEMES.items():
+        for name, chart in (("overview", overview(view)), ("grain", grain(view))):
+            if chart is not None:
+                figure = draw(chart, palette)
+                path = folder / (f"{name}.png" if scheme == "light" else f"{name}-{scheme}.png")
+                figure.savefig(path, dpi=_DPI, metadata=metadata_of(figure))
+                written.append(path)
+    return written
+
+
+def style(palette: Palette) -> Any:
+    """Return matplotlib's settings for a palette."""
+    return {
+        "font.family": "DejaVu Sans", "font.size": _SIZE, "axes.edgecolor": palette.grid, "axes.linewidth": 0.8,
+        "axes.facecolor": palette.paper, "figure.facecolor": palette.paper, "savefig.facecolor": palette.paper,
+        "axes.labelcolor": palette.muted, "text.color": palette.ink, "xtick.color": palette.muted,
+        "ytick.color": palette.muted, "xtick.major.size": 0.0, "ytick.major.size": 0.0, "axes.grid": True,
+        "grid.color": palette.grid, "grid.linewidth": 0.8, "axes.axisbelow": True, "axes.spines.top": False,
+        "axes.spines.right": False, "axes.spines.left": False, "lines.solid_capstyle": "round",
+    }  # fmt: skip
+
+
+def draw(chart: Chart, palette: Palette) -> Figure:
+    """Draw the panels below each other; a chart that begins later than at 0 counts its time from there."""
+    with matplotlib.rc_context(style(palette)):
+        panels = chart.panels
+        height = 1.0 + 1.15 * sum(panel.share for panel in panels)
+        figure = Figure(figsize=(11.0, height))
+        grid = figure.add_gridspec(
+            len(panels), height_ratios=[panel.share for panel in panels], hspace=0.42 if len(panels) > 2 else 0.3,
+            left=0.065, right=0.895, top=1.0 - 0.38 / height, bottom=0.55 / height,
+        )  # fmt: skip
+        first = None
+        for row, panel in enumerate(panels):
+            axes = figure.add_subplot(grid[row], sharex=first)
+            first = first or axes
+            axes.set_xlim(0.0, chart.end - chart.begin)
+            axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+            axes.tick_params(labelbottom=row == len(panels) - 1)
+            for begin, end in chart.windows:
+                axes.axvspan(begin, end, color=palette.window, lw=0.0, zorder=0)
+            _panel(axes, panel, chart.begin, palette)
+        axes.set_xlabel(f"time since {chart.begin:.2f} s, s" if chart.begin else "time, s")
+    return figure
+
+
+def _panel(axes: Any, panel: Panel, start: float, palette: Palette) -> None:
+    axes.set_title(panel.title, loc="left", fontsize=_SIZE + 0.5, fontweight="bold", color=palette.ink, pad=7)
+    axes.annotate(
+        panel.unit, (0.0, 1.0), xytext=(-4, 7), xycoords="axes fraction", textcoords="offset points", ha="right",
+        va="bottom", color=palette.muted,
+    )  # fmt: skip
+    for curve in panel.curves:
+        _curve(axes, curve, start, palette)
+    if panel.errors is not None:
+        chosen = extremes(panel.errors[1], _POINTS)
+        time, error, bar = (values[chosen] for values in panel.errors)
+        axes.vlines(time, error - bar, error + bar, color=palette.soft, lw=1.8)
+        axes.plot(time, error, ".", color=palette.own, ms=3.0, mew=0.0)
+        axes.axhline(0.0, color=palette.given, lw=0.8, zorder=1)
+        axes.set_yticks([panel.limits[0], 0.0, panel.limits[1]])
+    for middle, height, text in panel.efficiencies:
+        large = {"fontsize": _SIZE + 5.5, "fontweight": "bold"}
+        axes.text(middle, height, text, ha="center", va="top", color=palette.own, **large)
+    for middle, height, text in panel.heights:
+        axes.text(middle, height, text, ha="center", va="bottom", color=palette.own)
+    for middle, height, text in panel.printed:
+        axes.plot(middle, height, "D", color=palette.accent, ms=4.5, mec=palette.paper, mew=0.8, zorder=5)
+        axes.annotate(text, (middle, height), xytext=(0, -7), textcoords="offset points", ha="center", va="top",
+                      color=palette.accent)  # fmt: skip
+    axes.set_ylim(*panel.limits)
+    if panel.walls:
+        for curve, outside in zip((panel.curves[0], panel.curves[-1]), panel.limits, strict=True):
+            axes.fill_between(curve.time - start, curve.value, outside, color=palette.window, lw=0.0)
+
+
+def _curve(axes: Any, curve: Curve, start: float, palette: Palette) -> None:
+    """Draw a curve and its name; of a run of hours only its extremes: matplotlib needs 100 bytes a point and more."""
+    chosen = extremes(curve.value, _POINTS) if len(curve.value) > _LONG else slice(None)
+    time, value = curve.time[chosen] - start, curve.value[chosen]
+    if curve.band is not None:
+        band = curve.band[chosen]
+        axes.fill_between(time, value - band, value + band, color=palette.soft, lw=0.0)
+    look = {"color": getattr(palette, curve.colour), "lw": curve.widths[0]}
+    axes.plot(time, value, drawstyle="steps-post" if curve.holds else "default", **look)
+    axes.annotate(
+        curve.name, (1.0, curve.label), xytext=(7, 7.0 * curve.side), xycoords=("axes fraction", "data"),
+        textcoords="offset points", va="center", color=getattr(palette, curve.label_colour), fontweight="bold",
+        annotation_clip=False,
+    )  # fmt: skip

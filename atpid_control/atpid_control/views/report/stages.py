@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stages of a run, intervals of constant excitation: what was measured at the ends, and what the thesis prints."""
+
+import math
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_control.runs.run import Run, open_run
+from atpid_control.runs.tables import TRUTH
+from atpid_control.views.report.comparison import Closed, closed_motion, repeated
+from atpid_sim.scene import Scene
+from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points
+from atpid_sim.simulation.quantities import bare_amplitude, efficiency, half_peak_to_peak
+from atpid_sim.simulation.reproducibility import Verdict
+from atpid_sim.simulation.simulate import finite
+from atpid_sim.system import Array
+
+#: A ceiling this close to the height commanded has arrived [m]: ten times what the motor resolves.
+_ARRIVED = 5e-3
+#: Length of the window at the end of a stage in which everything is measured [s].
+WINDOW = 2.0
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage: the keys of the bench's summary. NaN: unknown."""
+
+    t0: float  # [s]
+    t1: float  # [s]
+    excitation_amplitude: float  # true [m]
+    identified_amplitude: float  # mean of the steady estimates in the window [m]
+    identified_frequency: float  # likewise [Hz]
+    height: float  # of the ceiling, median in the window [m]
+    amplitude: float  # half peak-to-peak of the beam in the window [m]
+    undamped_amplitude: float  # the same with the damper closed [m]
+    efficiency: float  # 1 - amplitude / undamped_amplitude [-]
+    bare_amplitude: float = math.nan  # of the structure as it is without the damper, at the same excitation [m]
+    reduction: float = math.nan  # 1 - amplitude / bare_amplitude [-]; below 0: the damper makes it worse
+    commanded_height: float = math.nan  # the last one before the window's end [m]
+    reproducible: bool | None = None  # whether repeated simulations agree; None: unknown
+    amplitude_spread: tuple[float, float] | None = None  # least and largest of them, where they do not agree [m]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; NaN as None."""
+        return dict(finite(asdict(self)))
+
+    @property
+    def efficiency_range(self) -> tuple[float, float]:
+        """Least and largest efficiency of repeated runs [-]; twice the efficiency where they agree."""
+        return self._range(self.efficiency, self.undamped_amplitude)
+
+    @property
+    def reduction_range(self) -> tuple[float, float]:
+        """Least and largest reduction of repeated runs [-]; twice the reduction where they agree."""
+        return self._range(self.reduction, self.bare_amplitude)
+
+    def _range(self, share: float, reference: float) -> tuple[float, float]:
+        if self.amplitude_spread is None:
+            return share, share
+        least, largest = self.amplitude_spread
+        return efficiency(largest, reference), efficiency(least, reference)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the ceiling was where it had been commanded to; true where that is unknown."""
+        return not abs(self.height - self.commanded_height) > _ARRIVED
+
+    def efficiency_text(self) -> str:
+        """Return the efficiency in per cent, as a range where repeated runs differ, a dash where it is unknown."""
+        return per_cent(self.efficiency_range)
+
+    def reduction_text(self) -> str:
+        """Return the reduction likewise."""
+        return per_cent(self.reduction_range)
+
+
+def per_cent(limits: tuple[float, float]) -> str:
+    """Return a share, or the range between two [-], in per cent; a dash where it is unknown."""
+    if not math.isfinite(limits[0]):
+        return "–"
+    least, largest = (f"{round(100.0 * value)}".replace("-", "−") for value in limits)
+    return f"{least} %" if least == largest else f"{least} to {largest} %"
+
+
+def stages(source: Path | Run, closed: Closed | None = None) -> list[Stage]:
+    """Return the stages of a recorded run; none where nothing excites it steadily. Raises BagError."""
+    run = source if isinstance(source, Run) else open_run(source)
+    return measure(run, closed_motion(run, closed))
+
+
+def measure(run: Run, closed: Array | None) -> list[Stage]:
+    """Return the stages, given the closed damper's beam (n,) [m] at the run's times."""
+    found = intervals(run)
+    windows = [window_of(run, *interval) for interval in found]
+    again = repeated(run, windows)
+    given = true_amplitude(run)
+    return [_measure(run, closed, *parts, given) for parts in zip(found, windows, again, strict=True)]
+
+
+def true_amplitude(run: Run) -> Array | None:
+    """Return the excitation's true amplitude (n,) [m] at the motion's times, None where it is unknown."""
+    if run.scene is None or run.scene.excitation.kind in ("free", "series"):
+        return None
+    points = run.scene.excitation.amplitude_points
+    return np.interp(run.motion.time, [t for t, _ in points], [amplitude for _, amplitude in points])
+
+
+def intervals(run: Run) -> list[tuple[float, float]]:
+    """Return (begin, end) [s] of the intervals of constant amplitude above zero that the run reached the end of."""
+    if run.scene is None or not run.scene.excitation.is_tone:
+        return []
+    return constant_intervals(run.scene, min(run.scene.duration, run.duration))
+
+
+def constant_intervals(scene: Scene, end: float) -> list[tuple[float, float]]:
+    """Return (begin, end) [s] of the intervals of constant frequency and amplitude above zero of a tone, to `end`."""
+    kinks = {t for t, _ in (*scene.excitation.amplitude_points, *frequency_points(scene)) if 0.0 < t < end}
+    found: list[tuple[float, float]] = []
+    joined = False  # whether the interval before was constant, so that this one continues it
+    for t0, t1 in pairwise(sorted({0.0, end, *kinks})):
+        amplitudes, frequencies = ({of(scene, t0), of(scene, t1)} for of in (amplitude_at, frequency_at))
+        constant = len(amplitudes) == len(frequencies) == 1 and min(amplitudes) > 0.0
+        if constant:
+            found = [*found[:-1], (found[-1][0], t1)] if joined else [*found, (t0, t1)]
+        joined = constant
+    return found
+
+
+def window_of(run: Run, t0: float, t1: float) -> tuple[float, float]:
+    """Return the window [s] a stage is measured in: its last 2 s; the scene's own where there is one stage only."""
+    scene = run.scene
+    if scene is not None and len(intervals(run)) == 1 and "steady_window" in scene.model_fields_set:
+        first, last = scene.steady_window
+        if t0 <= first < last <= t1 + 1e-9:
+            return first, last
+    return max(t0, t1 - min(WINDOW, 0.5 * (t1 - t0))), t1
+
+
+def _measure(run: Run, closed: Array | None, interval: tuple[float, float], window: tuple[float, float],
+             again: Verdict | None, given: Array | None) -> Stage:  # fmt: skip
+    (t0, t1), (begin, end) = interval, window
+    inside = _within(run.motion.time, begin, end)
+    amplitude = half_peak_to_peak(run.motion.beam[inside])
+    undamped = half_peak_to_peak(closed[inside]) if closed is not None else math.nan
+    estimated = _within(run.estimates.time, begin, end) & run.estimates.steady
+    spread = again.spread if again else None
+    repetitions = [value for value in (*(spread or ()), amplitude) if math.isfinite(value)]
+    bare = _bare(run.scene, t0)
+    return Stage(
+        t0=t0,
+        t1=t1,
+        excitation_amplitude=float(given[inside][-1]) if given is not None and inside.any() else math.nan,
+        identified_amplitude=_mean(run.estimates.amplitude[estimated]),
+        identified_frequency=_mean(run.estimates.frequency[estimated]),
+        height=_height(run, begin, end),
+        amplitude=amplitude,
+        undamped_amplitude=undamped,
+        efficiency=efficiency(amplitude, undamped),
+        bare_amplitude=bare,
+        reduction=efficiency(amplitude, bare),
+        commanded_height=_commanded(run, end),
+        reproducible=again.reproducible if again else None,
+        amplitude_spread=(min(repetitions), max(repetitions)) if spread else None,
+    )
+
+
+def _bare(scene: Scene | None, time: float) -> float:
+    """Return the amplitude [m] of the structure without the damper, at the excitation of a time [s] in the run."""
+    if scene is None:
+        return math.nan
+    beam, tone = scene.beam, (amplitude_at(scene, time), frequency_at(scene, time))
+    return bare_amplitude(beam.mass, beam.stiffness, beam.damping, *tone)
+
+
+def _commanded(run: Run, end: float) -> float:
+    """Return the height [m] commanded last before `end` [s]; NaN where none was."""
+    sent = run.commands
+    heights = sent.height[np.isfinite(sent.height) & (sent.time <= end + 1e-9)]
+    return float(heights[-1]) if len(heights) else math.nan
+
+
+def _height(run: Run, begin: float, end: float) -> float:
+    if run.motion.origin == TRUTH:
+        seen = run.motion.ceiling[_within(run.motion.time, begin, end)]
+    else:
+        seen = run.ceiling.height[_within(run.ceiling.time, begin, end)]
+    return float(np.nanmedian(seen)) if np.isfinite(seen).any() else math.nan
+
+
+def _within(times: Array, begin: float, end: float) -> NDArray[np.bool_]:
+    inside: NDArray[np.bool_] = (times >= begin - 1e-9) & (times <= end + 1e-9)
+    return inside
+
+
+def _mean(values: Array) -> float:
+    seen = values[np.isfinite(values)]
+    return float(seen.mean()) if len(seen) else math.nan
+
+
+@dataclass(frozen=True)
+class Printed:
+    """One stage as printed."""
+
+    excitation: float  # [m]; the first is printed as 0.15, a slip (DESIGN: the 0.3 m of Fig. 4.5 belong to 0.015)
+    height: float  # [m]
+    amplitude: float  # of the beam, adaptive [m]
+    closed: float  # of the beam, closed damper [m]
+    best_height: float  # what a search over all heights finds with this model [m]
+    best_efficiency: float  # there [-]
+    height_sign: str = ""  # "above", where the thesis prints it
+
+    @property
+    def efficiency(self) -> float:
+        """1 - amplitude / closed [-]."""
+        return efficiency(self.amplitude, self.closed)
+
+
+SECTION_4_3 = (
+    Printed(0.015, 0.30, 0.07, 0.30, 0.29, 0.80),
+    Printed(0.040, 0.70, 0.17, 0.85, 0.76, 0.81, "> "),
+    Printed(0.030, 0.57, 0.13, 0.65, 0.57, 0.81),
+)
+MASS_FRACTION, STIFFNESS = 0.1, 427.6
+
+
+def beside(run: Run, stages: list[Stage]) -> list[Printed] | None:
+    """Return the thesis's stages where `run` is its adaptive bench, else None."""
+    scene = run.scene
+    if scene is None or not scene.ceiling.controlled or len(stages) != len(SECTION_4_3):
+        return None
+    same_system = np.isclose([scene.grain.mass_fraction, scene.beam.stiffness], [MASS_FRACTION, STIFFNESS]).all()
+    given = [stage.excitation_amplitude for stage in stages]
+    same_stages = np.allclose(given, [printed.excitation for printed in SECTION_4_3], rtol=1e-6)
+    return list(SECTION_4_3) if same_system and same_stages else None
+
+
+#: Largest ratio of successive peaks measured on the stand (section 2.3.1), by mass fraction and height [m].
+MEASURED_DECREMENTS = {
+    (0.025, 0.05): 1.345, (0.025, 0.10): 1.38, (0.025, 0.15): 1.40, (0.025, 0.20): 1.42,
+    (0.05, 0.20): 1.52, (0.1, 0.20): 1.8, (0.2, 0.20): 2.5,
+}  # fmt: skip
+MEASURED_CLOSED = 1.31
+MEASURED_STIFFNESS, MEASURED_DEFLECTION = 117.6, 0.2
+
+
+def measured_decrement(scene: Scene, height: float) -> float | None:
+    """Return what the stand showed for a free decay like the scene's with the ceiling at `height` [m], 0 for closed.
+
+    None where that was not measured.
+    """
+    if not scene.excitation.is_free:
+        return None
+    given = (scene.beam.stiffness, scene.excitation.deflection)
+    if not np.allclose(given, (MEASURED_STIFFNESS, MEASURED_DEFLECTION)):
+        return None
+    if height <= 2.0 * scene.grain.radius:
+        return MEASURED_CLOSED
+    here = (scene.grain.mass_fraction, height)
+    return next((value for measured, value in MEASURED_DECREMENTS.items() if np.allclose(measured, here)), None)

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes of a run start with: packages' files, the user's parameter file, and what the run sets itself."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from atpid_common.errors import InputError
+from atpid_control.cli import main
+from atpid_control.selection.map_cache import map_of_run
+from atpid_control.stand import emulated
+from atpid_control.stand.errors import BenchError
+from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
+from atpid_control.stand.parts import NAMES, PARTS, REAL_TIME_PARTS, parameters_for
+from atpid_control.stand.running import RosOptions, commands_of
+from atpid_sim.scene import Scene, load_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+FILE = ROOT / "scenes" / "stand_realtime.yaml"
+STANDARD = ROOT / "atpid_control/config/maps/standard.npz"
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return load_scene(FILE)
+
+
+def file_of(folder: Path, text: str) -> Path:
+    path = folder / "values.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("namespace", "key"),
+    [
+        ("", "/**/selector_node"), ("", "/selector_node"), ("", "selector_node"), ("", "/**"), ("", "/*"),
+        ("/lab1", "/**/selector_node"), ("/lab1", "/lab1/selector_node"), ("/lab1", "/*/selector_node"),
+        ("/lab1", "/lab1/*"), ("/a/b", "/**/selector_node"), ("/a/b", "/a/**"),
+    ],
+)  # fmt: skip
+def test_values_are_for_the_nodes_that_rcl_matches(namespace: str, key: str, tmp_path: Path) -> None:
+    path = file_of(tmp_path, yaml.safe_dump({key: {"ros__parameters": {"margin": 2.0, "a": {"b": 1}}}}))
+    assert read_parameters(path, NAMES, namespace)["selector_node"] == {"margin": 2.0, "a.b": 1}
+
+
+def test_namespaces_may_be_blocks_and_later_values_hold(tmp_path: Path) -> None:
+    text = "/**: {ros__parameters: {x: 1, y: 5e-05}}\nlab1: {selector_node: {ros__parameters: {x: 2}}}\n"
+    found = read_parameters(file_of(tmp_path, text), NAMES, "/lab1")
+    assert found["selector_node"] == {"x": 2, "y": 5e-5}
+    assert found["motor_node"] == {"x": 1, "y": 5e-5}
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("/**/selctor_node: {ros__parameters: {x: 1}}", r"values for /\*\*/selctor_node: .*mean selector_node\?"),
+        ("/lab2/selector_node: {ros__parameters: {x: 1}}", "values for /lab2/selector_node: no node in /lab1 has"),
+        ("selector_node: {ros__parameters: {x: 1}}", r"values for /selector_node: .*; write /\*\*/NODE"),
+        ("/**/selector_node: {margin: 1.0}", "/selector_node/margin: is no block; needed: NODE: ros__parameters: NAME"),
+        ("[1]", "the file: is no block"),
+        ("a: b: c", "not readable as YAML"),
+        ("/**/selector_node: {ros__parameters: {x: 1, x: 2}}", "appears twice"),
+    ],
+)
+def test_a_file_with_values_for_no_node_is_refused_in_one_line(text: str, line: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=line) as caught:
+        read_parameters(file_of(tmp_path, text), NAMES, "/lab1")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_value_given_takes_the_place_of_the_usual_one_but_not_of_what_the_run_sets() -> None:
+    usual: dict[str, dict[str, Any]] = {"a": {"x": 1, "y": 2, "z": 3}}
+    assert combined(usual, {"a": {"z": 4}}, {"a": {"y": 5, "z": 4}, "b": {"x": 0}}) == {"a": {"x": 1, "y": 5, "z": 4}}
+    with pytest.raises(BenchError, match="--params-file: z of a: given 5; this run sets it to 4: take it out"):
+        combined(usual, {"a": {"z": 4}}, {"a": {"z": 5}})
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_the_users_values_reach_every_node_of_the_bench(lockstep: bool, scene: Scene, tmp_path: Path) -> None:
+    given = {part.name: {"own": part.name} for part in REAL_TIME_PARTS}
+    found = parameters_for(scene, FILE, STANDARD, tmp_path / "bag", lockstep=lockstep, given=given)
+    assert {name: values["own"] for name, values in found.items()} == {name: name for name in found}
+    assert found.keys() == {part.name for part in (PARTS if lockstep else REAL_TIME_PARTS)}
+
+
+def test_the_users_values_reach_every_node_of_the_emulated_stand(scene: Scene, tmp_path: Path) -> None:
+    given = {name: {"own": name} for name in NAMES}
+    found = emulated.parameters_emulated(scene, FILE, STANDARD, tmp_path / "bag", tmp_path, board=True, given=given)
+    assert {name: values["own"] for name, values in found.items()} == {name: name for name in found}
+    assert set(NAMES) - set(found) == {"live_node", "ni_node"}
+    assert found["supervisor_node"]["nodes"][-2:] == ["labjack_node", "feed_node"]
+
+
+def test_namespace_and_log_level_are_on_each_command_line(tmp_path: Path) -> None:
+    for name, command in commands_of(tmp_path / "p.yaml", ros=RosOptions("/lab1", "warn")):
+        words = ["--ros-args", "--enclave", f"/atpid/{name}", "--params-file", str(tmp_path / "p.yaml")]
+        assert command[1:] == [*words, "-r", "__ns:=/lab1", "--log-level", "warn"]
+
+
+def test_what_is_written_is_read_again_in_any_namespace(tmp_path: Path) -> None:
+    values: Parameters = {"motor_node": {"speed": 5e-5, "list": ["a", ""], "on": True}, "selector_node": {"map": ""}}
+    write_parameters(values, tmp_path / "p.yaml")
+    assert read_parameters(tmp_path / "p.yaml", NAMES, "/a/b") == values
+
+
+def test_the_map_is_the_one_given_else_one_that_fits_and_is_tried_first(scene: Scene, tmp_path: Path) -> None:
+    assert map_of_run(scene, STANDARD) == STANDARD
+    shipped = map_of_run(scene, None)
+    assert shipped is not None
+    assert shipped.read_bytes() == STANDARD.read_bytes()
+    (tmp_path / "broken.npz").write_text("no map")
+    with pytest.raises(InputError, match=r"^--map: .*broken.npz: is no NPZ archive"):
+        map_of_run(scene, tmp_path / "broken.npz")
+    with pytest.raises(InputError, match=r"method: given 'guess'; allowed: lookup"):
+        map_of_run(scene, None, "guess")
+
+
+@pytest.mark.parametrize("command", ["stand", "bench"])
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("--map", "broken.npz"), "error: --map: .*broken.npz: is no NPZ archive"),
+        (("--params-file", "values.yaml"), "error: values.yaml: values for .*did you mean motor_node"),
+        (("--params-file", "nothere.yaml"), "error: nothere.yaml: no such file"),
+        (("--params-file", "set.yaml"), "error: --params-file: scene of selector_node: given 'x.yaml'; this run sets"),
+    ],
+)
+def test_a_run_is_refused_before_a_node_starts(
+    command: str, words: tuple[str, ...], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.npz").write_text("no map")
+    (tmp_path / "values.yaml").write_text("/**/mtor_node: {ros__parameters: {x: 1}}\n")
+    (tmp_path / "set.yaml").write_text("/**/selector_node: {ros__parameters: {scene: x.yaml}}\n")
+    assert main([command, str(FILE), *words]) == 2
+    (error,) = [row for row in capfd.readouterr().err.splitlines() if row.startswith("error: ")]
+    assert re.match(line, error), error
+
+
+def test_a_stand_in_a_domain_that_does_not_exist_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "233")
+    assert main(["stand", str(FILE)]) == 2
+    assert capsys.readouterr().err == "error: ROS_DOMAIN_ID: given '233'; allowed: 0 to 232, or not set\n"

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which commands may move the ceiling: those of the sender that is followed, in time, and made since it was armed."""
+
+import time
+from collections.abc import Callable
+from math import isnan
+
+from atpid_interfaces.msg import CeilingCommand, Event
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+
+from atpid_common.latency import Latencies
+from atpid_driver.motor.errors import CommandStaleError, HeightRefusedError, MotorError
+from atpid_driver.motor.freshness import Freshness
+from atpid_driver.motor.settings import MotorSettings
+from atpid_driver.nodes.authority import Commander
+
+TOPIC = "ceiling/command"
+
+
+class CommandGate:
+    """Judges each command by its sender and its age, and reports what is refused once.
+
+    The age of a command is the largest of three: by its stamp and the steady clock (`Freshness`), since its
+    publication, and since its receipt. A command that waits in the link after that is judged there (`Link`).
+    """
+
+    def __init__(
+        self, node: Node, settings: MotorSettings, publish_event: Callable[[int, str, float, str], None]
+    ) -> None:
+        """Begin; publish_event: called with severity, kind, value and text."""
+        self._settings, self._publish_event = settings, publish_event
+        self._commander = Commander(node, TOPIC, settings.commander, settings.stale_timeout)
+        self._freshness = Freshness()
+        self._late = 0.0  # of the last command [s]
+        self._last_refused: object = None
+        self.latencies = Latencies()  # from a sample to the receipt of the command that answers it
+
+    def is_foreign(self, info: dict[str, int]) -> bool:
+        """Return whether it is not certain that the sender may command.
+
+        To be asked first: a foreign command must leave no trace, such as its stamp.
+        """
+        if self._settings.lockstep:
+            return False
+        return bool(self._commander.judge(info.get("publication_sequence_number") or 0))
+
+    @property
+    def several_senders(self) -> bool:
+        """Whether the graph shows another sender than the one that may command: then nothing may move."""
+        return self._commander.several
+
+    def report_foreign(self, command: CeilingCommand) -> None:
+        """Report a foreign command, once."""
+        if self._commander.to_report():
+            text = f"command ignored: {self._commander.problem}"
+            self._publish_event(Event.ALARM, Event.REFUSED, command.height, text)
+
+    def receive(self, stamp: int, info: dict[str, int]) -> None:
+        """Take the `stamp` [ns] of a command that is to be followed, and the middleware's `info` about it."""
+        self.latencies.add(info.get("received_timestamp", 0) - stamp)
+        self._late = self._freshness.age(stamp, time.monotonic_ns())
+
+    def check_fresh(self, info: dict[str, int], now: int) -> None:
+        """Raise `CommandStaleError` for a command older than `command_timeout`, or made before the motor was armed.
+
+        The times of its publication and receipt, by the wall clock, are the only ones of a command that comes alone.
+        One published while this process was stopped is received afterwards.
+        """
+        if self._settings.lockstep:
+            return
+        moments = [info.get(moment, 0) for moment in ("received_timestamp", "source_timestamp")]
+        waited = max(self._late, *((time.time_ns() - moment) * 1e-9 if moment > 0 else 0.0 for moment in moments))
+        if waited > self._settings.command_timeout:
+            raise CommandStaleError(
+                f"command ignored: it waited {waited:.2f} s, allowed {self._settings.command_timeout:g} s "
+                "(command_timeout); the ceiling stays"
+            )
+        if self._freshness.before_armed(waited, now):
+            raise CommandStaleError(f"command ignored: it was made {waited:.2f} s ago, before the motor was armed")
+
+    def accepted(self) -> None:
+        """Report the next refusal again: a command has been taken up."""
+        self._last_refused = None
+
+    def refuse(self, command: CeilingCommand, error: MotorError) -> None:
+        """Publish a refusal once: the controller repeats the command with every block.
+
+        Once for each height outside the limits; once for a motor that is not ready, whatever heights a ramp commands.
+        """
+        what = (type(error), command.height if isinstance(error, HeightRefusedError) else None)
+        if what == self._last_refused or (isnan(command.height) and not isinstance(error, HeightRefusedError)):
+            return
+        self._last_refused = what
+        self._publish_event(Event.WARNING, Event.REFUSED, command.height, str(error))
+
+    def armed(self, now: int) -> None:
+        """Note that the motor was armed at `now` [ns]: what was commanded before must not move it."""
+        self._freshness.armed(now)
+
+    def restart(self) -> None:
+        """A source begins: its stamps are not those of the one before."""
+        self._freshness.restart()
+
+    def status(self) -> DiagnosticStatus:
+        """Return the status "NODE: commands"."""
+        return self._commander.status()

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The errors that are reported to the user in one line instead of a traceback, and the hint at a mistyped word."""
+
+from collections.abc import Iterable
+
+DONE, BROKEN_PIPE, BAD_INPUT, NUMERICAL_FAILURE, INTERRUPTED = 0, 1, 2, 3, 130
+"""Exit statuses of commands and nodes. 1 after a broken pipe is what the Python documentation advises."""
+
+
+#: Longest text of an error: what was given may be a whole file.
+_LONGEST = 2000
+#: Least similarity of two words [-]: below it a hint misleads (`difflib.get_close_matches`).
+_LEAST = 0.5
+
+
+def one_line(text: str) -> str:
+    """Return a text as it is printed in one line: what a user gave may hold line breaks and control characters."""
+    shown = text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
+    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in shown)
+
+
+def did_you_mean(given: str, allowed: Iterable[str]) -> str:
+    """Return "; did you mean X?" with the word of `allowed` most like `given`, "" where none is like it."""
+    import difflib  # only where a word was wrong: commands start without it
+
+    near = difflib.get_close_matches(given, list(allowed), n=1, cutoff=_LEAST)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+class AtpidError(Exception):
+    """An error with a one-line text for the user and an exit status."""
+
+    status = BAD_INPUT
+
+    def __str__(self) -> str:
+        """Return the text, in one line whatever it quotes."""
+        return one_line(super().__str__())
+
+
+class InputError(AtpidError, ValueError):
+    """Bad input: the text states what was given, what is allowed and what to do."""
+
+
+class NumericalError(AtpidError, ArithmeticError):
+    """A computation that failed; its result does not exist or cannot be trusted."""
+
+    status = NUMERICAL_FAILURE

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pytest plugin of all tests: a ROS domain of the session's own, checked message fields, no leftovers, settings.
+
+Each package's pytest.ini and the repository's pyproject.toml load it by `-p atpid_common.testing`, so a package tested
+alone is tested as in the whole repository.
+"""
+
+import os
+import random
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from atpid_common.claim import claimed
+
+# The same examples each time, and none too slow: the result must not depend on chance or on the load.
+settings.register_profile("atpid", derandomize=True, deadline=None)
+settings.register_profile("long", max_examples=10_000, deadline=None, derandomize=False)
+settings.load_profile("atpid")
+
+# Plugins of a ROS installation load themselves and do not fit the locked pytest.
+FOREIGN_PLUGINS = (
+    "launch_testing", "launch_testing_ros_pytest_entrypoint", "launch_pytest", "ament_copyright", "ament_flake8",
+    "ament_lint", "ament_pep257", "ament_xmllint",
+)  # fmt: skip
+WARNINGS = (
+    "error",
+    # protobuf, which nidaqmx's gRPC client is made with, warns about its own extension on Python 3.12 and 3.13
+    "ignore:Type google._upb:DeprecationWarning",
+)
+TIMEOUT = 600.0  # ends a test that hangs; none is that slow on a busy machine [s]
+SLOW = "slow: seconds of processor time, processes, or real time; `make test-fast` leaves it out"
+
+# Threads and processes that may outlive a test, by the start of their name: "session-" is for fixtures wider than
+# one test, the others belong to libraries.
+LASTING_THREADS = ("session-", "Profile", "IO loop", "TCP-Executor", "Dask-", "asyncio_", "pydevd_")
+LASTING_PROCESSES = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
+END_TIMEOUT = 60.0  # [s] for a thread or process to end, on a busy machine
+
+
+def pytest_plugin_registered(manager: pytest.PytestPluginManager) -> None:
+    """Keep the plugins of a ROS installation out; pytest calls this before it loads any of them."""
+    for name in FOREIGN_PLUGINS:
+        manager.set_blocked(name)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Apply the settings that are the same for all packages."""
+    for line in WARNINGS:
+        config.addinivalue_line("filterwarnings", line)
+    config.addinivalue_line("markers", SLOW)
+    if config.getoption("timeout", None) is None:
+        config.option.timeout = TIMEOUT
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Refuse a package without the repository around it: tests take scenes and recorded runs from there."""
+    package = session.config.rootpath
+    if (package / "package.xml").is_file() and not any((folder / "scenes").is_dir() for folder in package.parents[:2]):
+        pytest.exit(f"{package.name} is tested inside the repository, whose scenes/ and bags/ its tests use", 4)
+
+
+def pytest_unconfigure() -> None:
+    """Release the session's ROS domain."""
+    DOMAIN_HOLDER.close()
+
+
+def claim_domain() -> tuple[int, socket.socket]:
+    """Return a ROS domain that no other session on this machine uses, and the socket that keeps it for this session.
+
+    Domain d has its ports from 7400 + 250 d on; up to 101 they lie below the system's own ephemeral ports. The socket's
+    name is the one a bench claims its domain by, so benches and test sessions do not share one.
+    """
+    for domain in random.Random(os.getpid()).sample(range(1, 102), 101):
+        holder = claimed(f"bench/domain/{domain}")
+        if holder is None:
+            continue
+        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("", 7410 + 250 * domain))
+            return domain, holder
+        holder.close()
+    raise RuntimeError("no free ROS domain between 1 and 101: end the ROS programs that run here")
+
+
+# Before anything imports rclpy, and for every process a test starts.
+DOMAIN, DOMAIN_HOLDER = claim_domain()
+os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+
+def children() -> dict[int, str]:
+    """Return this process's children that still run, with their command lines."""
+    found = {}
+    # by the parent of every process: /proc/PID/task/TID/children may leave out some while others end
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it ended just now
+            state, parent = (process / "stat").read_text().rpartition(")")[2].split()[:2]
+            if int(parent) == os.getpid() and state != "Z":
+                found[int(process.name)] = (process / "cmdline").read_text(errors="replace").replace("\0", " ").strip()
+    return {pid: command for pid, command in found.items() if not any(name in command for name in LASTING_PROCESSES)}
+
+
+def threads() -> set[threading.Thread]:
+    """Return the threads that run, without those a library keeps for the session."""
+    return {thread for thread in threading.enumerate() if not thread.name.startswith(LASTING_THREADS)}
+
+
+def leftovers(threads_before: set[threading.Thread], children_before: dict[int, str]) -> list[str]:
+    """Wait for what a test started to end, and describe what does not."""
+    deadline = time.monotonic() + END_TIMEOUT
+    for thread in threads() - threads_before:
+        thread.join(max(0.0, deadline - time.monotonic()))
+    left = [f"thread {thread.name}" for thread in threads() - threads_before]
+    pause = threading.Event()
+    while (new := children().keys() - children_before.keys()) and time.monotonic() < deadline:
+        pause.wait(0.02)
+    return left + [f"process {pid}: {children().get(pid, 'ended late')}" for pid in new]
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left_running() -> Iterator[None]:
+    """A test that leaves a thread or a process behind fails."""
+    threads_before, children_before = threads(), children()
+    yield
+    left = leftovers(threads_before, children_before)
+    assert not left, "the test left running: " + "; ".join(left)

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The constants of the messages, for code without ROS; a test holds them to the .msg files, which explain each."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+
+class Mode(IntEnum):
+    """CeilingState.mode: what the motor does."""
+
+    UNCONFIGURED = 0
+    DISARMED = 1
+    HOMING = 2
+    HOLDING = 3
+    MOVING = 4
+    FAULT = 5
+
+
+class Quality(IntEnum):
+    """Excitation.quality: whether an estimate can be acted on."""
+
+    NONE = 0
+    STEADY = 1
+    TRANSIENT = 2
+    POOR = 3
+
+    @classmethod
+    def _missing_(cls, _value: object) -> Quality:
+        """Return POOR for the value of a message that has none of these."""
+        return cls.POOR
+
+
+class Origin(IntEnum):
+    """Excitation.origin: which signal an estimate comes from."""
+
+    SUPPORT = 0
+    BEAM = 1
+
+
+class Severity(IntEnum):
+    """Event.severity."""
+
+    INFO = 0
+    WARNING = 1
+    ALARM = 2
+
+
+class RunState(IntEnum):
+    """SupervisorState.state: the state of a supervised run."""
+
+    STARTING = 0
+    READY = 1
+    DEGRADED = 2
+    FAULT = 3
+    SAFE = 4
+    SHUTDOWN = 5
+
+
+class EventKind:
+    """Event.kind."""
+
+    STARTED: Final = "started"
+    FINISHED: Final = "finished"
+    FAILED: Final = "failed"
+    BEHIND: Final = "behind"
+    EXCITATION_CHANGED: Final = "excitation_changed"
+    RUMBLE: Final = "rumble"
+    CALM: Final = "calm"
+    STEP_BACK: Final = "step_back"
+    DRIFT: Final = "drift"
+    FALLBACK: Final = "fallback"
+    SLOW: Final = "slow"
+    MOVED: Final = "moved"
+    STALE: Final = "stale"
+    RESUMED: Final = "resumed"
+    QOS: Final = "qos"
+    DROPPED: Final = "dropped"
+    NO_USE: Final = "no_use"
+    TWO_TONES: Final = "two_tones"
+    REFUSED: Final = "refused"
+    LINK: Final = "link"
+    FAULT: Final = "fault"
+    RECOVERED: Final = "recovered"
+    TRIGGER: Final = "trigger"
+    DUPLICATE: Final = "duplicate"
+    SUPERVISION: Final = "supervision"
+    LIMIT: Final = "limit"
+    ABORT: Final = "abort"
+    STOPPED: Final = "stopped"
+    NOTE: Final = "note"
+    PARAMETER: Final = "parameter"
+    HANDSHAKE: Final = "handshake"

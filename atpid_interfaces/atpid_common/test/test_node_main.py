@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every node that is a process of its own refuses at its start, in one line, and what may not change then."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from atpid_common.nodes.node_main import PARAMETERS
+
+#: A node of its own; it prints what a change of use_sim_time is answered, and ends.
+NODE = """
+import sys
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+from atpid_common.nodes.node_main import run_node
+
+class Own(Node):
+    def __init__(self):
+        super().__init__("own")
+        self.done = Future()
+        self.declare_parameter("height", 0.1)
+        self.create_timer(0.01, self.end)
+
+    def end(self):
+        (result,) = self.set_parameters([Parameter("use_sim_time", value=True)])
+        if not self.done.done():  # on a busy machine the timer is called once more
+            print(result.successful, result.reason, self.get_clock().now().nanoseconds > 0)
+            self.done.set_result(0)
+
+sys.exit(run_node(Own))
+"""
+#: Publishes a time, as a replay does, until it is stopped.
+CLOCK = """
+import rclpy
+from rosgraph_msgs.msg import Clock
+from atpid_common.nodes.node_main import initialise
+initialise([])
+node = rclpy.create_node("clock")
+node.create_publisher(Clock, "/clock", 1)
+print("ready", flush=True)
+rclpy.spin(node)
+"""
+
+
+def run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run the node to its end."""
+    return subprocess.run(
+        [sys.executable, "-c", NODE, "--ros-args", *words], capture_output=True, text=True, check=False,
+        env=os.environ | environment,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("domain", ["233", "-1", "lab"])
+def test_a_domain_that_does_not_exist_is_refused(domain: str) -> None:
+    done = run(ROS_DOMAIN_ID=domain)
+    line = f"error: ROS_DOMAIN_ID: given '{domain}'; allowed: 0 to 232, or not set\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", line)
+
+
+def test_a_mistyped_parameter_is_refused() -> None:
+    done = run("-p", "hieght:=0.2")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(
+        "error: parameter hieght of own: the node has none of this name; did you mean height?"
+    )
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_parameters_of_every_node_are_its_own() -> None:
+    words = [word for row in PARAMETERS for word in ("-p", f"{row.name}:={str(row.default).lower()}")]
+    assert run("-p", "height:=0.2", *words).returncode == 0
+
+
+def test_simulated_time_is_refused_while_a_node_runs() -> None:
+    done = run()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "False Trying to set a read-only parameter: use_sim_time. True\n"
+
+
+def test_simulated_time_without_a_clock_is_refused_at_the_start() -> None:
+    done = run("-p", "use_sim_time:=true")
+    assert (done.returncode, done.stdout) == (2, "")
+    line = "error: parameter use_sim_time of own: given True, and nothing publishes /clock; "
+    assert done.stderr.startswith(line)
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.fixture
+def clock() -> Iterator[None]:
+    """Something that publishes on /clock."""
+    with subprocess.Popen([sys.executable, "-c", CLOCK], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield
+        process.kill()
+
+
+@pytest.mark.usefixtures("clock")
+def test_simulated_time_with_a_clock_is_taken() -> None:
+    """The node here has no timer of simulated time that would fire: it is stopped once it has begun."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", NODE.replace("self.create_timer(0.01, self.end)", "print('begun', flush=True)"),
+         "--ros-args", "-p", "use_sim_time:=true"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        process.terminate()
+        _, errors = process.communicate()
+    assert (process.returncode, errors) == (0, "")

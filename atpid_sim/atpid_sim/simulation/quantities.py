@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a motion is measured by: half peak-to-peak, efficiency (Eq. 3.74), decrement of a free decay (section 2.3.1)."""
+
+import math
+
+import numpy as np
+
+from atpid_sim.system import Array
+
+#: Peaks below this share of the first are noise and rest, not decay.
+_SMALLEST = 0.02
+
+
+def half_peak_to_peak(displacement: Array) -> float:
+    """Return half the range of a displacement (n,) [m], NaN left out; NaN where there is nothing else."""
+    known = displacement[np.isfinite(displacement)]
+    return float(0.5 * np.ptp(known)) if len(known) else math.nan
+
+
+def bare_amplitude(mass: float, stiffness: float, damping: float, amplitude: float, frequency: float) -> float:
+    """Return the steady absolute amplitude [m] of one mass [kg] whose support moves by `amplitude` [m].
+
+    stiffness [N/m] and damping [N s/m] lie between support and mass, so the force through both drives it (Eq. 3.39
+    without a grain); frequency [Hz]. With the structure's own mass that is the structure as it is without the damper,
+    with the grain's added the one with the damper closed. Infinite at the resonance without damping.
+    """
+    omega = 2.0 * math.pi * frequency
+    drive = complex(stiffness, damping * omega)
+    resistance = complex(stiffness - mass * omega * omega, damping * omega)
+    return amplitude * abs(drive) / abs(resistance) if resistance else math.inf
+
+
+def efficiency(damped: float, undamped: float) -> float:
+    """Return the share by which an amplitude [m] lies below another [m] (Eq. 3.74) [-]; NaN: that is 0.
+
+    Against the closed damper it is called efficiency, against the structure without the damper reduction.
+    """
+    return 1.0 - damped / undamped if undamped > 0.0 else math.nan
+
+
+def worse_than_without(reduction: float) -> list[str]:
+    """Return a warning where the damper makes it worse, which is a reduction [-] below 0; else nothing."""
+    if not reduction < 0.0:
+        return []
+    return [f"the structure moves by {-100.0 * reduction:.3g} % more than it does without the damper"]
+
+
+def peaks(displacement: Array) -> Array:
+    """Return the upper peaks (k,) [m] of a displacement (n,) from rest [m]: the highest point of each upward swing.
+
+    One per swing above zero, so that an impact's ripple makes no second peak.
+    """
+    above = displacement > 0.0
+    edges = np.flatnonzero(np.diff(above.astype(np.int8))) + 1
+    swings = np.split(displacement, edges)
+    return np.array([swing.max() for swing in swings if len(swing) and swing[0] > 0.0])
+
+
+def largest_decrement(displacement: Array) -> float:
+    """Return the largest ratio of successive upper peaks [-]; NaN where there are fewer than two."""
+    found = peaks(displacement)
+    if len(found) < 2:
+        return math.nan
+    found = found[found > _SMALLEST * found[0]]
+    return float(np.max(found[:-1] / found[1:])) if len(found) > 1 else math.nan

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What measures the project: not installed, run from the repository as `python -m studies NAME`."""

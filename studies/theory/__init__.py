@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Closed forms, passive dampers and quantities of the thesis, which runs are compared with."""

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The integration that promises of designs are checked by, against scipy's; and the study that uses it."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from atpid_control.design.problem import NOMINAL, problem_of
+from studies import designs
+from studies.cli import main
+
+HORIZONTAL = {
+    "mass": 1.5, "frequency": 10.0, "damping": 0.03, "amplitudes": (0.001, 0.002), "gravity": 0.0,
+    "restitution": 0.4,
+}  # fmt: skip
+
+
+def test_the_restitution_is_the_one_asked_for() -> None:
+    p = designs.physics(problem_of(**HORIZONTAL), 0.1, 0.002, NOMINAL, None)
+    reduced = p.structure * p.grain / (p.structure + p.grain)
+    for speed in (0.1, 3.0):
+        assert designs._rebound(reduced, p.contact, p.loss, speed)[0] == pytest.approx(0.4, abs=2e-3)
+
+
+def test_a_run_is_that_of_scipy_with_both_contacts_as_they_are() -> None:
+    p = designs.physics(problem_of(**HORIZONTAL), 0.1, 0.002, NOMINAL, None)
+    closed = designs.steady(p, p.structure + p.grain)
+    height, period = p.diameter + 0.6 * math.pi * abs(closed), 2.0 * math.pi / p.omega
+
+    def law(overlap: float, rate: float) -> float:
+        return max(0.0, p.contact * overlap**1.5 + p.loss * rate * overlap**0.25) if overlap > 0.0 else 0.0
+
+    def slope(t: float, y: np.ndarray) -> list[float]:
+        beam, velocity, grain, speed = y
+        floor = law(beam - grain, velocity - speed)
+        ceiling = law(p.diameter + grain - beam - height, speed - velocity)
+        u, rate = p.amplitude * math.sin(p.omega * t), p.amplitude * p.omega * math.cos(p.omega * t)
+        spring = -p.stiffness * (beam - u) - p.damping * (velocity - rate)
+        return [velocity, (spring - floor + ceiling) / p.structure, speed, (floor - ceiling) / p.grain]
+
+    start = (closed.imag, p.omega * closed.real)
+    end = 9.0 * period
+    found = solve_ivp(slope, (0.0, end), [*start, *start], method="DOP853", rtol=1e-9, atol=1e-11, max_step=2e-4,
+                      t_eval=np.linspace(end - 2.0 * period, end, 4001))  # fmt: skip
+    low, high, *_ = designs._run(p, (*start, *start), height, -1.0, 1e-6, end, 2e-6, 2)
+    assert low == pytest.approx(found.y[0].min(), rel=3e-3)
+    assert high == pytest.approx(found.y[0].max(), rel=3e-3)
+
+
+@pytest.mark.slow
+def test_reductions_agree_with_the_packages() -> None:
+    found = designs.compare(6, 7)
+    assert found.regular >= 2
+    assert found.difference.max() < 0.01
+    assert found.bare < 1e-3
+
+
+@pytest.mark.slow
+def test_the_command_prints_its_tables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(designs, "STRUCTURES", {"a bracket": (HORIZONTAL, 0.1)})
+    monkeypatch.setattr(designs, "_SYSTEMS", 3)
+    page = tmp_path / "check.md"
+    assert main(["designs", "--draws", "6", "--seed", "1", "--points", "2", "--page", str(page)]) == 0
+    assert "| a bracket | " in capsys.readouterr().out
+    assert " | 6 of 6 | " in page.read_text(encoding="utf-8")

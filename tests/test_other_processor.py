@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Another processor rounds otherwise: the slow numerical files pass there, and heights are commanded as here.
+
+x86-64-v2 has neither wide registers nor fused multiply-add, and any x86-64 of the last fifteen years runs its code.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commanded import Command, commands
+from processors import EMULATES, REASON
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not EMULATES, reason=REASON)]
+
+ROOT = Path(__file__).resolve().parent.parent
+OTHER = "x86-64-v2"
+BLOCK = 0.05  # of the scenes' sensors [s]
+#: What computes longest on decisions that a last digit could turn; the other numerical files take the same code.
+FILES = (
+    "atpid_control/test/test_rounding.py", "atpid_control/test/test_identification_bench.py",
+    "atpid_control/test/test_watch.py", "tests/of_studies/test_steady.py", "tests/test_seeds.py",
+    "tests/test_replay.py::test_the_bags_that_come_with_the_project",
+    "tests/of_studies/test_reproducibility.py::test_what_is_called_reproducible_is_within_its_stated_error",
+)  # fmt: skip
+
+
+def on_the_other(*words: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "tests/processors.py", OTHER, sys.executable, *words]
+    paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))  # the studies are not installed
+    return subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=550.0,
+        env=os.environ | {"PYTHONPATH": paths},
+    )  # fmt: skip
+
+
+def test_it_rounds_otherwise() -> None:
+    """Otherwise the tests below try nothing."""
+    code = "import numpy as np; t = np.linspace(0.0, 9.0, 1000); print((t @ t).hex(), np.sin(t).sum().hex())"
+    here = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert on_the_other("-c", code).stdout != here
+
+
+def test_heights_are_commanded_at_the_same_times() -> None:
+    done = on_the_other("tests/commanded.py")
+    assert done.returncode == 0, done.stderr
+    here, there = commands(), json.loads(done.stdout)
+    assert there.keys() == here.keys()
+    for scene, expected in here.items():
+        assert len(expected) >= 4, scene
+        same(scene, expected, there[scene])
+
+
+def same(scene: str, expected: list[Command], found: list[Command]) -> None:
+    assert [reason for *_, reason in found] == [reason for *_, reason in expected], scene
+    for (time, height, _), (other, there, _) in zip(expected, found, strict=True):
+        assert other == pytest.approx(time, abs=1.01 * BLOCK), scene
+        assert there == pytest.approx(height, rel=1e-6), scene
+
+
+@pytest.mark.skipif(not os.environ.get("CI"), reason="two minutes of processor time: in CI only")
+@pytest.mark.parametrize("file", FILES)
+def test_a_slow_numerical_file_passes(file: str) -> None:
+    done = on_the_other("-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", file)
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stops at any instant on lines that delay, lose and garble, before the real firmware, in the board's own time."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from atpid_driver.emulator import Emulator, missing_tools
+from studies import stops
+from studies.stops import LINES, Host, Noise, interleavings, table
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(autouse=True)
+def _tools() -> None:
+    """Skip where the AVR tools are missing; in CI that is a failure."""
+    if missing_tools():
+        assert not os.environ.get("CI"), "CI leaves nothing out: install the AVR tools"
+        pytest.skip(f"left out: the real firmware on the emulated board; missing {', '.join(missing_tools())}")
+
+
+def test_random_interleavings_break_no_rule() -> None:
+    """On the wire within 30 ms, motor off within 200 ms, no height afterwards, and the answer is the board's state."""
+    seen = list(interleavings(36, seed=3))
+    assert [stop.problems for stop in seen if stop.problems] == []
+    assert len({stop.line for stop in seen}) > 8
+    assert sum(stop.off > 0.0 for stop in seen) > 10, "the motor ran in most of them"
+    assert table(seen).count("\n") == len(LINES) + 2
+
+
+def test_the_study_sees_a_stop_that_is_late(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A host that waits for an answer before it writes a stop breaks the rules here."""
+    with Emulator(tmp_path / "board", height=0.98) as emulator:
+        host = Host(emulator)
+        host.make_ready()
+        host.line = Noise(1)
+        host.dialogue.move(100_000, 1, host.now)
+        host.run(0.2)
+        due, called = host.dialogue.due, host.now
+        monkeypatch.setattr(host.dialogue, "due", lambda now: None if now - called < 0.3 else due(now))
+        stop = stops.stop(host, LINES[0], "STOP")
+    assert "the stop was not on the wire in time" in stop.problems
+    assert any(problem.startswith("motor off after") for problem in stop.problems)
