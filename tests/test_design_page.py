@@ -20,6 +20,9 @@ from atpid_sim.scene import load_scene
 PAGE = ROOT / "docs/design.md"
 #: The panel that shows irregular motion, whose numbers are luck.
 _LUCK = "over the height"
+#: The least favourable case of an interval may move irregularly, and then differs from processor to processor, by 1.3 %
+#: where seen.
+_CLOSE = 0.03
 
 
 def documented(program: str) -> list[str]:
@@ -51,7 +54,7 @@ def test_the_worked_example_is_what_is_computed_now(folder: Path, made: Any) -> 
         f"{1e3 * made['grain_mass']:.0f} g, {100 * made['mass_fraction']:.0f} % of beam and grain, "
         f"{2e3 * made['radius']:.1f} mm in diameter",
         f"{1e3 * low:.1f} to {1e3 * high:.1f} mm, closed {2e3 * made['radius']:.1f} mm",
-        f"at least {100 * made['efficiency']['low']:.1f} %, at most {100 * made['efficiency']['high']:.1f} %",
+        f"at least {100 * made['efficiency']['low']:.0f} %, at most {100 * made['efficiency']['high']:.0f} %",
         f"{made['motor']['speed']:.3g} m/s",
         f"{made['motor']['force']:.0f} N, {made['motor']['impact_rate']:.1f} times a second; on the floor "
         f"{made['motor']['floor_force']:.0f} N",
@@ -65,7 +68,7 @@ def test_the_worked_example_is_what_is_computed_now(folder: Path, made: Any) -> 
         assert shown in text, "run `make figures` and look at docs/design.md"
     printed, now = numbers_in(ROOT / "docs/figures/design.png"), numbers_in(folder / "design.png")
     steady = ({k: v for k, v in numbers.items() if _LUCK not in k} for numbers in (printed, now))
-    assert differences(*steady) == []
+    assert differences(*steady, close=_CLOSE) == []
     assert [line.partition(":")[0] for line in made["warnings"]] == [
         "reduction below 0", "structure", "--young-modulus",
     ]  # fmt: skip

@@ -71,7 +71,7 @@ def test_a_picture_shows_what_is_computed_now(name: str, tmp_path: Path) -> None
     assert differences(printed, now) == [], f"{name}.png is out of date: run `make figures`"
 
 
-def differences(printed: Numbers, now: Numbers) -> list[str]:
+def differences(printed: Numbers, now: Numbers, close: float = CLOSE) -> list[str]:
     """Describe each curve whose numbers are others; panels and curves must be the same."""
     if {panel: len(curves) for panel, curves in printed.items()} != {
         panel: len(curves) for panel, curves in now.items()
@@ -81,12 +81,12 @@ def differences(printed: Numbers, now: Numbers) -> list[str]:
         f"{panel}, curve {place}: {one}, now {other}"
         for panel, curves in printed.items()
         for place, (one, other) in enumerate(zip(curves, now[panel], strict=True))
-        if not alike(one, other)
+        if not alike(one, other, close)
     ]
 
 
-def alike(one: list[float], other: list[float]) -> bool:
+def alike(one: list[float], other: list[float], close: float = CLOSE) -> bool:
     """Compare (smallest, largest, mean) of x, then of y, each by its own largest value."""
     scales = [max(map(abs, one[part : part + 3])) for part in range(0, len(one), 3) for _ in range(3)]
     same_length = len(one) == len(other)
-    return same_length and all(abs(a - b) <= CLOSE * s for a, b, s in zip(one, other, scales, strict=True))
+    return same_length and all(abs(a - b) <= close * s for a, b, s in zip(one, other, scales, strict=True))
