@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from atpid_sim.figure_numbers import numbers_in
-from atpid_sim.robust.box import restitution
+from atpid_sim.robust import restitution
 from atpid_sim.scene import load_scene
 from studies.cli import main
 from studies.methods import page

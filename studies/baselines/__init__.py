@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from atpid_sim.kernel_cache import KERNEL_SOURCES, share_cache
+from atpid_sim.kernel import KERNEL_SOURCES, share_cache
 
 share_cache("baselines", Path(__file__).parent.glob("*.py"), KERNEL_SOURCES)  # before any of them is imported
 

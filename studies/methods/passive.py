@@ -9,7 +9,7 @@ import numpy as np
 
 from atpid_control.design.tuned_mass import TunedBeam, Tuning, den_hartog, optimised
 from atpid_sim.maps import DamperResponse, Timing
-from atpid_sim.robust.box import restitution
+from atpid_sim.robust import restitution
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.batch import on_all_cores
 from studies.theory.two_impacts import MasriGap, masri_gap

@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Any
 
 from atpid_common.errors import InputError
-from atpid_sim.robust import box
-from atpid_sim.robust.box import restitution, with_beam
+from atpid_sim import robust
+from atpid_sim.robust import restitution, with_beam
 from atpid_sim.scene import Scene
 
 #: The relative error of the model.
@@ -60,7 +60,7 @@ def with_restitution(scene: Scene, factor: float) -> Scene:
     if {"restitution", "damping_ratio"}.isdisjoint(scene.contact.model_dump(exclude_none=True)):
         law = scene.contact.law
         raise ComparisonError(f"contact.law: given {law}; allowed: one with the key restitution or damping_ratio")
-    changed = box.with_restitution(scene, factor)
+    changed = robust.with_restitution(scene, factor)
     if changed is None:
         raise ComparisonError(f"contact.damping_ratio: no other leads to {factor:g} times its restitution")
     return changed

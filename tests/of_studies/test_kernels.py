@@ -15,7 +15,7 @@ import atpid_sim.contact
 import atpid_sim.engine
 import studies.baselines
 from atpid_sim.contact import dispatch
-from atpid_sim.kernel_cache import KERNEL_SOURCES
+from atpid_sim.kernel import KERNEL_SOURCES
 from studies.baselines.rhs import slope
 
 PACKAGES = [atpid_sim.engine, atpid_sim.contact, studies.baselines]

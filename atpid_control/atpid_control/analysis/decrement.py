@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from atpid_control.analysis.signals import AnalysisError, runs
-from atpid_sim.analysis.damping import decrements
+from atpid_sim.analysis import decrements
 from atpid_sim.system import Array
 
 #: The support stands still within this share of the beam's reach [-].

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least squares on a few columns: normal equations and Cholesky, written out because they are small.
 
-`compiled` is numba's compiler behind one typed name, with the cache of `atpid_sim.kernel_cache`.
+`compiled` is numba's compiler behind one typed name, with the cache of `atpid_sim.kernel`.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.kernel_cache import share_cache
+from atpid_sim.kernel import share_cache
 from atpid_sim.system import Array
 
 #: The modules with compiled functions.

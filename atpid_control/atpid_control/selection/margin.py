@@ -18,7 +18,7 @@ from atpid_control.selection.uncertain import System
 from atpid_sim.maps import DamperResponse, Ending, Timing
 from atpid_sim.maps.height_search import BELOW_RESONANCE, LAST_BELOW
 from atpid_sim.maps.ratings import FLAT, Mapper
-from atpid_sim.robust.worst_case import RUMBLE, Response, lowest_best
+from atpid_sim.robust import RUMBLE, Response, lowest_best
 from atpid_sim.simulation.quantities import efficiency
 
 #: Clearances that are looked at, as shares of the bare optimum's: so many at a time, each by this share less than the

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`simulate`: one scene from start to end: amplitude, error estimate, energy, reproducibility."""
+"""`simulate`: one scene from start to end: amplitude, error estimate, energy, reproducibility of each window."""
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from atpid_sim.engine import columns
+from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
-from atpid_sim.outcome import Outcome
+from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
-from atpid_sim.simulation import reproducibility
 from atpid_sim.simulation.beside_finite import cross_check_with_finite
 from atpid_sim.simulation.energy import Ledger
 from atpid_sim.simulation.fidelity import Choice, choose, judged_errors, require_shallow
@@ -28,6 +28,7 @@ from atpid_sim.simulation.integration import (
     undamped_amplitude,
 )
 from atpid_sim.simulation.quantities import efficiency, largest_decrement, worse_than_without
+from atpid_sim.simulation.reproducibility import UNCHECKED, Verdict, judge
 from atpid_sim.system import Array
 
 #: Impacts logged of one run.
@@ -119,7 +120,7 @@ def simulate(
     wall = time.perf_counter() - begun
     amplitude, last = run.last.amplitude, run.last
     reduction = efficiency(amplitude, bare)
-    verdict = _verdict(integration, choice, amplitude, last.steps, undamped) if check else reproducibility.UNCHECKED
+    verdict = _verdict(integration, choice, amplitude, last.steps, undamped) if check else UNCHECKED
     return Result(
         amplitude=amplitude,
         undamped_amplitude=undamped,
@@ -148,12 +149,10 @@ def simulate(
     )
 
 
-def _verdict(
-    integration: Integration, choice: Choice, amplitude: float, steps: int, undamped: float
-) -> reproducibility.Verdict:
+def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: int, undamped: float) -> Verdict:
     """Return the verdict on a run of so many steps, its error with what the fidelity level leaves out."""
     errors = judged_errors(integration.scene, choice, undamped)
-    verdict = reproducibility.judge(integration, amplitude, steps, *errors)
+    verdict = judge(integration, amplitude, steps, *errors)
     if choice.fidelity == "impact" and choice.model_error > 0.0 and verdict.reproducible:
         return cross_check_with_finite(integration, amplitude, verdict, choice, undamped)
     return replace(verdict, error=verdict.error + choice.model_error)
@@ -237,3 +236,29 @@ def finite(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [finite(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def verdicts(scene: Scene, windows: Sequence[tuple[float, float]], fidelity: str = "auto") -> list[Verdict | None]:
+    """Return the verdict on the amplitude in each window (begin, end) [s]; None for one that has no amplitude.
+
+    The windows rise and do not overlap. The run goes on from window to window; each part, from the end of the window
+    before, is repeated on its own, disturbed at its begin. Raises NumericalFailure where the run does not reach the end
+    of the last window.
+    """
+    table = drive_table(scene, tuple(t for window in windows for t in window))
+    choice = choose(scene, fidelity)
+    level, errors = choice.fidelity, judged_errors(scene, choice)
+    found: list[Verdict | None] = []
+    state, done = Integration(scene, level, table=table).initial_state(), 0.0
+    for begin, end in windows:
+        part = Integration(
+            scene.with_(duration=end, steady_window=[begin, end]), level,
+            table=drive.between(table, done, end), start=state,
+        )  # fmt: skip
+        state = part.initial_state()
+        outcome = part.advance(state, part.table, Observation((begin, end)), part.step_limit)
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(f"{outcome.sentence} (between {done:g} and {end:g} s)")
+        found.append(judge(part, state.amplitude, state.steps, *errors) if state.amplitude > 0.0 else None)
+        done = end
+    return found

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.analysis.damping import specific_damping
+from atpid_sim.analysis import specific_damping
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import undamped_amplitude

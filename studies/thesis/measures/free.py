@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.analysis.damping import decrements
-from atpid_sim.analysis.spectrum import amplitude_spectrum, dominant_frequency
+from atpid_sim.analysis import amplitude_spectrum, decrements, dominant_frequency
 from studies.theory.energy import contact_force, total_energy, work_on_grain
 from studies.theory.impacts import CEILING, FLOOR, visits
 from studies.thesis.measured import Measured, curve

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.analysis.validation.measured import Measured, ValidationError
-from atpid_sim.analysis.agreement import aligned, lag_of, relative_rmse
-from atpid_sim.analysis.damping import amplitudes_per_period
+from atpid_sim.analysis import aligned, amplitudes_per_period, lag_of, relative_rmse
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import simulate, trajectory
 from atpid_sim.system import Array

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from atpid_sim.analysis.spectrum import amplitude_spectrum
+from atpid_sim.analysis import amplitude_spectrum
 from atpid_sim.system import Array
 
 #: Rows a second on the screen [Hz]; 8 s of them are kept.

@@ -11,8 +11,7 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import is_closed
 from atpid_sim.simulation.reproducibility import Verdict
-from atpid_sim.simulation.simulate import trajectory
-from atpid_sim.simulation.windows import verdicts
+from atpid_sim.simulation.simulate import trajectory, verdicts
 from atpid_sim.system import Array
 
 #: Displacement of the closed damper's beam (n,) [m] at given times (n,) [s].

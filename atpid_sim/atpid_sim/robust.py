@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A box of uncertain quantities: points of it, from -1 to 1 in each quantity, and scenes with other values."""
+"""The worst case over a box of uncertain quantities: points of it, scenes with its values, the best height there."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
+from atpid_sim.maps.ratings import FLAT
 from atpid_sim.root import root
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.system import Array, reduced_mass
 
 _CORNERS = 16
@@ -17,6 +23,8 @@ _COLUMNS = {5: (1, 2, 4, 8, 15), 8: (1, 2, 4, 8, 14, 13, 7, 11)}
 _SPEED, _WIDEST = 1.0, 128.0
 #: Largest restitution of a contact with damping [-].
 _ELASTIC = 1.0 - 1e-9
+#: An irregular motion counts as this many times as large: a height that is safe avoids it.
+RUMBLE = 1.5
 
 
 def corners(quantities: int) -> Array:
@@ -83,3 +91,28 @@ def with_restitution(scene: Scene, factor: float) -> Scene | None:
     if not excess(low) > 0.0 > excess(high):
         return None
     return damped(root(excess, low, high, xtol=1e-12))
+
+
+class Response(NamedTuple):
+    """The response of one system at a height."""
+
+    amplitude: float  # of the beam, half peak-to-peak [m]
+    efficiency: float  # 1 - amplitude / amplitude of the same system with the damper closed [-]
+    regular: bool
+    bare: float = math.nan  # the same system without the damper, where that is asked for [m]
+
+    @property
+    def reduction(self) -> float:
+        """1 - amplitude / amplitude of the same system without the damper [-]."""
+        return efficiency(self.amplitude, self.bare)
+
+    @property
+    def rating(self) -> float:
+        """The amplitude [m], raised where the motion is irregular."""
+        return self.amplitude * (1.0 if self.regular else RUMBLE)
+
+
+def lowest_best(worst: Mapping[float, float]) -> float:
+    """Return the lowest height [m] of {height [m]: largest rating over the systems [m]} that is as good as the best."""
+    limit = min(worst.values()) * (1.0 + FLAT)
+    return min(height for height, rating in worst.items() if rating <= limit)
