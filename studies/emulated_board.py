@@ -46,7 +46,7 @@ class EmulatedBoard:
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
-                with suppress(OSError):  # what it was still to be told
+                with suppress(OSError):  # commands not yet sent
                     stream.close()
 
     def _line(self) -> str:

@@ -7,19 +7,16 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.records import Channel, Schema
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from traced_file import Traced
 
 from atpid_control.cli import main
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.read import Bag, open_bag
 from atpid_control.runs.topics import BY_CLOCK, DEFAULT, parse
 from atpid_control.views.traces.records import LOG, MARKERS, TEXT
-from atpid_sim.system import Array
 
 ROOT = next(folder for folder in Path(__file__).resolve().parents if (folder / "bags").is_dir())
 BAG = ROOT / "bags/thesis_4_3_short"
@@ -28,33 +25,6 @@ FOXGLOVE, PLOTJUGGLER = ROOT / "docs/foxglove/atpid.json", ROOT / "docs/foxglove
 BESIDES = {name.name if name.name.startswith("/") else f"/{name.name}": name.type for name in parse(DEFAULT, False)}
 #: Traces of what is by the machine's clock.
 TRACED_BESIDES = {"/traces/supervisor_state": TEXT}
-
-
-class Traced:
-    """A file of traces, read with public libraries and the definitions inside it."""
-
-    def __init__(self, file: Path) -> None:
-        self.store = get_typestore(Stores.EMPTY)
-        self.types: dict[str, str] = {}
-        self.messages: dict[str, list[tuple[int, Any]]] = {}
-        with file.open("rb") as stream:
-            for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False):
-                assert schema is not None
-                self._register(schema, channel)
-                decoded = self.store.deserialize_cdr(message.data, schema.name)
-                self.messages.setdefault(channel.topic, []).append((message.log_time, decoded))
-
-    def _register(self, schema: Schema, channel: Channel) -> None:
-        if channel.topic in self.types:
-            return
-        assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")  # what PlotJuggler's client takes
-        types = get_types_from_msg(schema.data.decode(), schema.name)
-        self.store.register({name: kind for name, kind in types.items() if name not in self.store.fielddefs})
-        self.types[channel.topic] = schema.name
-
-    def series(self, topic: str) -> tuple[Array, Array]:
-        times, values = zip(*((time, message.data) for time, message in self.messages[topic]), strict=True)
-        return np.array(times), np.array(values)
 
 
 @pytest.fixture(scope="module")

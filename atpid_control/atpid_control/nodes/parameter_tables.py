@@ -137,7 +137,7 @@ SUPERVISOR = (
     Row("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
     Row(
         "restart_time", 0.0,
-        "how long one whose process has ended may be away before that counts; 0: nobody starts it again", "s", 0.0,
+        "how long one whose process has ended may be away before that counts; 0: it is not started again", "s", 0.0,
         3600.0,
     ),
     *(
