@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 
 from atpid_common.errors import DONE
 from atpid_common.nodes import node_main
-from atpid_common.nodes.parameters import Row
+from atpid_common.nodes.parameters import Entry
 from atpid_control.nodes import foxglove_node, live_node, recorder_parameters, replay_node
 from atpid_control.nodes.parameter_tables import IDENTIFIER, SELECTOR, SUPERVISOR
 from atpid_driver.acquisition.registry import BUILT_IN, backend
@@ -20,7 +20,7 @@ from atpid_driver.nodes import feed_node, motor_interface
 from atpid_driver.nodes.acquisition_parameters import common_rows, rows_of
 from atpid_sim.nodes import plant_node
 
-Table = tuple[Row, ...]
+Table = tuple[Entry, ...]
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "parameters.md"
 BACKENDS: dict[str, Table] = {name: rows_of(backend(name).settings) for name in BUILT_IN}
@@ -88,14 +88,14 @@ def _anew(table: Table, section: re.Match[str]) -> str:
     return f"{section[1]}\n{markdown(table)}\n"
 
 
-def markdown(table: Sequence[Row]) -> str:
+def markdown(table: Sequence[Entry]) -> str:
     """Return the table as the page shows it."""
     head = ("parameter", "default", "allowed", "live", "meaning")
     rows = [head, ("---",) * len(head), *map(_cells, table)]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _cells(row: Row) -> tuple[str, str, str, str, str]:
+def _cells(row: Entry) -> tuple[str, str, str, str, str]:
     default = f"`{row.default}`" if row.default != "" else "empty"
     if isinstance(row.default, Parameter.Type):
         default = "none"

@@ -12,7 +12,7 @@ import numpy as np
 from atpid_common.injected_faults import CEILING, LINK, RECORDER
 from atpid_common.vocabulary import EventKind
 from atpid_control.identification import Estimate, Identifier
-from atpid_control.loop.protocol import Answer, Command
+from atpid_control.loop.protocol import HeightCommand, LoopAnswer
 from atpid_control.loop.rumble import RumbleWatch
 from atpid_control.loop.settings import controller_of, identification_settings, rumble_settings, selector_of
 from atpid_control.stand.errors import BenchError
@@ -32,7 +32,7 @@ class LoopRun:
     scene: Scene
     time: list[float] = field(default_factory=list)  # of the block's last scan [s]
     estimates: list[Estimate] = field(default_factory=list)
-    answers: list[Answer] = field(default_factory=list)
+    answers: list[LoopAnswer] = field(default_factory=list)
     heights: list[float] = field(default_factory=list)  # of the ceiling at the block's last scan [m]
     rumbling: list[bool] = field(default_factory=list)  # by the watch
     blocks: list[Array] = field(default_factory=list)
@@ -61,7 +61,7 @@ class Ceiling:
         gone = self.speed * max(0.0, time - self._start)
         return self.target if gone >= abs(distance) else self._origin + math.copysign(gone, distance)
 
-    def send(self, command: Command, time: float) -> None:
+    def send(self, command: HeightCommand, time: float) -> None:
         """Move to the commanded height from that at `time` [s]; a height of NaN or beyond the limits is ignored."""
         goal = command.height
         if not self._limits[0] <= goal <= self._limits[1] or goal == self.target:

@@ -17,7 +17,7 @@ import numpy as np
 from atpid_common.arguments import file_path, whole
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.protocol import Excitation
-from atpid_control.selection.uncertain import Uncertainty
+from atpid_control.selection.uncertain import MarginBox
 from atpid_sim.display import counting
 from atpid_sim.engine import columns
 from atpid_sim.kernel_inputs import contact_of, restitution_of
@@ -293,7 +293,7 @@ def _with_margin(
     outcome: Outcome, scene: Scene, amplitude: float, selector: DirectSelector, bare: Seen
 ) -> Outcome:  # fmt: skip
     """Return the outcome with what long runs at points of the margin's box show, which are drawn here."""
-    box = Uncertainty()
+    box = MarginBox()
     selector.prepare()
     begun = time.monotonic()
     chosen = selector.select(Excitation(amplitude, _AMPLITUDE / _MARGIN * amplitude), _MARGIN)
@@ -322,7 +322,7 @@ def box_points() -> Array:
     return np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5), corners, rng.uniform(-1.0, 1.0, (_INSIDE, 5))])
 
 
-def _varied(scene: Scene, amplitude: float, box: Uncertainty, point: list[float]) -> tuple[DamperResponse, float]:
+def _varied(scene: Scene, amplitude: float, box: MarginBox, point: list[float]) -> tuple[DamperResponse, float]:
     """Return the system at a point of the box, and the support's amplitude there [m]."""
     size, frequency, mass, stiffness, restitution = point
     driven = scene.frequency_hz * (1.0 + frequency * box.frequency)

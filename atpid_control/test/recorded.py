@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from atpid_control.recording.session import Session
+from atpid_control.recording.session import RecordingSession
 from atpid_control.runs.definitions import message_type
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.topics import DEFAULT, parse
@@ -121,7 +121,7 @@ def record(folder: Path, scene_file: Path, heights: list[tuple[float, float, flo
     """Record `bench` of the scene into `folder`; return it."""
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
     run = new_run(scene_file, run_id="specimen", commit="0123456789ab")
-    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda _topic: (Qos(),))
+    session = RecordingSession(folder, run, topics, lockstep=lockstep, offered=lambda _topic: (Qos(),))
     for number, (topic, message) in enumerate(bench(load_scene(scene_file), heights)):
         session.receive(topic, message, 1_000_000_000 + number * 1_000)
     assert session.complete

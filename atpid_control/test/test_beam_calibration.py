@@ -12,7 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
-from atpid_control.analysis.beam.fit import BeamFit, CalibrationError, fit_beam, forced, free_columns
+from atpid_control.analysis.beam.fit import BeamCalibrationError, BeamFit, fit_beam, forced, free_columns
 from atpid_control.analysis.beam.masses import from_added_mass, from_known_mass
 from atpid_control.analysis.signals import Signals
 from atpid_control.commands import calibrate_beam as command
@@ -115,21 +115,21 @@ def test_what_is_no_beam_of_one_mass_is_refused() -> None:
         (np.full(5000, np.nan), "0 valid samples"),
         (np.sin(40.0 * t)[:20], "20 valid samples"),
     ):
-        with pytest.raises(CalibrationError, match=text):
+        with pytest.raises(BeamCalibrationError, match=text):
             fit_beam(alone(beam))
-    with pytest.raises(CalibrationError, match="support: given a recording with gaps"):
+    with pytest.raises(BeamCalibrationError, match="support: given a recording with gaps"):
         fit_beam(Signals(RATE, np.where(t > 1.0, 0.0, np.nan), np.sin(40.0 * t)))
 
 
 def test_impossible_masses_are_refused() -> None:
     fit, loaded = fitted(recorded(DECAY, 1)), fitted(recorded(with_mass(DECAY, 0.05), 2))
-    with pytest.raises(CalibrationError, match="must be slower"):
+    with pytest.raises(BeamCalibrationError, match="must be slower"):
         from_added_mass(loaded, fit, 0.05)
-    with pytest.raises(CalibrationError, match="added mass: given -1 kg"):
+    with pytest.raises(BeamCalibrationError, match="added mass: given -1 kg"):
         from_added_mass(fit, loaded, -1.0)
-    with pytest.raises(CalibrationError, match="grain mass: given 1 kg"):
+    with pytest.raises(BeamCalibrationError, match="grain mass: given 1 kg"):
         from_known_mass(fit, 0.362, grain_mass=1.0)
-    with pytest.raises(CalibrationError, match="moving mass: given 0 kg"):
+    with pytest.raises(BeamCalibrationError, match="moving mass: given 0 kg"):
         from_known_mass(fit, 0.0)
 
 
@@ -171,7 +171,7 @@ def test_without_a_mass_the_command_prints_the_ratios_only(tmp_path: Path, capsy
     assert "beam:" not in said
     assert run(table, "--json") == 0
     assert json.loads(capsys.readouterr().out)["beam"] is None
-    with pytest.raises(CalibrationError, match="--out: a beam: block needs a mass"):
+    with pytest.raises(BeamCalibrationError, match="--out: a beam: block needs a mass"):
         run(table, "--out", str(tmp_path / "beam.yaml"))
 
 

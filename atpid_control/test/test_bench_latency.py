@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded import block, make
 
-from atpid_control.recording.session import Session
+from atpid_control.recording.session import RecordingSession
 from atpid_control.runs.metadata import Qos, new_run
 from atpid_control.runs.run import open_run
 from atpid_control.runs.topics import DEFAULT, parse
@@ -23,7 +23,9 @@ MS = 1_000_000
 def recorded(folder: Path, delays: list[tuple[int, int, int]]) -> Path:
     """Record blocks whose messages arrive so many ns after the last sample, the block and the estimate."""
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, False)]
-    session = Session(folder, new_run(None, clock="real time"), topics, lockstep=False, offered=lambda _topic: (Qos(),))
+    session = RecordingSession(
+        folder, new_run(None, clock="real time"), topics, lockstep=False, offered=lambda _topic: (Qos(),)
+    )
     for k, (to_block, to_estimate, to_command) in enumerate(delays):
         last = START + round((k * SCANS + SCANS - 1) / RATE * 1e9)
         now = last + to_block

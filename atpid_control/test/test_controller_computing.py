@@ -15,7 +15,7 @@ from atpid_control.loop.computation import InlineExecutor, threaded
 from atpid_control.loop.controller import SelectingController
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import HoldSettings
-from atpid_control.loop.protocol import Command, ControlSettings
+from atpid_control.loop.protocol import ControlSettings, HeightCommand
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 
@@ -88,7 +88,9 @@ class Loop:
         self.controller = SelectingController(SETTINGS, self.selector, (0.017, 1.0), twin, executor, fallback)
         self.events: list[tuple[str, int, str]] = []
 
-    def feed(self, *amplitudes: float, quality: Quality = Quality.STEADY, beam: float = math.nan) -> list[Command]:
+    def feed(
+        self, *amplitudes: float, quality: Quality = Quality.STEADY, beam: float = math.nan
+    ) -> list[HeightCommand]:
         """Return the commands that answer these amplitudes; the ceiling is at once where it is sent."""
         commands = []
         for amplitude in amplitudes:

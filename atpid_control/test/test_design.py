@@ -32,7 +32,7 @@ from atpid_control.design.problem import (
     scene_of,
     time_constant,
 )
-from atpid_control.design.worst_case import Interval, Point, Tone
+from atpid_control.design.worst_case import FrequencyPoint, Interval, Point
 from atpid_sim.contact import tsuji
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import NumericalFailure
@@ -53,7 +53,7 @@ def a_point(amplitude: float, height: float, **changes: object) -> Point:
     """Return a point whose other numbers are unremarkable."""
     made = Point(
         amplitude=amplitude, height=height, clearance=height - 0.05, frequency=13.0,
-        over_frequency=[Tone(13.0, 0.002, 0.004, 0.5)], efficiency=Interval(0.85, 0.80, 0.90),
+        over_frequency=[FrequencyPoint(13.0, 0.002, 0.004, 0.5)], efficiency=Interval(0.85, 0.80, 0.90),
         reduction=Interval(0.5, 0.45, 0.55), beam_amplitude=Interval(0.002, 0.0018, 0.0025),
         bare_amplitude=Interval(0.004, 0.0038, 0.0042), closed_amplitude=0.013, best_height=height,
         best_efficiency=0.87, regular=True, numerical_error=1e-6, ceiling_force=Interval(100.0, 80.0, 120.0),
@@ -237,7 +237,7 @@ def test_a_design_within_all_limits_has_no_warning() -> None:
         ({"regular": False}, ["irregular motion", "±1 mm"]),
         ({"efficiency": Interval(0.8, 0.6, 0.9)}, ["sensitive", "15 points"]),
         (
-            {"over_frequency": [Tone(13.0, 0.005, 0.004, -0.2)], "reduction": Interval(-0.2, -0.3, 0.1)},
+            {"over_frequency": [FrequencyPoint(13.0, 0.005, 0.004, -0.2)], "reduction": Interval(-0.2, -0.3, 0.1)},
             ["reduction below 0: the damper makes it worse at 13 Hz and ±1 mm", "--excitation-frequency"],
         ),
         ({"reduction": Interval(0.2, -0.1, 0.3)}, ["reduction below 0 in some of the cases at ±1 mm, down to -10 %"]),

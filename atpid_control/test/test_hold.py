@@ -12,7 +12,7 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.controller import ProfileController, SelectingController
 from atpid_control.loop.drift import DriftSettings
 from atpid_control.loop.hold import Hold, HoldError, HoldSettings
-from atpid_control.loop.protocol import Answer, Controller, ControlSettings
+from atpid_control.loop.protocol import Controller, ControlSettings, LoopAnswer
 from atpid_control.loop.step_back import StepBack
 from atpid_control.selection.protocol import Excitation, Selection, SelectionError
 
@@ -166,7 +166,7 @@ def controller(limits: tuple[float, float] = (0.017, 1.0), settle: int = 0) -> t
     return SelectingController(control, selector, limits), selector
 
 
-def answers(machine: Controller, estimates: Sequence[Estimate]) -> list[Answer]:
+def answers(machine: Controller, estimates: Sequence[Estimate]) -> list[LoopAnswer]:
     return [machine.answer(0.05 * k, estimate, 0.3) for k, estimate in enumerate(estimates)]
 
 

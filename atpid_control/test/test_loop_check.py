@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from atpid_control.supervision.loop_check import Ceiling, LoopSnapshot, Sensors, failures
+from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
 
 CEILING = Ceiling(0.017, 1.0, 0.3)
 
 
-def sensors(**channels: float) -> Sensors:
+def sensors(**channels: float) -> LatestBlocks:
     """The channels, each with this share of valid readings in a block at 10 s."""
-    made = Sensors()
+    made = LatestBlocks()
     for name, valid in channels.items():
         values = np.zeros(100)
         values[round(100 * valid) :] = math.nan
@@ -37,7 +37,7 @@ def test_a_loop_in_order_passes() -> None:
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ({"sensors": Sensors()}, "sensors: no samples"),
+        ({"sensors": LatestBlocks()}, "sensors: no samples"),
         ({"sensors": sensors(support=1.0, beam=0.4)}, "beam: 40% of its readings are valid"),
         ({"now": 12.0, "sensors": sensors(beam=1.0)}, "beam: no samples for 2.0 s"),
         ({"errors": {"beam": "frozen at 3.1 V"}}, "beam: frozen at 3.1 V"),
@@ -55,4 +55,4 @@ def test_what_fails_is_named(change: dict[str, object], line: str) -> None:
 
 
 def test_all_that_fails_is_named_at_once() -> None:
-    assert len(failures(LoopSnapshot(now=0.0, sensors=Sensors(), scene=CEILING, errors={"beam": "dead"}))) == 4
+    assert len(failures(LoopSnapshot(now=0.0, sensors=LatestBlocks(), scene=CEILING, errors={"beam": "dead"}))) == 4

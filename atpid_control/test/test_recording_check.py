@@ -10,7 +10,7 @@ import pytest
 from recorded import SHORT, bench, block, make
 
 from atpid_control.cli import main
-from atpid_control.recording.session import Session
+from atpid_control.recording.session import RecordingSession
 from atpid_control.runs.check import Checked, check
 from atpid_control.runs.check_rules import KEPT, REACH, AnswerMatching, Findings
 from atpid_control.runs.errors import BagError
@@ -50,7 +50,7 @@ def checked(scene_file: Path, tmp_path: Path) -> Callable[..., Checked]:
         scene.write_text(scene_file.read_text() + (f"\nfaults: [{{{faults}}}]\n" if faults else ""))
         run = new_run(scene, run_id="specimen", commit="none", clock=clock)
         # in the order given: a recorder in lockstep would sort them
-        session = Session(tmp_path / "bag", run, topics, lockstep=False, offered=lambda _: (Qos(),))
+        session = RecordingSession(tmp_path / "bag", run, topics, lockstep=False, offered=lambda _: (Qos(),))
         for number, (topic, data) in enumerate(messages):
             session.receive(topic, data, 1_000_000_000 + number * 1_000)
         if close:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded import SHORT, bench, block, make
 
-from atpid_control.recording.session import Session, Writing
+from atpid_control.recording.session import RecordingSession, Writing
 from atpid_control.recording.trigger import STATES, PreTrigger, Trigger, trigger_of
 from atpid_control.runs.check import check
 from atpid_control.runs.errors import BagError
@@ -132,11 +132,11 @@ def scene(tmp_path: Path) -> Path:
     return path
 
 
-def recorded(folder: Path, scene: Path, lockstep: bool, **settings: Any) -> Session:
+def recorded(folder: Path, scene: Path, lockstep: bool, **settings: Any) -> RecordingSession:
     topics = [type(topic)(f"/{topic.name}", topic.type) for topic in parse(DEFAULT, lockstep)]
     trigger = trigger_of(settings.pop("trigger", f"sensors/laser {SUPPORT}"), topics, **{"level": 0.008, **settings})
     run = new_run(scene, run_id="specimen", commit="none", clock="lockstep" if lockstep else "real time")
-    session = Session(folder, run, topics, lockstep=lockstep, offered=lambda _: (Qos(),),
+    session = RecordingSession(folder, run, topics, lockstep=lockstep, offered=lambda _: (Qos(),),
                       writing=Writing(trigger=trigger))  # fmt: skip
     for number, (topic, message) in enumerate(bench(load_scene(scene), [(0.8, 0.2, 0.01)])):
         session.receive(topic, message, 1_000_000_000 + number * 1_000)

@@ -21,7 +21,7 @@ from rclpy.node import Node
 
 from atpid_common.nodes.messages import BLOCKS, time_of
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.protocol import Answer, Command, ControlSettings
+from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.search_run import SearchingController
 from atpid_control.nodes.search_server import SearchServer
 
@@ -33,9 +33,9 @@ GOAL = {"step": 0.1, "dwell": 2.0, "lowest": 0.1, "highest": 0.9}
 class Inner:
     """A controller that has selected a height."""
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         del time, estimate, height
-        return Answer(Command(sequence=1, height=0.3))
+        return LoopAnswer(HeightCommand(sequence=1, height=0.3))
 
     def on_event(self, kind: str) -> None:
         raise AssertionError(kind)

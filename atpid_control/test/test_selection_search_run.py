@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from atpid_control.identification import Estimate, Quality
-from atpid_control.loop.protocol import Answer, Command, ControlSettings
+from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.search_run import SearchingController, SearchRun
 from atpid_control.selection.search import Plan, SearchError
 from atpid_sim.plant.plant import Plant
@@ -26,15 +26,15 @@ PLAN = Plan(0.1, 2.0, 0.1, 0.9)
 class Inner:
     """A controller that has selected a height."""
 
-    command: Command = field(default_factory=lambda: Command(sequence=4, height=0.3, method="lookup"))
+    command: HeightCommand = field(default_factory=lambda: HeightCommand(sequence=4, height=0.3, method="lookup"))
     heard: list[str] = field(default_factory=list)
 
     def configure(self, settings: ControlSettings) -> None:
         raise AssertionError(settings)
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         del time, estimate, height
-        return Answer(self.command)
+        return LoopAnswer(self.command)
 
     def on_event(self, kind: str) -> None:
         self.heard.append(kind)
@@ -48,9 +48,9 @@ class Loop:
     height: float = 0.3
     time: float = 0.0
     amplitude: Callable[[float], float] = lambda height: abs(height - 0.52) + 0.1
-    commands: list[Command] = field(default_factory=list)
+    commands: list[HeightCommand] = field(default_factory=list)
 
-    def turn(self) -> Command:
+    def turn(self) -> HeightCommand:
         self.time += 0.05
         phase = 2.0 * math.pi * 5.5 * (self.time + np.arange(-50, 0) * 1e-3)
         self.controller.watch(self.time, self.amplitude(self.height) * np.sin(phase))
@@ -182,10 +182,10 @@ def test_another_controller_goes_on_with_the_numbers_and_ends_a_search() -> None
     run = loop.controller.begin(PLAN)
     loop.turn()
     searched = loop.turn()
-    loop.controller.select_by(Inner(Command(sequence=0, method="pca", reason="no estimate yet")))
+    loop.controller.select_by(Inner(HeightCommand(sequence=0, method="pca", reason="no estimate yet")))
     assert (run.done, run.success, run.message) == (True, False, "another method was chosen")
     before = loop.controller.answer(loop.time, STEADY, loop.height).command
     assert (before.method, math.isnan(before.height)) == ("pca", True)  # the ceiling stays until it has selected
     assert before.sequence >= searched.sequence
-    loop.controller.select_by(Inner(Command(sequence=1, height=0.5, method="direct")))
+    loop.controller.select_by(Inner(HeightCommand(sequence=1, height=0.5, method="direct")))
     assert loop.turn().sequence > before.sequence

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from atpid_common.vocabulary import RunState
 from atpid_control.supervision.answers import NodeLiveness, SupervisionError
-from atpid_control.supervision.limits import QUANTITIES, Levels, Limits, Severity
+from atpid_control.supervision.limits import QUANTITIES, AbortLevels, Levels, PassedLevel
 from atpid_control.supervision.quantities import ContactRate, OnTime, largest, sustained
 from atpid_control.supervision.states import Supervision
 
@@ -161,31 +161,31 @@ def test_an_abort_is_given_once_and_by_the_first_value_above_its_level(
     values: list[float], first: float, second: float
 ) -> None:
     levels = Levels(min(first, second), max(first, second))
-    limits = Limits({"beam_displacement": levels})
+    limits = AbortLevels({"beam_displacement": levels})
     passed = [limits.update("beam_displacement", value, 0.01 * turn) for turn, value in enumerate(values)]
-    aborts = [turn for turn, each in enumerate(passed) if each and each.severity is Severity.ABORT]
+    aborts = [turn for turn, each in enumerate(passed) if each and each.severity is PassedLevel.ABORT]
     above = [turn for turn, value in enumerate(values) if abs(value) > levels.abort]
     assert aborts == above[:1]
-    warned = [turn for turn, each in enumerate(passed) if each and each.severity is Severity.WARNING]
+    warned = [turn for turn, each in enumerate(passed) if each and each.severity is PassedLevel.WARNING]
     between = [turn for turn, value in enumerate(values) if abs(value) > levels.warning]
     assert warned == [turn for turn in between[:1] if turn not in above], "unless that value is above both at once"
     assert bool(limits.aborted) == bool(above)
 
 
 def test_a_warning_comes_again_after_a_quiet_second() -> None:
-    limits = Limits({"beam_displacement": Levels(warning=0.1)})
+    limits = AbortLevels({"beam_displacement": Levels(warning=0.1)})
     times = [time for time in (0.0, 0.5, 1.4, 3.0) if limits.update("beam_displacement", 0.2, time)]
     assert times == [0.0, 3.0]
 
 
 def test_without_levels_nothing_is_limited() -> None:
-    limits = Limits({name: Levels() for name in QUANTITIES})
+    limits = AbortLevels({name: Levels() for name in QUANTITIES})
     assert not [name for name in QUANTITIES if limits.limited(name)]
     assert not [name for name in QUANTITIES if limits.update(name, 1e300, 0.0)]
 
 
 def test_an_aborted_quantity_is_rearmed_only_when_it_is_lower() -> None:
-    limits = Limits({"beam_displacement": Levels(abort=0.1)})
+    limits = AbortLevels({"beam_displacement": Levels(abort=0.1)})
     passed = limits.update("beam_displacement", -0.2, 0.0)
     assert str(passed) == "beam_displacement 0.2 m is above its abort level 0.1 m"
     assert limits.still_above({"beam_displacement": -0.2}) == ("beam_displacement",)
@@ -197,7 +197,7 @@ def test_an_aborted_quantity_is_rearmed_only_when_it_is_lower() -> None:
 @pytest.mark.parametrize("levels", [Levels(0.2, 0.1), Levels(math.nan), Levels(abort=-1.0), Levels(0.0, 1.0)])
 def test_levels_that_cannot_be_are_refused(levels: Levels) -> None:
     with pytest.raises(SupervisionError, match=r"limit of beam_displacement: given .* allowed"):
-        Limits({"beam_displacement": levels})
+        AbortLevels({"beam_displacement": levels})
 
 
 def test_a_lone_spike_is_no_displacement_and_an_impact_is_an_acceleration() -> None:

@@ -13,7 +13,7 @@ from acquisition_rigs import channels
 from hypothesis import given
 from hypothesis import strategies as st
 
-from atpid_driver.acquisition import Block, Identity, SetupRefusedError
+from atpid_driver.acquisition import Block, DeviceIdentity, SetupRefusedError
 from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
 from atpid_driver.acquisition.reader import Backoff, Reader
 from atpid_driver.acquisition.settings import SimulatedSettings
@@ -205,4 +205,4 @@ def test_backoff_doubles_to_its_longest() -> None:
 
 
 def test_identity_in_words() -> None:
-    assert str(Identity("labjack", 470012345)) == "labjack:470012345"
+    assert str(DeviceIdentity("labjack", 470012345)) == "labjack:470012345"

@@ -9,7 +9,7 @@ from motor_rigs import board
 
 from atpid_common.vocabulary import Mode
 from atpid_driver.emulator.client import SteppedHost
-from atpid_driver.motor.faults import Fault
+from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply, crc16, encode
 
 MIDDLE = 500_000
@@ -53,7 +53,7 @@ def test_after_power_on_it_is_disarmed_and_identifies_itself(host: SteppedHost) 
     assert host.request("STATE") == Refusal("SESSION")
     assert host.request("ID") == IdentityReply("ATPID-MOTOR", "1.1.1", 1, 1, "POWER", 0.017, 1.0, 0.3, 0)
     state = host.state()
-    assert (state.mode, state.homed, state.faults) == (Mode.DISARMED, False, Fault(0))
+    assert (state.mode, state.homed, state.faults) == (Mode.DISARMED, False, MotorFault(0))
 
 
 def test_nothing_moves_unless_armed_and_homed(host: SteppedHost) -> None:
@@ -91,7 +91,7 @@ def test_travels_at_constant_speed_and_stops_at_the_target(ready: SteppedHost, t
     ready.request("MOVE", target)
     state = ready.beat(4.0)
     after = ready.emulator.state()
-    assert (state.mode, state.faults, state.target) == (Mode.HOLDING, Fault(0), target / 1e6)
+    assert (state.mode, state.faults, state.target) == (Mode.HOLDING, MotorFault(0), target / 1e6)
     assert state.height == pytest.approx(target / 1e6, abs=RESOLUTION)
     assert after.height_um == pytest.approx(target, abs=1200)
     nominal = abs(before.height_um - target) / 300.0
@@ -139,7 +139,7 @@ def test_a_motor_that_is_slower_than_half_its_speed_is_off_after_the_time_that_t
         began = emulator.state().ms
         host.request(word, *([700_000] if word == "MOVE" else []))
         state = until_off(host)
-        assert (state.mode, state.faults, state.homed) == (Mode.FAULT, Fault.OVERTIME, word == "MOVE")
+        assert (state.mode, state.faults, state.homed) == (Mode.FAULT, MotorFault.OVERTIME, word == "MOVE")
         assert emulator.state().motor_off_ms - began == pytest.approx(2.0 * nominal + 500.0, abs=20.0)
 
 
@@ -152,7 +152,7 @@ def test_outside_its_soft_limits_it_is_off_and_has_to_home_again(ready: SteppedH
     assert ready.beat(0.2).mode is Mode.HOLDING
     ready.emulator.set("slip", slip)
     state = ready.beat(0.2)
-    assert (state.mode, state.faults, state.homed) == (Mode.FAULT, Fault.SOFT_LIMIT, False)
+    assert (state.mode, state.faults, state.homed) == (Mode.FAULT, MotorFault.SOFT_LIMIT, False)
     assert ready.request("MOVE", MIDDLE) == Refusal("FAULT")
     assert stands_still(ready)
 
@@ -176,7 +176,7 @@ def test_lost_heartbeat_switches_off_within_500_ms(moving: SteppedHost) -> None:
     assert truth.motor == 0
     assert 400.0 < truth.motor_off_ms - truth.last_byte_ms <= 500.0
     state = moving.state()
-    assert (state.mode, state.faults) == (Mode.FAULT, Fault.HEARTBEAT)
+    assert (state.mode, state.faults) == (Mode.FAULT, MotorFault.HEARTBEAT)
 
 
 @pytest.mark.parametrize("flood", [b"$", b"noise ", b"$1,STATE*0000\n", bytes(range(256))])
@@ -186,14 +186,14 @@ def test_a_flood_does_not_keep_the_motor_running(moving: SteppedHost, flood: byt
     moving.emulator.drain(0.05)
     assert moving.emulator.state().motor_off_ms - began <= 500.0
     moving.emulator.received()
-    assert moving.state().faults == Fault.HEARTBEAT
+    assert moving.state().faults == MotorFault.HEARTBEAT
 
 
 @pytest.mark.parametrize("word", ["STATE", "FLY"])
 def test_looking_is_no_heartbeat_and_neither_is_an_unknown_word(moving: SteppedHost, word: str) -> None:
     for _ in range(12):
         moving.request(word, seconds=0.05)
-    assert moving.state().faults == Fault.HEARTBEAT
+    assert moving.state().faults == MotorFault.HEARTBEAT
     assert moving.emulator.state().motor == 0
 
 
@@ -204,7 +204,7 @@ def test_after_a_lost_heartbeat_only_arm_helps(moving: SteppedHost) -> None:
     assert stands_still(moving)
     armed = moving.request("ARM")
     assert isinstance(armed, StateReply)
-    assert (armed.mode, armed.homed, armed.faults) == (Mode.HOLDING, True, Fault(0))
+    assert (armed.mode, armed.homed, armed.faults) == (Mode.HOLDING, True, MotorFault(0))
     assert stands_still(moving), "armed again it does not resume the old travel"
 
 
@@ -212,17 +212,17 @@ def test_after_a_lost_heartbeat_only_arm_helps(moving: SteppedHost) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "fault", "within"),
     [
-        ("jam", 1, Fault.STALL, 0.32),
-        ("swapped", 1, Fault.WRONG_WAY, 0.1),
-        ("sensor", "open", Fault.SENSOR_LOW, 0.02),
-        ("sensor", "high", Fault.SENSOR_HIGH, 0.02),
-        ("sensor", "frozen", Fault.STALL, 0.32),
-        ("lower", "open", Fault.LOWER_LIMIT, 0.01),
-        ("upper", "open", Fault.UPPER_LIMIT, 0.01),
-        ("stop", "open", Fault.EMERGENCY_STOP, 0.01),
+        ("jam", 1, MotorFault.STALL, 0.32),
+        ("swapped", 1, MotorFault.WRONG_WAY, 0.1),
+        ("sensor", "open", MotorFault.SENSOR_LOW, 0.02),
+        ("sensor", "high", MotorFault.SENSOR_HIGH, 0.02),
+        ("sensor", "frozen", MotorFault.STALL, 0.32),
+        ("lower", "open", MotorFault.LOWER_LIMIT, 0.01),
+        ("upper", "open", MotorFault.UPPER_LIMIT, 0.01),
+        ("stop", "open", MotorFault.EMERGENCY_STOP, 0.01),
     ],
 )
-def test_breaking_in_motion(moving: SteppedHost, name: str, value: str | int, fault: Fault, within: float) -> None:
+def test_breaking_in_motion(moving: SteppedHost, name: str, value: str | int, fault: MotorFault, within: float) -> None:
     """Motor off within the time given, the fault latched, and it stays so while heartbeats go on."""
     began = moving.emulator.state().ms
     moving.emulator.set(name, value)
@@ -238,14 +238,14 @@ def test_breaking_in_motion(moving: SteppedHost, name: str, value: str | int, fa
 @pytest.mark.parametrize(
     ("name", "value", "fault"),
     [
-        ("sensor", "open", Fault.SENSOR_LOW),
-        ("sensor", "high", Fault.SENSOR_HIGH),
-        ("lower", "open", Fault.LOWER_LIMIT),
-        ("upper", "open", Fault.UPPER_LIMIT),
-        ("stop", "open", Fault.EMERGENCY_STOP),
+        ("sensor", "open", MotorFault.SENSOR_LOW),
+        ("sensor", "high", MotorFault.SENSOR_HIGH),
+        ("lower", "open", MotorFault.LOWER_LIMIT),
+        ("upper", "open", MotorFault.UPPER_LIMIT),
+        ("stop", "open", MotorFault.EMERGENCY_STOP),
     ],
 )
-def test_arm_is_refused_while_the_cause_is_there(moving: SteppedHost, name: str, value: str, fault: Fault) -> None:
+def test_arm_is_refused_while_the_cause_is_there(moving: SteppedHost, name: str, value: str, fault: MotorFault) -> None:
     moving.emulator.set(name, value)
     moving.beat(0.1)
     assert moving.request("ARM") == Refusal("FAULT")
@@ -254,14 +254,14 @@ def test_arm_is_refused_while_the_cause_is_there(moving: SteppedHost, name: str,
     moving.beat(0.1)
     armed = moving.request("ARM")
     assert isinstance(armed, StateReply)
-    assert (armed.mode, armed.faults) == (Mode.HOLDING, Fault(0))
+    assert (armed.mode, armed.faults) == (Mode.HOLDING, MotorFault(0))
     assert armed.homed is (name != "sensor"), "a sensor that failed has lost its reference"
 
 
 def test_both_limit_switches(moving: SteppedHost) -> None:
     moving.emulator.set("lower", "open")
     moving.emulator.set("upper", "open")
-    assert Fault.BOTH_LIMITS in moving.beat(0.2).faults
+    assert MotorFault.BOTH_LIMITS in moving.beat(0.2).faults
     assert stands_still(moving)
     assert moving.request("ARM") == Refusal("FAULT")
 
@@ -273,7 +273,7 @@ def test_lower_switch_stops_a_ceiling_whose_sensor_slipped(ready: SteppedHost) -
     ready.emulator.set("slip", 6_000)
     ready.request("MOVE", 17_000)
     state = ready.beat(1.0)
-    assert state.faults == Fault.LOWER_LIMIT
+    assert state.faults == MotorFault.LOWER_LIMIT
     assert ready.emulator.state().height_um > 12_100, "stopped before the mechanical end"
     ready.request("ARM")
     ready.request("MOVE", 30_000)
@@ -289,16 +289,16 @@ def test_upper_switch_that_opens_on_the_way_up_stops_it(ready: SteppedHost) -> N
         ready.request("BEAT")
     ready.emulator.set("upper", "open")
     state = ready.beat(0.2)
-    assert (state.mode, state.faults) == (Mode.FAULT, Fault.UPPER_LIMIT)
+    assert (state.mode, state.faults) == (Mode.FAULT, MotorFault.UPPER_LIMIT)
     assert ready.emulator.state().height_um < 970_000
     ready.request("ARM")
     ready.request("MOVE", 955_000)
-    assert ready.beat(0.3).faults == Fault(0)
+    assert ready.beat(0.3).faults == MotorFault(0)
 
 
-@pytest.mark.parametrize(("slip", "fault"), [(0, Fault.STALL), (24_500, Fault.HOMING)])
+@pytest.mark.parametrize(("slip", "fault"), [(0, MotorFault.STALL), (24_500, MotorFault.HOMING)])
 def test_a_welded_upper_switch_ends_at_the_mechanical_end_or_where_the_switch_cannot_be(
-    host: SteppedHost, slip: int, fault: Fault
+    host: SteppedHost, slip: int, fault: MotorFault
 ) -> None:
     host.emulator.set("upper", "closed")
     host.emulator.set("slip", slip)
@@ -315,14 +315,14 @@ def test_an_upper_switch_that_does_not_close_again_ends_homing_within_30_mm(host
         host.request("BEAT")
     host.emulator.set("upper", "open")
     state = host.beat(0.5)
-    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.UPPER_LIMIT)
+    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, MotorFault.UPPER_LIMIT)
     assert host.emulator.state().height_um == pytest.approx(1_010_000 - 30_000, abs=HOMED)
 
 
 def test_a_reading_that_leaps_further_than_the_ceiling_can_move_has_lost_its_reference(ready: SteppedHost) -> None:
     ready.emulator.set("slip", -13_000)
     state = ready.beat(0.2)
-    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.SENSOR_JUMP)
+    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, MotorFault.SENSOR_JUMP)
 
 
 @pytest.mark.parametrize("slip", [-24_500, 24_500])
@@ -331,7 +331,7 @@ def test_homing_refuses_a_switch_in_the_wrong_place(host: SteppedHost, slip: int
     for word in ("ID", "ARM", "HOME"):
         host.request(word)
     state = host.beat(1.0)
-    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.HOMING)
+    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, MotorFault.HOMING)
 
 
 def test_an_upper_switch_that_opens_too_early_is_stuck(host: SteppedHost) -> None:
@@ -339,14 +339,14 @@ def test_an_upper_switch_that_opens_too_early_is_stuck(host: SteppedHost) -> Non
         host.request(word)
     host.emulator.set("upper", "open")
     state = host.beat(1.0)
-    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, Fault.UPPER_LIMIT)
+    assert (state.mode, state.homed, state.faults) == (Mode.FAULT, False, MotorFault.UPPER_LIMIT)
 
 
 def test_a_ceiling_that_moves_by_itself_is_reported(ready: SteppedHost) -> None:
     ready.request("MOVE", MIDDLE)
     ready.beat(2.5)
     ready.emulator.set("runaway", 1)
-    assert Fault.UNCOMMANDED in ready.beat(0.3).faults
+    assert MotorFault.UNCOMMANDED in ready.beat(0.3).faults
 
 
 def test_reset_in_motion(moving: SteppedHost) -> None:
@@ -386,7 +386,7 @@ def test_watchdog_switches_off_a_hung_firmware(moving: SteppedHost, hang: str, a
     identity = moving.request("ID")
     assert isinstance(identity, IdentityReply)
     assert (identity.boots, identity.reset_cause) == (2, "WATCHDOG")
-    assert (moving.state().mode, moving.state().faults) == (Mode.FAULT, Fault.WATCHDOG)
+    assert (moving.state().mode, moving.state().faults) == (Mode.FAULT, MotorFault.WATCHDOG)
     assert moving.request("HOME") == Refusal("FAULT")
 
 
@@ -420,10 +420,10 @@ def test_a_watchdog_restart_stays_latched_over_further_restarts_until_it_is_arme
     identity = moving.request("ID")
     assert isinstance(identity, IdentityReply)
     assert identity.reset_cause != "WATCHDOG"
-    assert (moving.state().mode, moving.state().faults) == (Mode.FAULT, Fault.WATCHDOG)
+    assert (moving.state().mode, moving.state().faults) == (Mode.FAULT, MotorFault.WATCHDOG)
     armed = moving.request("ARM")
     assert isinstance(armed, StateReply)
-    assert (armed.mode, armed.homed, armed.faults) == (Mode.HOLDING, False, Fault(0))
+    assert (armed.mode, armed.homed, armed.faults) == (Mode.HOLDING, False, MotorFault(0))
     moving.emulator.run(0.05)
     for command in again:
         moving.emulator.do(command)
@@ -468,7 +468,7 @@ def test_a_repeated_arm_does_not_arm_again(ready: SteppedHost) -> None:
     ready.emulator.run(1.0)
     (again,) = ready.answers(arm)
     assert again.word == "ST"
-    assert (ready.state().mode, ready.state().faults) == (Mode.FAULT, Fault.HEARTBEAT)
+    assert (ready.state().mode, ready.state().faults) == (Mode.FAULT, MotorFault.HEARTBEAT)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.dialogue import LINK_TIME, NO_LINK, STOP_REPEAT, Dialogue
 from atpid_driver.motor.errors import LinkError, NotReadyError
-from atpid_driver.motor.faults import Fault
+from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import decode, encode
 from atpid_driver.motor.session import SessionLostError
 from atpid_driver.motor.settings import MotorSettings
@@ -422,21 +422,21 @@ def test_without_its_caller_the_heartbeat_ends(armed: Stops) -> None:
 def test_a_board_that_does_not_answer_is_a_lost_link_which_stays_until_it_is_armed(armed: Stops) -> None:
     armed.fates = [1]
     drive(armed, LINK_TIME + 0.2)
-    assert armed.dialogue.reading == replace(NO_LINK, faults=Fault.LINK_LOST)
+    assert armed.dialogue.reading == replace(NO_LINK, faults=MotorFault.LINK_LOST)
     assert any("no answer to" in text for text in armed.dialogue.reports())
     armed.fates = [0]
     drive(armed, 1.0)
-    assert (armed.dialogue.reading.mode, Fault.LINK_LOST in armed.dialogue.reading.faults) == (Mode.FAULT, True)
+    assert (armed.dialogue.reading.mode, MotorFault.LINK_LOST in armed.dialogue.reading.faults) == (Mode.FAULT, True)
     armed.dialogue.arm(armed.now)
     drive(armed, 0.2)
-    assert (armed.dialogue.reading.mode, armed.dialogue.reading.faults) == (Mode.HOLDING, Fault(0))
+    assert (armed.dialogue.reading.mode, armed.dialogue.reading.faults) == (Mode.HOLDING, MotorFault(0))
 
 
 def test_a_height_that_the_motor_cannot_have_reached_is_no_answer_of_the_board(armed: Stops) -> None:
     armed.board.height -= 100_000
     drive(armed, 0.3)
     assert any("which its motor cannot" in text for text in armed.dialogue.reports())
-    assert Fault.LINK_LOST in armed.dialogue.reading.faults
+    assert MotorFault.LINK_LOST in armed.dialogue.reading.faults
     assert armed.board.mode is Mode.DISARMED, "by the new session"
     assert armed.dialogue.reading.mode is Mode.FAULT, "until a person arms it"
 
@@ -445,7 +445,7 @@ def test_a_height_that_a_restarted_board_refuses_is_a_lost_session(armed: Stops)
     armed.board.open = False
     armed.dialogue.move(100_000, 1, armed.now)
     drive(armed, 3 * STEP)
-    assert Fault.LINK_LOST in armed.dialogue.reading.faults
+    assert MotorFault.LINK_LOST in armed.dialogue.reading.faults
     assert not any("refused MOVE" in text for text in armed.dialogue.reports())
 
 

@@ -10,7 +10,7 @@ from atpid_common.vocabulary import Mode
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Limits
 from atpid_driver.motor.errors import MotorError, SettingsError
-from atpid_driver.motor.faults import Fault
+from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.settings import MotorSettings
 from atpid_driver.motor.simulated import SimulatedActuator
 from atpid_driver.motor.simulated_faults import FaultyActuator
@@ -19,25 +19,25 @@ LIMITS = Limits(0.017, 1.0, 0.3)
 BLOCK = 50_000_000
 #: What each fault from 1 to 4 s is found as, while the ceiling goes from 0.3 to 0.8 m; None: it is not found.
 FOUND = {
-    ("height_sensor", "off"): Fault.SENSOR_LOW,
-    ("height_sensor", "stuck"): Fault.STALL,
-    ("height_sensor", "garbage"): Fault.SENSOR_JUMP,
-    ("height_sensor", "wrong"): Fault.SENSOR_JUMP,
-    ("height_sensor", "intermittent"): Fault.SENSOR_LOW,
-    ("motor", "off"): Fault.STALL,
-    ("motor", "wrong"): Fault.WRONG_WAY,
-    ("motor", "slow"): Fault.OVERTIME,
-    ("motor", "stuck"): Fault.UNCOMMANDED,
+    ("height_sensor", "off"): MotorFault.SENSOR_LOW,
+    ("height_sensor", "stuck"): MotorFault.STALL,
+    ("height_sensor", "garbage"): MotorFault.SENSOR_JUMP,
+    ("height_sensor", "wrong"): MotorFault.SENSOR_JUMP,
+    ("height_sensor", "intermittent"): MotorFault.SENSOR_LOW,
+    ("motor", "off"): MotorFault.STALL,
+    ("motor", "wrong"): MotorFault.WRONG_WAY,
+    ("motor", "slow"): MotorFault.OVERTIME,
+    ("motor", "stuck"): MotorFault.UNCOMMANDED,
     ("motor", "delayed"): None,
 }
 
 
-def moved(part: str, kind: str) -> tuple[FaultyActuator, Fault]:
+def moved(part: str, kind: str) -> tuple[FaultyActuator, MotorFault]:
     """Move up at 1.5 s with the fault from 1 to 4 s; return the ceiling at 5 s and the first fault latched."""
     ceiling = FaultyActuator(LIMITS, 0.3, [Injected(part, kind, 1.0, 4.0)])
     ceiling.connect(0)
     ceiling.activate(0)
-    found = Fault(0)
+    found = MotorFault(0)
     for block in range(1, 101):
         now = block * BLOCK
         try:
@@ -54,7 +54,7 @@ def test_the_check_of_the_firmware_finds_it_and_a_person_arms_again(part: str, k
     ceiling, found = moved(part, kind)
     expected = FOUND[part, kind]
     if expected is None:
-        assert found == Fault(0)
+        assert found == MotorFault(0)
         assert ceiling.true_height == pytest.approx(0.8, abs=1e-3)
         return
     assert expected in found

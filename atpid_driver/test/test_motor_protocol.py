@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor import protocol as p
 from atpid_driver.motor.errors import ProtocolError
-from atpid_driver.motor.faults import Fault
+from atpid_driver.motor.faults import MotorFault
 
 
 def test_check_sum_is_xmodem() -> None:
@@ -63,7 +63,7 @@ def framed(body: str) -> p.Reply:
 def test_state_reply_in_si() -> None:
     reply = framed("7,ST,4,1,0,290000,-,8123,1500,3,6")
     assert isinstance(reply, p.StateReply)
-    assert (reply.mode, reply.homed, reply.faults, reply.height) == (Mode.MOVING, True, Fault(0), 0.29)
+    assert (reply.mode, reply.homed, reply.faults, reply.height) == (Mode.MOVING, True, MotorFault(0), 0.29)
     assert isnan(reply.target)
     assert (reply.position_raw, reply.uptime, reply.rejected, reply.sequence) == (8123, 1.5, 3, 6)
 

@@ -16,7 +16,7 @@ from atpid_driver.emulator import Emulator
 from atpid_driver.motor import session as session_module
 from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.errors import IdentityError, LimitsError, LinkError, NotReadyError, StopNotConfirmedError
-from atpid_driver.motor.faults import Fault
+from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.serial_actuator import SerialActuator
 
 pytestmark = pytest.mark.slow
@@ -52,7 +52,7 @@ class Rig:
         self.move(0.1)
         self.wait(Mode.MOVING)
 
-    def stays_off(self, *faults: Fault) -> None:
+    def stays_off(self, *faults: MotorFault) -> None:
         """Command fresh heights for a second, as the selector does: `faults` stay named and nothing moves."""
         wait_for(lambda: all(fault in self.read().faults for fault in faults), f"{faults} named")
         before = self.emulator.state()
@@ -149,13 +149,13 @@ def test_unplugged_in_motion_and_plugged_in_again(rig: Rig) -> None:
     assert truth.motor_off_ms - truth.last_byte_ms <= 500.0
     with pytest.raises(NotReadyError, match="no connection to the board"):
         rig.move(0.5)
-    assert rig.read().faults == Fault.LINK_LOST
+    assert rig.read().faults == MotorFault.LINK_LOST
     rig.emulator.do("plug")
     rig.wait(Mode.FAULT)
     # on a busy machine a heartbeat is missed before the port is read
     assert any("is gone" in text or "no answer to" in text for text in rig.reports)
     assert any("found again" in text and "motor off until ~/rearm: the connection" in text for text in rig.reports)
-    rig.stays_off(Fault.LINK_LOST, Fault.RESTARTED)
+    rig.stays_off(MotorFault.LINK_LOST, MotorFault.RESTARTED)
     rig.rearm()
     rig.wait(Mode.HOLDING)
     assert rig.read().height == pytest.approx(0.95, abs=2e-3)
@@ -173,8 +173,8 @@ def test_a_board_that_opening_does_not_restart_keeps_its_height_and_its_fault(tm
             wait_for(lambda: emulator.state().motor == 0, "the firmware's own heartbeat stop")
             emulator.do("plug")
             rig.wait(Mode.FAULT)
-            assert Fault.RESTARTED not in rig.read().faults
-            rig.stays_off(Fault.LINK_LOST, Fault.HEARTBEAT)
+            assert MotorFault.RESTARTED not in rig.read().faults
+            rig.stays_off(MotorFault.LINK_LOST, MotorFault.HEARTBEAT)
             assert rig.read().homed
             rig.rearm()
 
@@ -185,7 +185,7 @@ def test_a_reset_in_motion_is_noticed_and_needs_a_person(rig: Rig) -> None:
     rig.emulator.do("reset")
     wait_for(lambda: rig.read().mode is Mode.FAULT and not rig.read().homed, "height lost", state=rig.describe)
     assert any("restarted" in text for text in rig.reports)
-    rig.stays_off(Fault.RESTARTED)
+    rig.stays_off(MotorFault.RESTARTED)
     rig.rearm()
 
 
@@ -196,7 +196,7 @@ def test_a_power_cycle_in_motion(rig: Rig) -> None:
     rig.wait(Mode.UNCONFIGURED)
     rig.emulator.do("power 1")
     rig.wait(Mode.FAULT)
-    rig.stays_off(Fault.LINK_LOST, Fault.RESTARTED)
+    rig.stays_off(MotorFault.LINK_LOST, MotorFault.RESTARTED)
 
 
 def test_a_board_lost_while_disarmed_comes_back_disarmed(rig: Rig) -> None:
@@ -206,7 +206,7 @@ def test_a_board_lost_while_disarmed_comes_back_disarmed(rig: Rig) -> None:
     rig.wait(Mode.UNCONFIGURED)
     rig.emulator.do("plug")
     rig.wait(Mode.DISARMED)
-    assert rig.read().faults == Fault(0)
+    assert rig.read().faults == MotorFault(0)
     with pytest.raises(NotReadyError, match="motor off; activate it"):
         rig.move(0.95)
 
@@ -226,9 +226,9 @@ def test_a_hung_firmware_stays_off_until_a_person_arms_it(tmp_path: Path, bootlo
             rig.start_down()
             emulator.do("hang")
             rig.wait(Mode.FAULT)
-            wait_for(lambda: rig.read().faults & (Fault.WATCHDOG | Fault.RESTARTED), "the restart named")
+            wait_for(lambda: rig.read().faults & (MotorFault.WATCHDOG | MotorFault.RESTARTED), "the restart named")
             rig.stays_off()
-            assert rig.read().faults & (Fault.RESTARTED | Fault.LINK_LOST)
+            assert rig.read().faults & (MotorFault.RESTARTED | MotorFault.LINK_LOST)
             rig.rearm()
 
 
@@ -238,7 +238,7 @@ def test_a_caller_that_hangs_lets_the_firmware_switch_off(rig: Rig) -> None:
     wait_for(lambda: rig.emulator.state().motor == 0, "motor off although the I/O thread is alive")
     rig.read()
     wait_for(lambda: rig.read().mode is Mode.FAULT, "heartbeat fault")
-    rig.stays_off(Fault.HEARTBEAT)
+    rig.stays_off(MotorFault.HEARTBEAT)
     rig.rearm()
 
 
@@ -271,7 +271,7 @@ def test_a_board_that_stands_still_is_a_lost_link(rig: Rig) -> None:
     assert any("no answer to" in text for text in rig.reports)
     rig.emulator.pace(1.0)
     rig.wait(Mode.FAULT)
-    rig.stays_off(Fault.LINK_LOST)
+    rig.stays_off(MotorFault.LINK_LOST)
     rig.rearm()
 
 
@@ -288,7 +288,7 @@ def test_looking_at_it_does_not_keep_it_on(rig: Rig) -> None:
     rig.make_ready()
     rig.start_down()
     wait_for(lambda: rig.actuator.observe(time.monotonic_ns()).mode is not Mode.MOVING, "the end of the motion")
-    assert rig.actuator.observe(time.monotonic_ns()).faults == Fault.HEARTBEAT
+    assert rig.actuator.observe(time.monotonic_ns()).faults == MotorFault.HEARTBEAT
 
 
 def test_a_stop_without_a_line_is_not_answered_as_done(rig: Rig) -> None:

@@ -9,7 +9,7 @@ import pytest
 from atpid_driver.motor.ceiling_actuator import Limits
 from atpid_driver.motor.errors import IdentityError, LimitsError
 from atpid_driver.motor.protocol import IdentityReply, Refusal, StateReply, crc16
-from atpid_driver.motor.session import Session, check_identity
+from atpid_driver.motor.session import MotorSession, check_identity
 
 LIMITS = Limits(0.017, 1.0, 0.3)
 IDENTITY = b"$1,ID,ATPID-MOTOR,1.0.0,1,1,POWER,17000,1000000,300000,0*C0EE\n"
@@ -17,7 +17,7 @@ STATE = b"$1,ST,1,0,0000,-,-,1,1,0,1*A52D\n"
 
 
 def test_the_frames_of_identifying_arming_homing_and_moving() -> None:
-    session = Session()
+    session = MotorSession()
     words: tuple[tuple[Any, ...], ...] = (("ID",), ("ARM",), ("HOME",), ("MOVE", 290000))
     assert [session.begin(0.0, *words) for words in words] == [
         b"$1,ID*16EE\n",
@@ -42,7 +42,7 @@ def test_the_frames_of_identifying_arming_homing_and_moving() -> None:
 
 
 def test_a_repeated_request_has_the_same_bytes_and_gives_no_round_trip() -> None:
-    session = Session()
+    session = MotorSession()
     first = session.begin(1.0, "BEAT")
     assert session.repeat(1.2) == first
     answer = session.answer(STATE)
@@ -52,7 +52,7 @@ def test_a_repeated_request_has_the_same_bytes_and_gives_no_round_trip() -> None
 
 
 def test_an_answer_to_a_later_request_shows_that_earlier_ones_are_lost() -> None:
-    session = Session()
+    session = MotorSession()
     for moment in (1.0, 2.0, 3.0):
         session.begin(moment, "BEAT")
     assert session.unanswered is not None
@@ -63,7 +63,7 @@ def test_an_answer_to_a_later_request_shows_that_earlier_ones_are_lost() -> None
 
 def test_an_answer_is_taken_once() -> None:
     """A line that is stuck at its last answer answers nothing."""
-    session = Session()
+    session = MotorSession()
     session.begin(0.0, "BEAT")
     assert session.answer(STATE) is not None
     session.begin(0.1, "BEAT")
@@ -72,7 +72,7 @@ def test_an_answer_is_taken_once() -> None:
 
 @pytest.mark.parametrize("line", [STATE.replace(b"A52D", b"0000"), b"noise\n", b"$9,NO,OLD*B46B\n", b""])
 def test_garbled_and_foreign_answers_are_passed_over(line: bytes) -> None:
-    session = Session()
+    session = MotorSession()
     session.begin(0.0, "BEAT")
     assert session.answer(line) is None
     assert session.garbled == (1 if line and b"OLD" not in line else 0)
@@ -83,7 +83,7 @@ def test_garbled_and_foreign_answers_are_passed_over(line: bytes) -> None:
     ("first", "second", "taken"), [(1, 1, True), (1, 2, True), (2, 1, False), (65535, 1, True), (0, 40000, False)]
 )
 def test_the_order_of_two_requests(first: int, second: int, taken: bool) -> None:
-    session = Session()
+    session = MotorSession()
     session.begin(0.0, "BEAT")
     assert session.request is not None
     earlier, later = (replace(session.request, sequence=sequence) for sequence in (first, second))

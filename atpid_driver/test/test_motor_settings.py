@@ -8,7 +8,7 @@ import pytest
 from atpid_driver.motor import actuator_of
 from atpid_driver.motor.ceiling_actuator import CeilingActuator
 from atpid_driver.motor.errors import HeightRefusedError, SettingsError
-from atpid_driver.motor.faults import Fault, in_words
+from atpid_driver.motor.faults import MotorFault, in_words
 from atpid_driver.motor.settings import MotorSettings
 
 GOOD: dict[str, Any] = {
@@ -51,6 +51,6 @@ def test_initial_height_below_the_grain() -> None:
 
 
 def test_every_fault_has_words() -> None:
-    assert in_words(Fault(0)) == ""
-    assert len(in_words(~Fault(0)).split("; ")) == len(Fault) == 18
-    assert in_words(Fault.STALL | Fault.HEARTBEAT).startswith("no heartbeat")
+    assert in_words(MotorFault(0)) == ""
+    assert len(in_words(~MotorFault(0)).split("; ")) == len(MotorFault) == 18
+    assert in_words(MotorFault.STALL | MotorFault.HEARTBEAT).startswith("no heartbeat")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.ceiling_actuator import Limits, Reading
 from atpid_driver.motor.errors import HeightRefusedError, LimitsError, NotReadyError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
 from atpid_driver.motor.simulated import SimulatedActuator, Travel
 
 LIMITS = Limits(lowest=0.017, highest=1.0, speed=0.3)
@@ -152,7 +152,7 @@ def test_without_a_heartbeat_it_is_off_until_it_is_armed_again() -> None:
     for turn in range(10):
         assert ceiling.observe(SECOND + turn * SECOND // 20).mode is Mode.MOVING
     late = ceiling.observe(SECOND + HEARTBEAT_TIME + SECOND // 20)
-    assert (late.mode, late.faults, late.ready) == (Mode.FAULT, Fault.HEARTBEAT, False)
+    assert (late.mode, late.faults, late.ready) == (Mode.FAULT, MotorFault.HEARTBEAT, False)
     assert late.height == pytest.approx(0.017 + 0.3 * 1.5, abs=1e-12)
     with pytest.raises(NotReadyError):
         ceiling.move(0.9, 2, 2 * SECOND)

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 from pydantic_core.core_schema import ValidationInfo
 
 
-class Block(BaseModel):
+class SceneBlock(BaseModel):
     """One block of a scene: frozen, and without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", protected_namespaces=())
@@ -155,7 +155,7 @@ def by_key(keys: Mapping[str, Sequence[str]], hint: str) -> Discriminator:
     return Discriminator(tag, custom_error_type="no_variant", custom_error_message=hint)
 
 
-def variants_of(choice: Any) -> dict[str, type[Block]]:
+def variants_of(choice: Any) -> dict[str, type[SceneBlock]]:
     """Return {tag: block} of the blocks from which a discriminator chooses."""
     union = get_args(choice)[0]
     return {tag.tag: block for block, tag in map(get_args, get_args(union))}

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from atpid_sim.maps import (
     DamperResponse,
-    Ending,
+    EarlyEnd,
     Failure,
     HeightMap,
     MapError,
@@ -131,7 +131,7 @@ def test_a_run_that_settles_ends_early_and_comes_to_the_same(scene: Scene) -> No
     damper, timing = DamperResponse(scene, 1e-6), Timing(120.0, 16.0)
     whole = damper.opened(0.01, 0.15, timing)
     state = damper.closed_state(0.01)
-    early = damper.follow_on(0.01, state, ((0.0, 0.15),), timing, Ending(1e-3))
+    early = damper.follow_on(0.01, state, ((0.0, 0.15),), timing, EarlyEnd(1e-3))
     assert early.amplitude == pytest.approx(whole.amplitude, rel=1e-3)
     assert early.regular
     assert state.time < 100.0 * damper.period
@@ -140,7 +140,7 @@ def test_a_run_that_settles_ends_early_and_comes_to_the_same(scene: Scene) -> No
 def test_a_run_above_its_limit_ends_early(scene: Scene) -> None:
     damper, timing = DamperResponse(scene, 1e-6), Timing(120.0, 16.0)
     state = damper.closed_state(0.01)
-    response = damper.follow_on(0.01, state, ((0.0, 0.08),), timing, Ending(limit=0.05))
+    response = damper.follow_on(0.01, state, ((0.0, 0.08),), timing, EarlyEnd(limit=0.05))
     assert response.exceeded
     assert response.amplitude > 0.05
     assert state.time < 40.0 * damper.period

@@ -12,7 +12,7 @@ from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.maps import DamperResponse, map_tolerance
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic import Ending
+from atpid_sim.periodic import SearchEnding
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import Observation, impact_log, sample_series
 from studies.atlas.plan import Place
@@ -107,7 +107,7 @@ def column_of(scene: Scene, amplitude: float, heights: Sequence[float]) -> Colum
     down = sweep(damper, amplitude, state, heights[-1], heights[::-1])[::-1]
     best = _best(damper, amplitude)
     stability = (
-        Stability(Ending.NO_SECTION.name) if best.failure else stability_of(scene, damper, amplitude, best.height)
+        Stability(SearchEnding.NO_SECTION.name) if best.failure else stability_of(scene, damper, amplitude, best.height)
     )
     return Column(list(heights), damper.closed_amplitude(amplitude), up, down, best, stability)
 

@@ -10,7 +10,7 @@ from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.maps import DamperResponse
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic import Cliff, Conditions, Ending, Loss, PeriodicMotion, find_cliff, periodic_motion
+from atpid_sim.periodic import Cliff, Conditions, Loss, PeriodicMotion, SearchEnding, find_cliff, periodic_motion
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity
 from atpid_sim.simulation.integration import Integration, Observation
@@ -36,7 +36,7 @@ _BEYOND, _RETURNS = 1.15, 12
 class Stability:
     """The periodic motion at a best height; NaN where there is none, or no cliff."""
 
-    ending: str  # of the search for period one: a name of `Ending`
+    ending: str  # of the search for period one: a name of `SearchEnding`
     periods: int = 0  # after which the motion repeats itself
     impacts: int = 0  # in these periods
     largest: float = math.nan  # largest modulus of the multipliers [-]
@@ -75,7 +75,7 @@ def _motion_at(
     try:
         state = settled(damper, conditions)
     except NumericalFailure:
-        return Ending.NO_SECTION.name, None
+        return SearchEnding.NO_SECTION.name, None
     searches = []
     for periods in _PERIODS:
         searches.append(periodic_motion(integration, conditions, state, periods=periods))

@@ -4,7 +4,7 @@
 python -m studies figures scenes
 """
 
-from atpid_sim.fields import Block, variants_of
+from atpid_sim.fields import SceneBlock, variants_of
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
@@ -13,7 +13,7 @@ from atpid_sim.scene.model import ContactBlock
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
 from atpid_sim.scene.structure import Beam, Grain, Initial
 
-_PARTS: dict[str, list[type[Block]]] = {
+_PARTS: dict[str, list[type[SceneBlock]]] = {
     "The scene": [Scene],
     "`beam`": [Beam],
     "`grain`": [Grain],
@@ -39,18 +39,18 @@ def schema_tables() -> str:
     return "\n".join(lines).strip()
 
 
-def _rows(model: type[Block]) -> list[str]:
+def _rows(model: type[SceneBlock]) -> list[str]:
     rows = []
     for name, field in model.model_fields.items():
         needed = "yes" if field.is_required() else "no"
         meaning = field.description or f"`{_title(model)}`"
-        if needed == "no" and "default" not in meaning and not isinstance(field.default, Block):
+        if needed == "no" and "default" not in meaning and not isinstance(field.default, SceneBlock):
             meaning += f"; default: {'none' if field.default is None else field.default}"
         rows.append(f"| `{field.alias or name}` | {needed} | {meaning} |")
     return rows + [f"| `{name}` | instead | {meaning} |" for name, meaning in model.alternatives.items()]
 
 
-def _title(model: type[Block]) -> str:
+def _title(model: type[SceneBlock]) -> str:
     law = model.model_fields.get("law")
     if law is not None:
         return str(law.annotation).rpartition("[")[2].strip("]'\"")

@@ -18,7 +18,7 @@ from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import Emulator
 from atpid_driver.emulator.line import FaultyLine, InjectedFaults
 from atpid_driver.motor.errors import MotorError, SettingsError, StopNotConfirmedError
-from atpid_driver.motor.faults import Fault
+from atpid_driver.motor.faults import MotorFault
 from atpid_driver.motor.protocol import StateReply, decode, encode, reply_of
 from atpid_driver.motor.serial_actuator import SerialActuator
 from atpid_driver.motor.settings import MotorSettings
@@ -202,7 +202,7 @@ def test_a_height_that_the_motor_cannot_have_reached_is_latched(rig: Rig) -> Non
 
     wait_for(reported_impossible, "an impossible height reported", state=lambda: str(reports))
     wait_for(lambda: rig.actuator.read(time.monotonic_ns()).mode is Mode.FAULT, "the fault latched")
-    assert Fault.LINK_LOST in rig.actuator.read(time.monotonic_ns()).faults
+    assert MotorFault.LINK_LOST in rig.actuator.read(time.monotonic_ns()).faults
     with pytest.raises(MotorError, match=r"rearm|activate it"):
         rig.actuator.move(0.5, 1, time.monotonic_ns())
     assert rig.emulator.state().motor == 0

@@ -12,7 +12,7 @@ from motor_rigs import board, need_emulator
 from atpid_common.vocabulary import Mode
 from atpid_driver.emulator import build_firmware
 from atpid_driver.emulator.client import SteppedHost
-from atpid_driver.motor.faults import WORDS, Fault
+from atpid_driver.motor.faults import WORDS, MotorFault
 from atpid_driver.motor.protocol import COMMANDS, PROTOCOL, REFUSALS, Refusal, StateReply, decode
 from atpid_driver.motor.settings import MotorSettings
 from studies.firmware.fuzz import fuzz
@@ -73,7 +73,7 @@ def constants(name: str) -> dict[str, str]:
 
 def test_fault_bits_are_the_drivers() -> None:
     bits = {name: int(value.split("<<")[1]) for name, value in constants("faults.h").items() if "<<" in value}
-    on_the_wire = {fault.name: fault.value for fault in Fault if fault < 1 << 16}
+    on_the_wire = {fault.name: fault.value for fault in MotorFault if fault < 1 << 16}
     assert {name: 1 << bit for name, bit in bits.items()} == on_the_wire
 
 

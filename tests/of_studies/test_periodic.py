@@ -13,10 +13,10 @@ from atpid_sim.kernel_inputs import restitution_of
 from atpid_sim.maps import DamperResponse
 from atpid_sim.periodic import (
     Conditions,
-    Ending,
     Loss,
     PeriodicMotion,
     ReturnMap,
+    SearchEnding,
     find_cliff,
     periodic_motion,
     raised,
@@ -162,7 +162,7 @@ def settled(integration: Integration, amplitude: float, height: float) -> tuple[
 
 def motion_of(integration: Integration, amplitude: float, height: float, periods: int = 1) -> PeriodicMotion:
     found = periodic_motion(integration, *settled(integration, amplitude, height), periods=periods)
-    assert found.ending is Ending.FOUND
+    assert found.ending is SearchEnding.FOUND
     assert found.motion is not None
     return found.motion
 
@@ -259,7 +259,7 @@ def test_a_closed_damper_has_no_section() -> None:
     integration = bench()
     conditions, state = settled(integration, 0.01, 0.017)
     found = periodic_motion(integration, conditions, state)
-    assert found.ending is Ending.NO_SECTION
+    assert found.ending is SearchEnding.NO_SECTION
     assert found.motion is None
 
 
@@ -267,8 +267,8 @@ def test_in_irregular_motion_nothing_stable_is_found() -> None:
     integration = bench()
     searches = [periodic_motion(integration, *settled(integration, 0.01, h)) for h in np.linspace(0.22, 0.3, 9)]
     endings = [search.ending for search in searches]
-    assert Ending.NOT_CONVERGED in endings
-    assert all((search.motion is None) == (search.ending is not Ending.FOUND) for search in searches)
+    assert SearchEnding.NOT_CONVERGED in endings
+    assert all((search.motion is None) == (search.ending is not SearchEnding.FOUND) for search in searches)
     assert all(search.motion is None or search.motion.stability_margin < 0.0 for search in searches)
 
 
@@ -288,5 +288,5 @@ def test_a_grain_in_contact_at_the_section_is_no_section_state() -> None:
     found = motion_of(integration, 0.01, 0.1)
     at_contact = (found.phase + found.impacts[0, columns.E_TIME] * found.conditions.frequency + 0.01) % 1.0
     ended = solve(ReturnMap(integration, found.conditions, at_contact), found.section)
-    assert ended.ending in (Ending.NO_SECTION, Ending.NOT_CONVERGED)
+    assert ended.ending in (SearchEnding.NO_SECTION, SearchEnding.NOT_CONVERGED)
     assert ended.motion is None

@@ -8,7 +8,7 @@ import pytest
 
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.protocol import Excitation
-from atpid_control.selection.uncertain import Uncertainty
+from atpid_control.selection.uncertain import MarginBox
 from atpid_sim.maps import FROM_CLOSED, DamperResponse, Timing
 from atpid_sim.scene import Scene, load_scene
 from studies.figures.selection import margin_curve, pca_errors
@@ -82,7 +82,7 @@ def test_the_margin_keeps_out_of_rumble_where_the_bare_optimum_falls_in(amplitud
 
 def test_more_uncertainty_never_costs_less(scene: Scene) -> None:
     prices = [
-        DirectSelector(scene, Uncertainty(stiffness, 0.0, 0.0, 0.0, 0.0), deadline=60.0)
+        DirectSelector(scene, MarginBox(stiffness, 0.0, 0.0, 0.0, 0.0), deadline=60.0)
         .select(Excitation(0.03), 1.0)
         .price
         for stiffness in (0.0, 0.02, 0.05)

@@ -14,8 +14,8 @@ from atpid_control.selection import Excitation, SelectionError
 from atpid_control.selection.deadline import Deadline, OutOfTimeError
 from atpid_control.selection.direct import DirectSelector
 from atpid_control.selection.margin import Robust, robust_height
-from atpid_control.selection.uncertain import Uncertainty, points, systems_of
-from atpid_control.selection.workers import Workers
+from atpid_control.selection.uncertain import MarginBox, points, systems_of
+from atpid_control.selection.workers import SelectionThreads
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.maps import DamperResponse
 from atpid_sim.robust import with_restitution
@@ -44,7 +44,7 @@ def test_the_corners_are_a_two_level_design() -> None:
 
 def test_the_systems_differ_by_their_uncertainties(scene: Scene) -> None:
     damper = DamperResponse(scene, 1e-5)
-    found = systems_of(scene, damper, Uncertainty(0.05, 1e-3, 0.01, 0.002, 0.1))
+    found = systems_of(scene, damper, MarginBox(0.05, 1e-3, 0.01, 0.002, 0.1))
     assert len(found) == 1 + len(points())
     assert found[0].damper is damper
     masses = {round(one.damper.system.beam_mass / damper.system.beam_mass, 6) for one in found}
@@ -115,7 +115,7 @@ class Counted:
 
 def test_whenever_it_is_ended_there_is_an_answer_and_no_more_runs(scene: Scene) -> None:
     damper = DamperResponse(scene, 1e-5)
-    systems = systems_of(scene, damper, Uncertainty())
+    systems = systems_of(scene, damper, MarginBox())
     excitation, limits = Excitation(0.01, 6e-4, damper.frequency), (damper.diameter, 0.5)
 
     def ended_after(questions: float) -> Robust:
@@ -135,7 +135,7 @@ def test_whenever_it_is_ended_there_is_an_answer_and_no_more_runs(scene: Scene) 
 
 def test_without_the_bare_optimum_a_margin_begins_with_a_look(scene: Scene) -> None:
     damper = DamperResponse(scene, 1e-5)
-    systems = systems_of(scene, damper, Uncertainty())
+    systems = systems_of(scene, damper, MarginBox())
     excitation, limits = Excitation(0.01, 6e-4, damper.frequency), (damper.diameter, 0.5)
     given, looked = (robust_height(systems, excitation, bare, limits, map, lambda: False) for bare in (0.235, math.nan))
     assert looked.height == pytest.approx(given.height, rel=0.06)
@@ -176,15 +176,15 @@ def test_an_impossible_deadline_is_refused(scene: Scene, deadline: float) -> Non
 
 
 def test_workers_answer_in_order_whoever_does_the_job() -> None:
-    with Workers(3) as workers:
+    with SelectionThreads(3) as workers:
         assert workers.map(lambda job: job * job, range(100)) == [k * k for k in range(100)]
         assert workers.map(lambda job: job, []) == []
-    with Workers(1) as alone:
+    with SelectionThreads(1) as alone:
         assert alone.map(lambda job: -job, [1, 2]) == [-1, -2]
 
 
 def test_an_error_of_any_job_is_raised() -> None:
-    with Workers(2) as workers, pytest.raises(ZeroDivisionError):
+    with SelectionThreads(2) as workers, pytest.raises(ZeroDivisionError):
         workers.map(lambda job: 1 / job, [1, 2, 0, 3])
 
 
@@ -199,7 +199,7 @@ def test_a_job_whose_thread_is_held_up_is_done_again() -> None:
             begun.wait(UNHURRIED)
         return job
 
-    with Workers(2) as workers:
+    with SelectionThreads(2) as workers:
         asked = time.monotonic()
         assert workers.map(work, range(4)) == [0, 1, 2, 3]
         assert time.monotonic() - asked < UNHURRIED

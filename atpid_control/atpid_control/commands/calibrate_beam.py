@@ -11,7 +11,7 @@ from typing import Any
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real, word
-from atpid_control.analysis.beam.fit import BeamFit, CalibrationError, fit_beam
+from atpid_control.analysis.beam.fit import BeamCalibrationError, BeamFit, fit_beam
 from atpid_control.analysis.beam.masses import BeamParameters, from_added_mass, from_known_mass
 from atpid_control.analysis.signals import signals_of
 from atpid_control.commands.results import add_part, print_missing
@@ -52,9 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Calibrate and print; raise CalibrationError for bad input."""
     if (args.added_mass is None) != (args.with_added is None):
-        raise CalibrationError("--added-mass and --with-added: given one; allowed: both or none")
+        raise BeamCalibrationError("--added-mass and --with-added: given one; allowed: both or none")
     if args.added_mass is not None and args.moving_mass is not None:
-        raise CalibrationError("--moving-mass and --added-mass: given both; allowed: one of them")
+        raise BeamCalibrationError("--moving-mass and --added-mass: given both; allowed: one of them")
     recording = bag_of(args.recording)
     args.with_added = None if args.with_added is None else bag_of(args.with_added)
     if args.out is not None:
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     parameters = _parameters(fit, args)
     if args.out is not None:
         if parameters is None:
-            raise CalibrationError(
+            raise BeamCalibrationError(
                 "--out: a beam: block needs a mass, and a recording determines k/m and c/m only; give --moving-mass, "
                 "or --added-mass with --with-added"
             )

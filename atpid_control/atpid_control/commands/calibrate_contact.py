@@ -11,7 +11,7 @@ from typing import Any
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, word
 from atpid_control.analysis.contact.drop import DURATION, IMPACT, ContactFit, fit_drop, impacts_of, read_impacts
-from atpid_control.analysis.contact.estimate import ContactError, Estimate
+from atpid_control.analysis.contact.estimate import ContactError, ContactEstimate
 from atpid_control.runs.parts import bag_of
 from atpid_control.runs.run import Signal, open_run
 
@@ -99,7 +99,7 @@ def to_yaml(fit: ContactFit) -> str:
 def _plain(fit: ContactFit) -> dict[str, Any]:
     found = asdict(fit)
     for name in ("restitution", "contact_time", "modulus"):
-        value: Estimate | None = getattr(fit, name)
+        value: ContactEstimate | None = getattr(fit, name)
         found[name] = None if value is None else value._asdict()
     return {key: None if isinstance(value, float) and math.isnan(value) else value for key, value in found.items()}
 
@@ -111,5 +111,5 @@ def _text(fit: ContactFit) -> str:
     return "\n".join([*lines, *(f"# not determined: {line}" for line in fit.missing), to_yaml(fit).rstrip()])
 
 
-def _shown(one: Estimate) -> str:
+def _shown(one: ContactEstimate) -> str:
     return f"{one.value:.5g} ({one.low:.5g} to {one.high:.5g})"

@@ -25,7 +25,7 @@ from atpid_sim.simulation.quantities import efficiency
 CHANGE, _DRAWN = 0.1, 31
 
 
-class Row(NamedTuple):
+class MassRow(NamedTuple):
     """The structure's amplitude in one state, without a damper and with each; NaN: a run failed."""
 
     state: str
@@ -52,8 +52,8 @@ class Comparison:
     damping_ratio: float  # the same over its own critical damping [-]
     band: tuple[float, float]  # of the excitation's frequency that it is the best for [Hz]
     stroke: float  # its largest amplitude against the structure at the largest of the support, design frequency [m]
-    rows: list[Row]
-    over_frequency: list[Row]  # at the middle amplitude
+    rows: list[MassRow]
+    over_frequency: list[MassRow]  # at the middle amplitude
 
 
 def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Comparison:
@@ -99,7 +99,7 @@ def _band(problem: Problem) -> tuple[float, float]:
 
 def _row(
     problem: Problem, fraction: float, tuning: Tuning, points: Sequence[Point], state: str, at: Point, off: Deviation
-) -> Row:
+) -> MassRow:
     frequency = None if problem.excitation_frequency is None else at.frequency
     one = case(problem, fraction, off, frequency=frequency)
     # spring and damper of the tuned mass stay when the structure changes
@@ -109,7 +109,7 @@ def _row(
         grain_mass(problem, fraction) / problem.mass, problem.damping,
         Tuning(scale * tuning.frequency, scale * tuning.damping),
     )  # fmt: skip
-    return Row(
+    return MassRow(
         state, at.amplitude, one.damper.frequency, one.bare(at.amplitude), one.damper.closed_amplitude(at.amplitude),
         _damped(one, at.amplitude, height_at(points, at.amplitude)),
         at.amplitude * float(beam.beam(one.damper.frequency / natural)),

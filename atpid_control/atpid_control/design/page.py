@@ -10,7 +10,7 @@ from html import escape
 from importlib.resources import files
 
 from atpid_control.design import motor
-from atpid_control.design.beside_tuned_mass import Row
+from atpid_control.design.beside_tuned_mass import MassRow
 from atpid_control.design.make import Design
 from atpid_control.design.picture import draw
 from atpid_control.design.problem import STANDARD_GRAVITY, Uncertainty
@@ -265,7 +265,7 @@ def _tuned_mass(made: Design) -> str:
     )
 
 
-def verdict(rows: Sequence[Row]) -> str:
+def verdict(rows: Sequence[MassRow]) -> str:
     """Return which of both damps better, as designed and where a frequency has changed, and what else differs."""
     last = rows[2]
     better = [row.state for row in rows if row.damper < row.tuned]

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from atpid_common.errors import InputError
 from atpid_sim.contact.linear import damping_ratio_for
-from atpid_sim.fields import Block, Fraction, Hertz, Length, Mass, Modulus, Number, Words, impossible, within
+from atpid_sim.fields import Fraction, Hertz, Length, Mass, Modulus, Number, SceneBlock, Words, impossible, within
 from atpid_sim.kernel_inputs import Contact, contact_of
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import Scene, scene_from_mapping
@@ -48,7 +48,7 @@ class DesignError(InputError):
     """A design that cannot be made: what was given, what is allowed, what to do."""
 
 
-class Uncertainty(Block):
+class Uncertainty(SceneBlock):
     """How far each quantity may lie from its value, to either side; relative but for the height."""
 
     mass: Share = Field(default=0.02, description="mass of the beam [-]")
@@ -81,7 +81,7 @@ class Deviation(NamedTuple):
 NOMINAL = Deviation()
 
 
-class Problem(Block):
+class Problem(SceneBlock):
     """A structure with its excitation, and what is asked of the damper."""
 
     mass: Mass = Field(description="reduced mass of beam and container, without the grain [kg]")

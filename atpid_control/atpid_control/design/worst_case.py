@@ -56,7 +56,7 @@ class Interval(NamedTuple):
     high: float
 
 
-class Tone(NamedTuple):
+class FrequencyPoint(NamedTuple):
     """The given structure at one frequency of the excitation."""
 
     frequency: float  # [Hz]
@@ -73,7 +73,7 @@ class Point:
     height: float  # of the ceiling [m]
     clearance: float  # height less the grain's diameter [m]
     frequency: float  # of the excitation where the given structure moves most [Hz]
-    over_frequency: list[Tone]
+    over_frequency: list[FrequencyPoint]
     efficiency: Interval  # against the closed damper [-]
     reduction: Interval  # against the structure without the damper [-]
     beam_amplitude: Interval  # [m]
@@ -218,7 +218,7 @@ def _described(structures: Structures, amplitude: float, height: float, response
         clearance=height - damper.diameter,
         frequency=damper.frequency,
         over_frequency=[
-            Tone(row[0].damper.frequency, one.amplitude, one.bare, one.reduction)
+            FrequencyPoint(row[0].damper.frequency, one.amplitude, one.bare, one.reduction)
             for row, one in zip(structures.at, responses[:: len(structures.at[0])], strict=False)
         ],
         efficiency=_widened(expected.efficiency, [one.efficiency for one in responses], wider),

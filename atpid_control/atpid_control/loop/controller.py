@@ -12,8 +12,8 @@ from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor
 from atpid_control.loop.drift import DriftAlarm, ModelCheck, Twin
 from atpid_control.loop.fallback import Fallback
-from atpid_control.loop.hold import NO_HEIGHT, OFF_RESONANCE, Hold, Verdict
-from atpid_control.loop.protocol import Answer, Command, ControlSettings
+from atpid_control.loop.hold import NO_HEIGHT, OFF_RESONANCE, Hold, HoldDecision
+from atpid_control.loop.protocol import ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.step_back import StepBackMonitor
 from atpid_control.selection.protocol import Excitation, HeightSelector, Selection, SelectionError
 
@@ -25,7 +25,7 @@ _ARRIVED = 2e-3
 class _Computation:
     """A selection in progress."""
 
-    verdict: Verdict
+    verdict: HoldDecision
     margin: float  # [-]
     result: Future[Selection]
     begun: int  # estimates before it
@@ -59,7 +59,7 @@ class SelectingController:
         self._computation: _Computation | None = None
         self._estimates = 0
         self._expected = math.nan  # amplitude of the beam at the height selected [m]
-        self._command = Command(method=selector.method)
+        self._command = HeightCommand(method=selector.method)
         self._refusal = ""
         self._of_no_use = False  # whether the last selection reported that the damper is of no use
 
@@ -73,7 +73,7 @@ class SelectingController:
         if self._model_check is not None and settings.drift != before.drift:
             self._model_check.alarm = DriftAlarm(settings.drift)
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         """See `Controller.answer`."""
         self._estimates += 1
         verdict = self._hold.judge(estimate)
@@ -93,7 +93,7 @@ class SelectingController:
         self._refusal = ""
         if self._computation is not None:
             self._command = replace(self._command, reason="computing")
-            return Answer(self._command)
+            return LoopAnswer(self._command)
         self._command = replace(self._command, reason=verdict.reason)
         return self._checked(time, estimate, height)
 
@@ -101,7 +101,7 @@ class SelectingController:
         """See `Controller.on_event`."""
         self._step_back.on_event(kind)
 
-    def _computed(self, verdict: Verdict, estimate: Estimate, height: float) -> _Computation | None:
+    def _computed(self, verdict: HoldDecision, estimate: Estimate, height: float) -> _Computation | None:
         """Begin a selection where the verdict asks for one; return the one that is done and still valid, if any."""
         done = self._take_done(estimate)
         outdated = done is not None and not self._hold.inside(estimate, done.verdict.amplitude, done.verdict.frequency)
@@ -131,7 +131,7 @@ class SelectingController:
         )
         return done if valid else None
 
-    def _replaced(self, verdict: Verdict, estimate: Estimate, height: float) -> Answer | None:
+    def _replaced(self, verdict: HoldDecision, estimate: Estimate, height: float) -> LoopAnswer | None:
         """Return the answer in place of a method that has given no height for too long; None: it is not needed."""
         asked = verdict.select or verdict.reason == NO_HEIGHT
         if not asked:
@@ -142,27 +142,27 @@ class SelectingController:
         if selector is None:
             # a refusal was reported already; a method that is only late was not
             announce = verdict.select and not self._fallback.active
-            held = Answer(self._command)
+            held = LoopAnswer(self._command)
             return self._fallback.announced(held, amplitude, "the ceiling is held") if announce else None
         try:
             selection = _select(selector, estimate, self._settings.margin, height)
         except SelectionError:
             return None  # held, as without a fallback
-        taken = Verdict.to_select(f"{self._selector.method} gave no height", estimate)
+        taken = HoldDecision.to_select(f"{self._selector.method} gave no height", estimate)
         return self._fallback.announced(self._taken(selection, taken), amplitude, "heights are looked up")
 
-    def _checked(self, time: float, estimate: Estimate, height: float) -> Answer:
+    def _checked(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         """Compare the beam with the twin where excitation, ceiling and beam have settled."""
         if self._model_check is None or not self._step_back.settled or estimate.quality != Quality.STEADY:
-            return Answer(self._command)
+            return LoopAnswer(self._command)
         drift = self._model_check.check(time, (estimate.amplitude, estimate.frequency), height, estimate.beam_amplitude)
         if math.isnan(self._command.predicted_amplitude):
             # stepped back, at the end of the range, or by a method without a prediction
             self._command = replace(self._command, predicted_amplitude=self._model_check.expected)
         return (
-            Answer(self._command, EventKind.DRIFT, drift, estimate.beam_amplitude, Severity.ALARM)
+            LoopAnswer(self._command, EventKind.DRIFT, drift, estimate.beam_amplitude, Severity.ALARM)
             if drift
-            else Answer(self._command)
+            else LoopAnswer(self._command)
         )
 
     def _restart(self) -> None:
@@ -171,7 +171,7 @@ class SelectingController:
         if self._model_check is not None:
             self._model_check.restart()
 
-    def _stepped_back(self) -> Answer:
+    def _stepped_back(self) -> LoopAnswer:
         before = self._command.height
         height = self._step_back.lower(before, self._hold.acted_amplitude)
         self._restart()
@@ -183,9 +183,9 @@ class SelectingController:
             reason="rumble: stepped back",
         )
         text = f"the beam rumbles: the ceiling steps back from {before:.4f} to {height:.4f} m"
-        return Answer(self._command, EventKind.STEP_BACK, text, height)
+        return LoopAnswer(self._command, EventKind.STEP_BACK, text, height)
 
-    def _selected(self, computed: _Computation, estimate: Estimate) -> Answer:
+    def _selected(self, computed: _Computation, estimate: Estimate) -> LoopAnswer:
         """Command the height that was computed, or report why there is none."""
         verdict = computed.verdict
         try:
@@ -196,7 +196,7 @@ class SelectingController:
             return self._refuse(NO_HEIGHT, str(error), estimate)
         return self._fallback.answered(self._taken(selection, verdict))
 
-    def _taken(self, selection: Selection, verdict: Verdict) -> Answer:
+    def _taken(self, selection: Selection, verdict: HoldDecision) -> LoopAnswer:
         """Command a height that was selected."""
         self._hold.acted(verdict.amplitude, verdict.frequency)
         self._restart()
@@ -205,12 +205,12 @@ class SelectingController:
         self._refusal = ""
         announced, self._of_no_use = self._of_no_use, bool(selection.no_use)
         if selection.no_use and not announced:
-            return Answer(self._command, EventKind.NO_USE, selection.no_use, verdict.amplitude, Severity.INFO)
+            return LoopAnswer(self._command, EventKind.NO_USE, selection.no_use, verdict.amplitude, Severity.INFO)
         if selection.late:
-            return Answer(self._command, EventKind.SLOW, f"{selection.method}: {selection.note}", selection.wall_s)
-        return Answer(self._command)
+            return LoopAnswer(self._command, EventKind.SLOW, f"{selection.method}: {selection.note}", selection.wall_s)
+        return LoopAnswer(self._command)
 
-    def _limited(self, selection: Selection, verdict: Verdict) -> Command:
+    def _limited(self, selection: Selection, verdict: HoldDecision) -> HeightCommand:
         low, high = self._limits
         allowed = self._step_back.allowed(selection.height, verdict.amplitude)
         height = min(max(allowed, low), high)
@@ -220,7 +220,7 @@ class SelectingController:
             reason = f"{verdict.reason}: {selection.no_use}"
         elif selection.note:
             reason = f"{reason} ({selection.note})"
-        return Command(
+        return HeightCommand(
             sequence=self._command.sequence + 1,
             height=height,
             excitation_amplitude=verdict.amplitude,
@@ -229,13 +229,13 @@ class SelectingController:
             reason=reason if inside else f"{reason}, at the end of the ceiling's range",
         )
 
-    def _refuse(self, key: str, text: str, estimate: Estimate) -> Answer:
+    def _refuse(self, key: str, text: str, estimate: Estimate) -> LoopAnswer:
         """Report a refusal once: again only after an estimate has been accepted or the reason has changed."""
         reported, self._refusal = self._refusal == key, key
         if reported:
-            return Answer(self._command)
+            return LoopAnswer(self._command)
         value = estimate.frequency if key == OFF_RESONANCE else estimate.amplitude
-        return Answer(self._command, EventKind.REFUSED, f"the ceiling stays: {text}", value)
+        return LoopAnswer(self._command, EventKind.REFUSED, f"the ceiling stays: {text}", value)
 
 
 class ProfileController:
@@ -250,9 +250,9 @@ class ProfileController:
     def __init__(self, heights: tuple[tuple[float, float], ...]) -> None:
         """Take the points (t [s], h [m]), straight in between."""
         self._times, self._heights = zip(*heights, strict=True)
-        self._command = Command(method="fixed")
+        self._command = HeightCommand(method="fixed")
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         """See `Controller.answer`."""
         del estimate, height
         target = float(np.interp(time, self._times, self._heights))
@@ -260,7 +260,7 @@ class ProfileController:
             self._command = replace(
                 self._command, sequence=self._command.sequence + 1, height=target, reason="prescribed by the scene"
             )
-        return Answer(self._command)
+        return LoopAnswer(self._command)
 
 
 def _select(selector: HeightSelector, estimate: Estimate, margin: float, height: float) -> Selection:

@@ -4,7 +4,7 @@
 from dataclasses import replace
 
 from atpid_common.vocabulary import EventKind, Severity
-from atpid_control.loop.protocol import Answer
+from atpid_control.loop.protocol import LoopAnswer
 from atpid_control.selection.protocol import HeightSelector
 
 
@@ -26,7 +26,7 @@ class Fallback:
         self._unanswered += 1
         return self._announced or self._unanswered >= self.count
 
-    def answered(self, answer: Answer) -> Answer:
+    def answered(self, answer: LoopAnswer) -> LoopAnswer:
         """Take a height that the method gave in time; return its answer, with an event where that is new."""
         self._unanswered = 0
         if not self._announced:
@@ -40,7 +40,7 @@ class Fallback:
         """Take an estimate that asks for no height: what was counted is over."""
         self._unanswered = 0
 
-    def announced(self, answer: Answer, amplitude: float, what: str) -> Answer:
+    def announced(self, answer: LoopAnswer, amplitude: float, what: str) -> LoopAnswer:
         """Return the answer that was given in the method's place, with an event the first time; amplitude [m]."""
         if self._announced:
             return answer

@@ -64,7 +64,7 @@ class HoldSettings:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class HoldDecision:
     """What to do: select for `amplitude` [m] and `frequency` [Hz], or stay; `refused`: it must not be acted on."""
 
     select: bool
@@ -74,9 +74,9 @@ class Verdict:
     frequency: float = math.nan
 
     @staticmethod
-    def to_select(reason: str, estimate: Estimate) -> Verdict:
+    def to_select(reason: str, estimate: Estimate) -> HoldDecision:
         """Return the verdict to select for an estimate."""
-        return Verdict(True, reason, estimate.amplitude, frequency=estimate.frequency)
+        return HoldDecision(True, reason, estimate.amplitude, frequency=estimate.frequency)
 
 
 class Hold:
@@ -99,32 +99,32 @@ class Hold:
         self._settings, self._select_anew = settings, self._select_anew or select_anew
         self._rising, self._falling = _window(settings), 0
 
-    def judge(self, estimate: Estimate) -> Verdict:
+    def judge(self, estimate: Estimate) -> HoldDecision:
         """Return what to do about one more estimate. Answer a verdict to select with `acted` or `failed`."""
         verdict = self._judged(estimate)
         undecided = verdict.reason in (_WAITING, OFF_RESONANCE) and not verdict.refused
         self._undecided = self._undecided + 1 if undecided else 0
-        return Verdict(False, UNSETTLED, refused=True) if self._undecided >= UNSETTLED_COUNT else verdict
+        return HoldDecision(False, UNSETTLED, refused=True) if self._undecided >= UNSETTLED_COUNT else verdict
 
-    def _judged(self, estimate: Estimate) -> Verdict:
+    def _judged(self, estimate: Estimate) -> HoldDecision:
         reason = self.reason_to_reject(estimate)
         if reason:
             self._reset()
             # while the excitation changes its frequency has not settled either
             settling = estimate.quality == Quality.TRANSIENT and reason == OFF_RESONANCE
-            return Verdict(False, reason, refused=estimate.quality != Quality.NONE and not settling)
+            return HoldDecision(False, reason, refused=estimate.quality != Quality.NONE and not settling)
         same_amplitude = self.inside(estimate, self.acted_amplitude)
         if same_amplitude and self._same_frequency(estimate, self._acted_frequency) and not self._select_anew:
             self._reset()
-            return Verdict(False, "inside dead band")
+            return HoldDecision(False, "inside dead band")
         if self.inside(estimate, *self._failed):
-            return Verdict(False, NO_HEIGHT, refused=True)
+            return HoldDecision(False, NO_HEIGHT, refused=True)
         if estimate.amplitude < self.acted_amplitude and not same_amplitude:
             self._rising.clear()
             self._falling += 1
             if self._falling < self._settings.falling_count:
-                return Verdict(False, "falling, not yet sure")
-            return Verdict.to_select("falling", estimate)
+                return HoldDecision(False, "falling, not yet sure")
+            return HoldDecision.to_select("falling", estimate)
         return self._judge_rising(estimate, same_amplitude)
 
     def acted(self, amplitude: float, frequency: float = math.nan) -> None:
@@ -152,15 +152,15 @@ class Hold:
         start = 0.0 if math.isnan(self.acted_amplitude) else self.acted_amplitude
         return start < amplitude < estimate.amplitude or estimate.amplitude < amplitude < start
 
-    def _judge_rising(self, estimate: Estimate, same_amplitude: bool) -> Verdict:
+    def _judge_rising(self, estimate: Estimate, same_amplitude: bool) -> HoldDecision:
         self._falling = 0
         self._rising.append(estimate)
         if self._settled():
             another = same_amplitude and not self._same_frequency(estimate, self._acted_frequency)
-            return Verdict.to_select("selected for another frequency" if another else "selected", estimate)
+            return HoldDecision.to_select("selected for another frequency" if another else "selected", estimate)
         if self._climbing() and not same_amplitude:
-            return Verdict.to_select("rising", estimate)
-        return Verdict(False, _WAITING)
+            return HoldDecision.to_select("rising", estimate)
+        return HoldDecision(False, _WAITING)
 
     def _settled(self) -> bool:
         """Whether the last estimates are steady and agree with the newest."""

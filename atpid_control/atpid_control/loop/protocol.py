@@ -15,7 +15,7 @@ from atpid_control.loop.step_back import StepBack
 
 
 @dataclass(frozen=True)
-class Command:
+class HeightCommand:
     """The contents of a CeilingCommand, without its header."""
 
     sequence: int = 0
@@ -27,10 +27,10 @@ class Command:
 
 
 @dataclass(frozen=True)
-class Answer:
+class LoopAnswer:
     """The command that answers one estimate and, where there is an event, its kind, text and quantity."""
 
-    command: Command
+    command: HeightCommand
     kind: str = ""  # refused, no_use, slow, step_back, drift or fallback; empty: no event
     text: str = ""
     value: float = math.nan
@@ -40,7 +40,7 @@ class Answer:
 class Controller(Protocol):
     """Answers each estimate with a command."""
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         """Answer one estimate at `time` since the start [s], the ceiling being at `height` [m] (NaN: unknown)."""
 
     def on_event(self, kind: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from atpid_common.vocabulary import EventKind
 from atpid_control.identification import Estimate
-from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
+from atpid_control.loop.protocol import Controller, ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.selection.search import Plan, SearchError, StepSearch
 from atpid_sim.system import Array
 
@@ -151,7 +151,7 @@ class SearchingController:
         """See `Controller.configure`."""
         self._inner.configure(settings)
 
-    def answer(self, time: float, estimate: Estimate, height: float) -> Answer:
+    def answer(self, time: float, estimate: Estimate, height: float) -> LoopAnswer:
         """See `Controller.answer`."""
         answer = self._inner.answer(time, estimate, height)
         self._last_inner = answer.command.sequence
@@ -166,7 +166,7 @@ class SearchingController:
         self.run.step(time, height)
         return self._numbered(replace(answer, command=self._searching(answer.command, height)))
 
-    def _searching(self, command: Command, height: float) -> Command:
+    def _searching(self, command: HeightCommand, height: float) -> HeightCommand:
         assert self.run is not None
         target = self.run.search.target if not self.run.done or self.run.success else self._halt(height)
         if target != self._target:
@@ -180,7 +180,7 @@ class SearchingController:
             self._stopped_at = height
         return self._stopped_at
 
-    def _numbered(self, answer: Answer) -> Answer:
+    def _numbered(self, answer: LoopAnswer) -> LoopAnswer:
         """Count the search's commands in: a sequence number is never used twice."""
         sequence = answer.command.sequence + self._issued
         return replace(answer, command=replace(answer.command, sequence=sequence))

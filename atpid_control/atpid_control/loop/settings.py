@@ -35,10 +35,10 @@ def selector_of(
         return make_selector(method, scene, height_map)
     # here, since only this method has to load the simulation
     from atpid_control.selection.direct import DirectSelector
-    from atpid_control.selection.uncertain import Uncertainty
+    from atpid_control.selection.uncertain import MarginBox
 
     # in the loop the frequency is identified, and with it the beam's mass is known but for its stiffness
-    uncertainty = Uncertainty(stiffness=float(value("stiffness_uncertainty")), mass=5e-3, frequency=5e-4)
+    uncertainty = MarginBox(stiffness=float(value("stiffness_uncertainty")), mass=5e-3, frequency=5e-4)
     deadline = math.inf if lockstep else float(value("selection_deadline"))
     made = DirectSelector(scene, uncertainty, deadline=deadline)
     made.prepare()

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from atpid_common.message_checks import CHECKS
 from atpid_common.nodes.checked import Dropped
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import Entry, declare
 from atpid_control.nodes.bag_qos import class_of, subscription_qos
 from atpid_control.runs.cdr import decoder_of
 from atpid_control.runs.contents import kind_of, reason_to_leave_out
@@ -20,15 +20,15 @@ from atpid_control.runs.decode import Decoder
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.losses import stamp_of
 from atpid_control.runs.topics import DEFAULT, Topic, parse
-from atpid_control.views.traces.records import Record
+from atpid_control.views.traces.records import TraceRecord
 from atpid_control.views.traces.server import HOST, Server
 from atpid_control.views.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import load_scene
 
 PARAMETERS = (
-    Row("port", 8765, f"port on {HOST}; 0: any free one, which is logged", "", 0, 65535),
-    Row("rate", 200.0, "samples of a channel a second, at most", "Hz", 0.1, 1e6),
-    Row("scene", "", "scene file: the efficiency needs it; empty: none"),
+    Entry("port", 8765, f"port on {HOST}; 0: any free one, which is logged", "", 0, 65535),
+    Entry("rate", 200.0, "samples of a channel a second, at most", "Hz", 0.1, 1e6),
+    Entry("scene", "", "scene file: the efficiency needs it; empty: none"),
 )
 
 
@@ -65,7 +65,7 @@ class FoxgloveNode(Node):
         elif not getattr(message, "handshake", False):
             now_ns = int(self.get_clock().now().nanoseconds)
             time_ns = stamp_of(message) if topic.has_header else now_ns
-            self.server.send(Record(topic.name, topic.type, time_ns, data))
+            self.server.send(TraceRecord(topic.name, topic.type, time_ns, data))
             if kind in CHECKS:
                 self._trace(topic, kind, message)
 

@@ -17,7 +17,7 @@ from rclpy.task import Future
 from atpid_common.errors import AtpidError
 from atpid_control.identification import Estimate
 from atpid_control.selection import Excitation, HeightSelector, Selection
-from atpid_control.selection.checks import Request, Resonance, range_warnings, reach_of, resolved
+from atpid_control.selection.checks import HeightRequest, Resonance, range_warnings, reach_of, resolved
 from atpid_sim.scene import Scene
 
 T = TypeVar("T")
@@ -71,7 +71,7 @@ class HeightServices:
         method = method or self.method
         try:
             latest, height, resonance = self._situation()
-            given = Request(request.amplitude, request.amplitude_std, request.frequency, request.margin)
+            given = HeightRequest(request.amplitude, request.amplitude_std, request.frequency, request.margin)
             ask = partial(self._select, method, given, latest, resonance, height)
             excitation, chosen = await computed(self._node, self._executor, ask)
         except AtpidError as error:
@@ -84,8 +84,8 @@ class HeightServices:
         return response
 
     def _select(
-        self, method: str, request: Request, latest: Estimate | None, resonance: Resonance, height: float
-    ) -> tuple[Request, Selection]:
+        self, method: str, request: HeightRequest, latest: Estimate | None, resonance: Resonance, height: float
+    ) -> tuple[HeightRequest, Selection]:
         """Return the excitation that a request stands for, and its height."""
         if method not in self._selectors:
             resolved(request, latest, replace(resonance, reach=(0.0, math.inf)))  # refused before a map is read

@@ -22,7 +22,7 @@ from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY, nanoseco
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
-from atpid_common.nodes.supervision import Supervision
+from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
@@ -69,7 +69,7 @@ class IdentifierNode(Node):
 
     def _make_topics(self, timeout: float, *, from_beam: bool) -> None:
         self._events = EventPublisher(self)
-        self._supervision = Supervision(
+        self._supervision = NodeMonitors(
             self, self._events.publish, self._statuses, timeout,
             enabled=not self.parameters["lockstep"],
         )  # fmt: skip

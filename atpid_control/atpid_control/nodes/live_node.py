@@ -30,7 +30,7 @@ from atpid_common.nodes.diagnostics import TOPIC as DIAGNOSTICS
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS_KEPT, STATUS
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import Entry, declare
 from atpid_control.nodes.operator_requests import OperatorRequests
 from atpid_control.selection.registry import methods
 from atpid_control.views.live.address import HOST, PORT, TOKEN, address_of, require_library
@@ -38,9 +38,9 @@ from atpid_control.views.live.view import LiveView
 from atpid_sim.scene import load_scene
 
 PARAMETERS = (
-    Row("scene", "", "scene file, for the efficiency and the size of the grain; empty: neither is shown"),
-    Row("host", HOST, "address to serve the page on; another than the loopback needs a token"),
-    Row("port", PORT, "TCP port of the page; 0: a free one", "", 0, 65535),
+    Entry("scene", "", "scene file, for the efficiency and the size of the grain; empty: neither is shown"),
+    Entry("host", HOST, "address to serve the page on; another than the loopback needs a token"),
+    Entry("port", PORT, "TCP port of the page; 0: a free one", "", 0, 65535),
 )
 #: What is not received in time is not needed: an eighth of a second of the most frequent topic.
 NEWEST = QoSProfile(depth=6, reliability=ReliabilityPolicy.BEST_EFFORT)

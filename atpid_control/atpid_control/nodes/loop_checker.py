@@ -12,7 +12,7 @@ from rclpy.task import Future
 
 from atpid_common.nodes.checked import subscribe
 from atpid_common.nodes.messages import STATES, STATUS
-from atpid_control.supervision.loop_check import Ceiling, LoopSnapshot, Sensors, failures
+from atpid_control.supervision.loop_check import Ceiling, LatestBlocks, LoopSnapshot, failures
 from atpid_sim.scene import load_scene
 
 _LIMITS = ["lowest", "highest", "speed"]
@@ -29,7 +29,7 @@ class LoopChecker:
         self._nodes, self._allowed = nodes, allowed
         ceiling = load_scene(scene).ceiling if scene else None
         self._scene = Ceiling(*ceiling.range, ceiling.speed) if ceiling is not None and ceiling.controlled else None
-        self._sensors, self._motor = Sensors(), Ceiling(nan, nan, nan)
+        self._sensors, self._motor = LatestBlocks(), Ceiling(nan, nan, nan)
         self._status, self._errors = RecorderStatus(), dict[str, str]()
         self._channels: set[str] = set()
         self._begun: float | None = None

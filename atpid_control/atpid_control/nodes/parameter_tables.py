@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from atpid_common.nodes.parameters import Row, Value
+from atpid_common.nodes.parameters import Entry, Value
 from atpid_control.identification import IdentificationError
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.selection.registry import METHODS, plug_ins
@@ -16,24 +16,24 @@ from atpid_control.supervision.limits import QUANTITIES
 from atpid_sim.scene import load_scene
 
 #: A parameter that may change while the node runs.
-_live = partial(Row, live=True)
+_live = partial(Entry, live=True)
 
 IDENTIFIER = (
-    Row("support_channel", "support_displacement", "name of the channel with the support's displacement"),
-    Row("beam_channel", "beam_displacement", "name of the channel with the beam's displacement"),
-    Row(
+    Entry("support_channel", "support_displacement", "name of the channel with the support's displacement"),
+    Entry("beam_channel", "beam_displacement", "name of the channel with the beam's displacement"),
+    Entry(
         "origin", "support", "support: the excitation is read from the support; beam: inferred from it and `scene`",
         choices=("support", "beam"),
     ),
-    Row("scene", "", "scene file with the beam and damper, for origin: beam"),
-    Row("lockstep", False, "true: time is that of the stamps, so that no silence is reported"),
-    Row("window_periods", 2.0, "sliding window in periods of the tone; 1 is enough for a steady one", "-", 1.0, 20.0),
-    Row("lowest_frequency", 1.0, "tones are looked for above this", "Hz", 0.01, 1e4),
-    Row("highest_frequency", 40.0, "tones are looked for below this", "Hz", 0.02, 1e4),
-    Row("mains_frequency", 50.0, "hum that joins the fit where it is present; 0: none", "Hz", 0.0, 1e4),
+    Entry("scene", "", "scene file with the beam and damper, for origin: beam"),
+    Entry("lockstep", False, "true: time is that of the stamps, so that no silence is reported"),
+    Entry("window_periods", 2.0, "sliding window in periods of the tone; 1 is enough for a steady one", "-", 1.0, 20.0),
+    Entry("lowest_frequency", 1.0, "tones are looked for above this", "Hz", 0.01, 1e4),
+    Entry("highest_frequency", 40.0, "tones are looked for below this", "Hz", 0.02, 1e4),
+    Entry("mains_frequency", 50.0, "hum that joins the fit where it is present; 0: none", "Hz", 0.0, 1e4),
     _live("least_amplitude", 5e-5, "a smaller tone is no excitation", "m", 0.0, 1.0),
-    Row("lower_limit", -math.inf, "readings at or below it are saturated [m]"),
-    Row("upper_limit", math.inf, "readings at or above it are saturated [m]"),
+    Entry("lower_limit", -math.inf, "readings at or below it are saturated [m]"),
+    Entry("upper_limit", math.inf, "readings at or above it are saturated [m]"),
     _live("change", 0.01, "relative change of a steady amplitude that counts as one", "-", 1e-5, 0.9),
     _live(
         "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing inside the window", "-", 0.1,
@@ -48,7 +48,7 @@ IDENTIFIER = (
     _live("poor_residual", 0.3, "residual over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_harmonics", 0.2, "harmonics over amplitude from which an estimate is poor", "-", 1e-4, 100.0),
     _live("poor_lost", 0.5, "share of lost samples from which an estimate is poor", "-", 1e-4, 1.0),
-    Row("analysis_rate", 1000.0, "streams of twice this rate and more are averaged down to it", "Hz", 1.0, 1e6),
+    Entry("analysis_rate", 1000.0, "streams of twice this rate and more are averaged down to it", "Hz", 1.0, 1e6),
     _live("rumble_onset", 0.06, "scatter of the beam's amplitude from which it rumbles", "-", 1e-4, 0.99),
     _live("rumble_calm", 0.03, "scatter below which a period is calm, at most rumble_onset", "-", 1e-4, 0.99),
     _live("rumble_calm_periods", 3, "consecutive calm periods that end the rumble", "", 1, 1000),
@@ -63,11 +63,11 @@ IDENTIFIER = (
 )  # fmt: skip
 
 SELECTOR = (
-    Row("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
-    Row("map", "", "height map for the look-up; empty: the one the scene names"),
+    Entry("scene", "", "scene file: the system, the ceiling's range and the frequency the heights are for"),
+    Entry("map", "", "height map for the look-up; empty: the one the scene names"),
     _live("method", "", "method of selection; empty: the scene's controller", choices=("", *METHODS)),
     _live("hold", False, "true: the ceiling stays where it is, whatever is selected"),
-    Row("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
+    Entry("lockstep", False, "true: commands are queued, heights computed inline; false: only the newest counts"),
     _live(
         "dead_band", 0.01, "relative change of amplitude that moves nothing: below 0.01 the ceiling moves by less than "
         "it can be positioned", "-", 0.0, 0.9,
@@ -116,8 +116,8 @@ SELECTOR = (
         "fallback_count", 20, "estimates in a row without a height, before the look-up answers where a map is given",
         "", 1, 10_000,
     ),
-    Row("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
-    Row("selection_deadline", 0.15, "time for a selection by direct with a margin; not in lockstep", "s", 0.01, 60.0),
+    Entry("stiffness_uncertainty", 0.02, "relative error of the model's stiffness, in direct's margin", "-", 0.0, 0.5),
+    Entry("selection_deadline", 0.15, "time for a selection by direct with a margin; not in lockstep", "s", 0.01, 60.0),
     _live(
         "stale_timeout", 0.4, "silence of excitation or ceiling/state that is an event, at least three blocks", "s",
         0.1, 60.0,
@@ -126,27 +126,27 @@ SELECTOR = (
 
 _NODES = ["identifier_node", "selector_node", "motor_node", "recorder_node"]
 SUPERVISOR = (
-    Row("nodes", _NODES, "nodes that have to answer; the bench and the stand add the sources"),
-    Row(
+    Entry("nodes", _NODES, "nodes that have to answer; the bench and the stand add the sources"),
+    Entry(
         "needed", ["identifier_node", "selector_node", "recorder_node"],
         "those of them without whose answers the ceiling is held and the motor gets no heartbeat",
     ),
-    Row("scene", "", "scene file, whose ceiling's limits the loop check compares; empty: they are not"),
-    Row("check_time", 5.0, "time from the first sample until the loop check has to pass; 0: none", "s", 0.0, 3600.0),
-    Row("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
-    Row("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
-    Row(
+    Entry("scene", "", "scene file, whose ceiling's limits the loop check compares; empty: they are not"),
+    Entry("check_time", 5.0, "time from the first sample until the loop check has to pass; 0: none", "s", 0.0, 3600.0),
+    Entry("answer_time", 0.4, "silence after which a node is named", "s", 0.15, 10.0),
+    Entry("give_up", 10.0, "silence of a needed node after which the run ends; 0: never", "s", 0.0, 3600.0),
+    Entry(
         "restart_time", 0.0,
         "how long one whose process has ended may be away before that counts; 0: it is not started again", "s", 0.0,
         3600.0,
     ),
     *(
-        Row(f"{name}_{level}", math.inf, f"{level} level of its magnitude; .inf: none [{unit}]")
+        Entry(f"{name}_{level}", math.inf, f"{level} level of its magnitude; .inf: none [{unit}]")
         for name, unit in QUANTITIES.items()
         for level in ("warning", "abort")
     ),
-    Row("contact_acceleration", 50.0, "a pulse of beam_acceleration above it is a contact", "m/s^2", 0.0, 1e6),
-    Row("contact_dead_time", 0.005, "a pulse this soon after the last one is the same contact", "s", 0.0, 1.0),
+    Entry("contact_acceleration", 50.0, "a pulse of beam_acceleration above it is a contact", "m/s^2", 0.0, 1e6),
+    Entry("contact_dead_time", 0.005, "a pulse this soon after the last one is the same contact", "s", 0.0, 1.0),
 )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def inverse_of(value: Value) -> ModelInverse | None:
     return ModelInverse.of_scene(load_scene(value("scene")))
 
 
-def selector_table() -> tuple[Row, ...]:
+def selector_table() -> tuple[Entry, ...]:
     """Return the selector's table with the methods that other distributions have installed. Raises SelectionError."""
     further = tuple(plug_ins())
     return tuple(replace(row, choices=(*row.choices, *further)) if row.name == "method" else row for row in SELECTOR)

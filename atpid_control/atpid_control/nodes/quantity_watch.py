@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from atpid_interfaces.msg import SampleBlock
 
-from atpid_control.supervision.limits import Limits, Passed
+from atpid_control.supervision.limits import AbortLevels, Passed
 from atpid_control.supervision.quantities import ContactRate, OnTime, largest, sustained
 
 #: Channels that change smoothly, so that a lone sample beyond a level is a spike of the sensor.
@@ -17,7 +17,7 @@ ACCELERATION = "beam_acceleration"
 class QuantityWatch:
     """Compares the quantities of blocks and motor states with their levels."""
 
-    def __init__(self, limits: Limits, contact: tuple[float, float], on_passed: Callable[[Passed], None]) -> None:
+    def __init__(self, limits: AbortLevels, contact: tuple[float, float], on_passed: Callable[[Passed], None]) -> None:
         """Take the levels; contact: threshold [m/s^2] and dead time [s]; on_passed: called with each level passed."""
         self._limits, self._on_passed = limits, on_passed
         self._contacts, self._on_time = ContactRate(*contact), OnTime()

@@ -27,7 +27,7 @@ from atpid_common.nodes.single_instance import started_twice
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_control.nodes.bag_qos import DEPTH, class_of, qos_of, subscription_qos
 from atpid_control.nodes.recorder_parameters import PARAMETERS, ParameterReader, writing_of
-from atpid_control.recording.session import Session
+from atpid_control.recording.session import RecordingSession
 from atpid_control.recording.trigger import PreTrigger
 from atpid_control.runs.errors import BagError, MessageError
 from atpid_control.runs.flush import DiskWatch
@@ -63,7 +63,7 @@ class RecorderNode(Node):
         self._writing = writing_of(self._values, self.topics, scene)
         self.bag = Path(self._values["bag"] or f"run-{self.run.id}").absolute()
         check_new(self.bag)
-        self.session: Session | None = None
+        self.session: RecordingSession | None = None
         self.done: Future = Future()
         self.error = ""
         self._received = self._chunk_ended = time.monotonic()  # the last message, the last chunk [s]
@@ -89,10 +89,10 @@ class RecorderNode(Node):
 
     # recording
 
-    def _open(self) -> Session:
+    def _open(self) -> RecordingSession:
         """Make the bag with the first message or turn, so that a node with bad parameters makes no bag."""
         if self.session is None:
-            self.session = Session(
+            self.session = RecordingSession(
                 self.bag, self.run, self.topics, lockstep=self._lockstep, offered=self._offered,
                 writing=self._writing, sink=self._sink,
             )  # fmt: skip

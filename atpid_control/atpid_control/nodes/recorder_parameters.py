@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
-from atpid_common.nodes.parameters import Row
+from atpid_common.nodes.parameters import Entry
 from atpid_control.recording.session import Writing
 from atpid_control.recording.trigger import EDGES, trigger_of
 from atpid_control.runs.topics import DEFAULT, Topic
@@ -21,25 +21,25 @@ from atpid_sim.scene import load_scene
 
 NODES = ["plant_node", "labjack_node", "ni_node", "identifier_node", "selector_node", "motor_node"]
 PARAMETERS = (
-    Row("bag", "", "folder to make; empty: run-<id> in the current folder"),
-    Row("scene", "", "scene file, kept in the bag verbatim; empty: none"),
-    Row("files", [""], "further configuration files to keep in the bag verbatim"),
-    Row("run_id", "", "name of the run; empty: date, time and a random part"),
-    Row("commit", "", "version of the code; empty: that of git"),
-    Row("lockstep", False, "true: log times are the messages' stamps and the order is theirs; false: as received"),
-    Row("topics", list(DEFAULT), "what to record: 'name pkg/msg/Type', then best_effort or transient_local"),
-    Row("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
-    Row("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
-    Row("max_bag_size", 0, "size of a file from which the bag goes on in another one; 0: never", "bytes", 0, 2**40),
-    Row("max_bag_duration", 0.0, "time from which the bag goes on in another file; 0: never", "s", 0.0, 1e6),
-    Row("trigger", "", "begin to record when a signal passes trigger_level: 'TOPIC SIGNAL'; empty: at once"),
-    Row("trigger_level", 0.0, "level of the trigger, in the unit of the signal"),
-    Row("trigger_edge", "rising", "how the signal passes it", choices=EDGES),
-    Row("trigger_pre", 1.0, "recorded before the sample that passes the level", "s", 0.0, 600.0),
-    Row("trigger_post", 0.0, "recorded after it; 0: until the run ends", "s", 0.0, 1e6),
-    Row("trigger_memory", 2**26, "what may be held before the trigger", "bytes", 2**16, 2**33),
-    Row("chunk", 0, "largest size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
-    Row(
+    Entry("bag", "", "folder to make; empty: run-<id> in the current folder"),
+    Entry("scene", "", "scene file, kept in the bag verbatim; empty: none"),
+    Entry("files", [""], "further configuration files to keep in the bag verbatim"),
+    Entry("run_id", "", "name of the run; empty: date, time and a random part"),
+    Entry("commit", "", "version of the code; empty: that of git"),
+    Entry("lockstep", False, "true: log times are the messages' stamps and the order is theirs; false: as received"),
+    Entry("topics", list(DEFAULT), "what to record: 'name pkg/msg/Type', then best_effort or transient_local"),
+    Entry("parameters_of", NODES, "nodes whose parameters are kept in the bag; not in lockstep"),
+    Entry("compression", "zstd", "compression of chunks", choices=tuple(COMPRESSIONS)),
+    Entry("max_bag_size", 0, "size of a file from which the bag goes on in another one; 0: never", "bytes", 0, 2**40),
+    Entry("max_bag_duration", 0.0, "time from which the bag goes on in another file; 0: never", "s", 0.0, 1e6),
+    Entry("trigger", "", "begin to record when a signal passes trigger_level: 'TOPIC SIGNAL'; empty: at once"),
+    Entry("trigger_level", 0.0, "level of the trigger, in the unit of the signal"),
+    Entry("trigger_edge", "rising", "how the signal passes it", choices=EDGES),
+    Entry("trigger_pre", 1.0, "recorded before the sample that passes the level", "s", 0.0, 600.0),
+    Entry("trigger_post", 0.0, "recorded after it; 0: until the run ends", "s", 0.0, 1e6),
+    Entry("trigger_memory", 2**26, "what may be held before the trigger", "bytes", 2**16, 2**33),
+    Entry("chunk", 0, "largest size of a chunk: what a crash can lose; 0: that of the scene", "bytes", 0, 16_777_216),
+    Entry(
         "chunk_period",
         0.02,
         "after which a chunk ends that is not full: what a crash can lose; 0: never; not used in lockstep",
@@ -47,7 +47,7 @@ PARAMETERS = (
         0.0,
         3600.0,
     ),
-    Row("sync_period", 1.0, "between two flushes to the disk: what a power cut can lose; 0: never", "s", 0.0, 3600.0),
+    Entry("sync_period", 1.0, "between two flushes to the disk: what a power cut can lose; 0: never", "s", 0.0, 3600.0),
 )
 
 

@@ -20,7 +20,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import Handshake, empty_block
 from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import Entry, declare
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import started_twice
 from atpid_control.nodes.bag_qos import class_of
@@ -34,17 +34,17 @@ TIMEOUT = 5.0  # how long an answer may take before a warning [s]
 SAME_INSTANT = 10_000
 ANSWERS = {"ceiling/command": CeilingCommand, "excitation": Excitation}
 PARAMETERS = (
-    Row("bag", "", "folder of the bag to play"),
-    Row("rate", 1.0, "speed against the recording; 0: as fast as the loop answers, block by block", "", 0.0, 1000.0),
-    Row(
+    Entry("bag", "", "folder of the bag to play"),
+    Entry("rate", 1.0, "speed against the recording; 0: as fast as the loop answers, block by block", "", 0.0, 1000.0),
+    Entry(
         "topics", ["sensors/*"],
         "topics to play, * for anything; add ceiling/state where the selector needs the height",
     ),
-    Row(
+    Entry(
         "answer", "ceiling/command", "whose answer ends a block; excitation where there is no selector",
         choices=tuple(ANSWERS),
     ),
-    Row("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
+    Entry("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
 )  # fmt: skip
 
 

@@ -29,13 +29,13 @@ from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.stale_monitor import MISSING
-from atpid_common.nodes.supervision import Supervision
+from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.waiting import COMPILING, announced
 from atpid_control import selection
 from atpid_control.identification import Estimate, Quality
 from atpid_control.loop.computation import InlineExecutor, threaded
-from atpid_control.loop.protocol import Answer, Command, Controller, ControlSettings
+from atpid_control.loop.protocol import Controller, ControlSettings, HeightCommand, LoopAnswer
 from atpid_control.loop.search_run import SearchingController
 from atpid_control.loop.settings import control_settings, controller_of, selector_of
 from atpid_control.nodes.height_services import HeightServices
@@ -77,7 +77,7 @@ class SelectorNode(Node):
         self._latest: Estimate | None = None
         self._start_ns: int | None = None
         self._height = math.nan
-        self._answer = Answer(Command(method=self._method))
+        self._answer = LoopAnswer(HeightCommand(method=self._method))
         self._refusal = self._refused_reason = ""
         self._latencies = Latencies()
         self._make_topics()
@@ -109,7 +109,7 @@ class SelectorNode(Node):
     def _make_topics(self) -> None:
         self._events = EventPublisher(self)
         timeout = self.parameters["stale_timeout"]
-        self._supervision = Supervision(
+        self._supervision = NodeMonitors(
             self, self._events.publish, self._statuses, timeout, self._on_silence, enabled=not self._lockstep
         )
         stale, qos = self._supervision.stale, self._supervision.qos
@@ -190,7 +190,7 @@ class SelectorNode(Node):
 
     def _on_excitation(self, message: Excitation) -> None:
         if message.handshake:
-            self._publish(message, Command(reason="handshake"))
+            self._publish(message, HeightCommand(reason="handshake"))
             return
         now = nanoseconds_of(message.header.stamp)
         self._supervision.stale.received(ESTIMATES, now, self._block)
@@ -223,7 +223,7 @@ class SelectorNode(Node):
             text = f"the answer took {taken:.2f} s, a block lasts {self._block:g} s: commands come late"
             self._events.publish(Event.WARNING, Event.SLOW, text, taken, message.header.stamp)
 
-    def _publish(self, answered: Excitation, command: Command) -> None:
+    def _publish(self, answered: Excitation, command: HeightCommand) -> None:
         if self.parameters["hold"] and not answered.handshake:
             command = replace(command, height=math.nan, reason=HELD)
         message = CeilingCommand(**vars(command))

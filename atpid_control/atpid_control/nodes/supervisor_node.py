@@ -33,7 +33,7 @@ from atpid_control.nodes.node_questions import NodeQuestions
 from atpid_control.nodes.parameter_tables import SUPERVISOR
 from atpid_control.nodes.quantity_watch import QuantityWatch
 from atpid_control.supervision.answers import Change, NodeLiveness
-from atpid_control.supervision.limits import QUANTITIES, Levels, Limits, Passed, Severity
+from atpid_control.supervision.limits import QUANTITIES, AbortLevels, Levels, Passed, PassedLevel
 from atpid_control.supervision.states import Situation, Supervision
 
 #: Between two turns [s]; a turn later than twice that was held up.
@@ -62,7 +62,7 @@ class SupervisorNode(Node):
             name: Levels(*(self._values[f"{name}_{kind}"] for kind in ("warning", "abort"))) for name in QUANTITIES
         }
         contact = self._values["contact_acceleration"], self._values["contact_dead_time"]
-        self._quantities = QuantityWatch(Limits(levels), contact, self._on_passed)
+        self._quantities = QuantityWatch(AbortLevels(levels), contact, self._on_passed)
         self._situation: Situation | None = None
         self.done: Future = Future()
         self.error = ""
@@ -162,7 +162,7 @@ class SupervisorNode(Node):
             self._quantities.on_motor(state.mode in (CeilingState.HOMING, CeilingState.MOVING), time.monotonic())
 
     def _on_passed(self, passed: Passed) -> None:
-        if passed.severity is Severity.WARNING:
+        if passed.severity is PassedLevel.WARNING:
             self._events.publish(Event.WARNING, Event.LIMIT, str(passed), passed.value)
             return
         self._stop(str(passed))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 HOLD_BACK_NS = 500_000_000
 
 
-class Held(NamedTuple):
+class UnorderedMessage(NamedTuple):
     """A message that waits for its place; compares by stamp, topic, sender and arrival."""
 
     stamp_ns: int
@@ -33,7 +33,7 @@ class StampOrder:
         self._ranks = {topic: rank for rank, topic in enumerate(topics)}
         self._loop, self._hold_back = loop, hold_back_ns
         self._newest: dict[str, int] = {}
-        self._held: list[Held] = []
+        self._held: list[UnorderedMessage] = []
         self._arrivals = count()
 
     def __len__(self) -> int:
@@ -41,11 +41,13 @@ class StampOrder:
 
     def add(self, topic: str, stamp_ns: int, frame_id: str, data: bytes) -> None:
         """Take one message."""
-        heapq.heappush(self._held, Held(stamp_ns, self._ranks[topic], frame_id, next(self._arrivals), topic, data))
+        heapq.heappush(
+            self._held, UnorderedMessage(stamp_ns, self._ranks[topic], frame_id, next(self._arrivals), topic, data)
+        )
         if topic in self._loop:
             self._newest[topic] = max(stamp_ns, self._newest.get(topic, stamp_ns))
 
-    def ready(self) -> Iterator[Held]:
+    def ready(self) -> Iterator[UnorderedMessage]:
         """Yield, in order, the messages that no later one can precede."""
         if not self._newest:
             return
@@ -53,7 +55,7 @@ class StampOrder:
         while self._held and self._held[0].stamp_ns < limit:
             yield heapq.heappop(self._held)
 
-    def rest(self) -> Iterator[Held]:
+    def rest(self) -> Iterator[UnorderedMessage]:
         """Yield all that is left, in order: the run is over."""
         while self._held:
             yield heapq.heappop(self._held)

@@ -52,7 +52,7 @@ class Writing:
     trigger: Trigger | None = None  # None: record at once
 
 
-class Session:
+class RecordingSession:
     """Takes serialised messages as they arrive and keeps the bag; pure, so that it can be tested without ROS."""
 
     def __init__(

@@ -33,7 +33,7 @@ class Trigger:
     memory: int = 2**26  # for messages held meanwhile [bytes]
 
 
-class Held(NamedTuple):
+class WaitingMessage(NamedTuple):
     """A message that waits."""
 
     topic: str
@@ -83,8 +83,8 @@ class PreTrigger:
         self.complaint = ""  # why the signal cannot be read, once
         self._dropped_ns: int | None = None  # end of the newest message dropped for want of memory
         self._types = {topic.name: topic.type for topic in topics}
-        self._held: deque[Held] = deque()
-        self._states: deque[Held] = deque(maxlen=STATES)
+        self._held: deque[WaitingMessage] = deque()
+        self._states: deque[WaitingMessage] = deque(maxlen=STATES)
         self._bytes = 0
         self._last_ns = 0  # of the last block of the signal that is recorded after the trigger
         self._previous = math.nan  # value of the signal
@@ -102,11 +102,11 @@ class PreTrigger:
             return None
         return self.fired.time_ns + round(self.trigger.post * 1e9)
 
-    def push(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> list[Held]:
+    def push(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> list[WaitingMessage]:
         """Take a message; return those to be recorded now, in their order."""
         shape = _shape(self._types[topic], data)
         last = publish_ns if shape is None else publish_ns + round(max(0, shape.scans - 1) / shape.rate * 1e9)
-        one = Held(topic, data, log_ns, publish_ns, last)
+        one = WaitingMessage(topic, data, log_ns, publish_ns, last)
         if self.fired is not None:
             return [one] if self._within(one) else []
         self._hold(one)
@@ -123,7 +123,7 @@ class PreTrigger:
         self._bytes = 0
         return kept
 
-    def _within(self, one: Held) -> bool:
+    def _within(self, one: WaitingMessage) -> bool:
         """Whether a message is recorded after the trigger: the last block is whole, and what answers it is with it."""
         stop = self.stop_ns
         if stop is not None and one.publish_ns > stop:
@@ -132,7 +132,7 @@ class PreTrigger:
             self._last_ns = one.last_ns
         return True
 
-    def _hold(self, one: Held) -> None:
+    def _hold(self, one: WaitingMessage) -> None:
         self._held.append(one)
         self._bytes += len(one.data) + _OVERHEAD
         while self._bytes > self.trigger.memory and len(self._held) > 1:
@@ -150,7 +150,7 @@ class PreTrigger:
         if self._types[one.topic] in (EVENT, TRANSITION):
             self._states.append(one)
 
-    def _look(self, one: Held, shape: cdr.BlockShape | None) -> Fired | None:
+    def _look(self, one: WaitingMessage, shape: cdr.BlockShape | None) -> Fired | None:
         """Return the first sample of a message that passes the level; None: none does."""
         try:
             message = cdr.decoder_of(self._types[one.topic]).decode(0, one.data)

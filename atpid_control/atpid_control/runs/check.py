@@ -55,7 +55,7 @@ class _Check:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.findings, self.answers = Findings(), rules.AnswerMatching()
-        self.limits = rules.Limits()
+        self.limits = rules.AllowedCeiling()
         self.scans: dict[str, rules.NoGaps] = {}
         self.stamps: dict[str, rules.RisingStamps] = {}
         self.run: dict[str, str] = {}

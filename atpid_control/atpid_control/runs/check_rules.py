@@ -153,7 +153,7 @@ class AnswerMatching:
 
 
 @dataclass
-class Limits:
+class AllowedCeiling:
     """What the ceiling is allowed. NaN: unknown, not checked."""
 
     lowest: float = math.nan  # [m]
@@ -175,7 +175,7 @@ class Limits:
 class CeilingWithinLimits:
     """Heights and speeds, against their limits."""
 
-    def __init__(self, limits: Limits, lockstep: bool, injected: Sequence[Injected] = ()) -> None:
+    def __init__(self, limits: AllowedCeiling, lockstep: bool, injected: Sequence[Injected] = ()) -> None:
         """Take the limits, and the faults the run had on purpose, whose times are those of its clock."""
         self.limits = limits
         self._clock = any(fault.part == "clock" for fault in injected)

@@ -128,7 +128,7 @@ RELATIVE, ABSOLUTE = 2.0**-52 / 1e-11, 1e-9
 
 
 @dataclass(frozen=True)
-class Agreement:
+class ReplayAgreement:
     """How many messages of a topic the replay repeats."""
 
     topic: str
@@ -141,7 +141,7 @@ class Agreement:
         return f"{line}; first difference: {self.first_difference}" if self.first_difference else line
 
 
-def compare(recorded: Run, replayed: Run) -> list[Agreement]:
+def compare(recorded: Run, replayed: Run) -> list[ReplayAgreement]:
     """Return the agreement of every topic with estimates or commands; messages belong together by their stamps."""
     agreements = []
     for kind, names in COMPARED.items():
@@ -153,7 +153,7 @@ def compare(recorded: Run, replayed: Run) -> list[Agreement]:
                 if text := _difference(row, answers.get(stamp), names):
                     differing.append(f"{(stamp - start) * 1e-9:.3f} s after the first, {text}")
             agreeing = len(rows) - len(differing)
-            agreements.append(Agreement(topic, len(rows), agreeing, differing[0] if differing else ""))
+            agreements.append(ReplayAgreement(topic, len(rows), agreeing, differing[0] if differing else ""))
     return agreements
 
 

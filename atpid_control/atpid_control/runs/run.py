@@ -65,7 +65,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Motion:
+class RecordedMotion:
     """Displacements sampled together."""
 
     origin: str
@@ -179,22 +179,22 @@ class Run:
         return BagError(f"{self.path}: no samples of {what}; channels in it: {', '.join(channels) or 'none'}{why}")
 
     @cached_property
-    def measured(self) -> Motion:
+    def measured(self) -> RecordedMotion:
         """Support and beam as a sensor measured them; of a beam alone the support is NaN. Raises BagError."""
         support, beam = self.driven()
         unknown = np.full(len(beam.values), np.nan)
-        return Motion(beam.origin, beam.rate, beam.time, support.values, beam.values, unknown, unknown)
+        return RecordedMotion(beam.origin, beam.rate, beam.time, support.values, beam.values, unknown, unknown)
 
     @cached_property
-    def truth(self) -> Motion | None:
+    def truth(self) -> RecordedMotion | None:
         """The simulated plant's own motion; None of hardware."""
         if not self.streams(TRUTH):
             return None
         series = self.signals("support", "beam", "grain", "ceiling", origin=TRUTH)
-        return Motion(TRUTH, series[0].rate, series[0].time, *(one.values for one in series))
+        return RecordedMotion(TRUTH, series[0].rate, series[0].time, *(one.values for one in series))
 
     @cached_property
-    def motion(self) -> Motion:
+    def motion(self) -> RecordedMotion:
         """The motion to show: the plant's own where it is there and preferred, else the sensor's. Raises BagError."""
         measured = self.measured  # what has no sensor is no run of the stand
         return measured if self.truth is None or self.prefer != TRUTH else self.truth

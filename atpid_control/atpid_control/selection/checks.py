@@ -61,7 +61,7 @@ MOST_MARGIN = 100.0
 
 
 @dataclass(frozen=True)
-class Request:
+class HeightRequest:
     """An excitation, and the margin the height must have."""
 
     amplitude: float  # [m]; 0: that of the latest steady estimate, with its error bar and frequency
@@ -92,7 +92,7 @@ class Resonance:
         return abs(frequency / self.frequency - 1.0) <= self.tolerance
 
 
-def resolved(request: Request, latest: Estimate | None, resonance: Resonance) -> Request:
+def resolved(request: HeightRequest, latest: Estimate | None, resonance: Resonance) -> HeightRequest:
     """Return the request with amplitude and frequency filled in.
 
     latest: the latest steady estimate of the excitation; None: there is none yet. Raises SelectionError, which states
@@ -105,11 +105,11 @@ def resolved(request: Request, latest: Estimate | None, resonance: Resonance) ->
     if request.amplitude == 0.0:
         if latest is None:
             raise SelectionError("amplitude: given 0 and no steady estimate yet; allowed: above 0 m")
-        request = Request(latest.amplitude, latest.amplitude_std, latest.frequency, request.margin)
+        request = HeightRequest(latest.amplitude, latest.amplitude_std, latest.frequency, request.margin)
     frequency = request.frequency or resonance.frequency
     if not resonance.holds(frequency):
         raise SelectionError(f"frequency: given {frequency:g} Hz; allowed: {resonance.allowed}")
-    return Request(request.amplitude, request.amplitude_std, frequency, request.margin)
+    return HeightRequest(request.amplitude, request.amplitude_std, frequency, request.margin)
 
 
 def _check(name: str, given: float, unit: str, allowed: str, most: float = math.inf) -> None:

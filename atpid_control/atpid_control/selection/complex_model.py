@@ -25,7 +25,7 @@ _ONE_MEETING = 0.05
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Criteria:
     """Which criteria of optimal grain motion hold."""
 
     floor_opposed: bool  # 4.1: on the floor the beam goes up and the grain comes down
@@ -40,7 +40,7 @@ class Verdict:
         return tuple(f"4.{number}" for number, holds in enumerate(vars(self).values(), start=1) if not holds)
 
 
-def judge(impacts: Array, times: Array, velocities: Array, longest: float, period: float) -> Verdict:
+def judge(impacts: Array, times: Array, velocities: Array, longest: float, period: float) -> Criteria:
     """Judge a window.
 
     impacts: (k, 3) time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]; times, velocities: (n,) of the beam [s],
@@ -49,12 +49,12 @@ def judge(impacts: Array, times: Array, velocities: Array, longest: float, perio
     inside = impacts[(impacts[:, 0] >= times[0]) & (impacts[:, 0] <= times[-1])]
     floor, ceiling = (_meetings(inside[inside[:, 1] == wall], period) for wall in (1.0, -1.0))
     if not len(floor) or not len(ceiling):
-        return Verdict(False, False, False, False, longest < 0.5 * GAMMA * period)
+        return Criteria(False, False, False, False, longest < 0.5 * GAMMA * period)
     beam_floor, beam_ceiling = (np.interp(wall[:, 0], times, velocities) for wall in (floor, ceiling))
     top = float(np.max(np.abs(velocities)))
     gaps = (np.diff(np.concatenate([[times[0]], wall[:, 0], [times[-1]]])) for wall in (floor, ceiling))
     near = np.concatenate([beam_floor, -beam_ceiling]) >= _NEAR_TOP * top
-    return Verdict(
+    return Criteria(
         floor_opposed=bool(np.all((beam_floor > 0.0) & (beam_floor - floor[:, 2] < 0.0))),
         ceiling_opposed=bool(np.all((beam_ceiling < 0.0) & (beam_ceiling + ceiling[:, 2] > 0.0))),
         every_period=bool(max(map(np.max, gaps)) < 1.5 * period),
@@ -119,7 +119,7 @@ class ComplexModel:
         equilibrium = s.beam_mass * s.gravity / s.stiffness
         return Impact(now.beam + equilibrium, now.beam_velocity, now.grain_velocity)
 
-    def observe(self, height: float, settle: float, window: float) -> tuple[float, Verdict]:
+    def observe(self, height: float, settle: float, window: float) -> tuple[float, Criteria]:
         """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods.
 
         Return half the peak-to-peak of the beam in the window [m], and the verdict.

@@ -10,9 +10,9 @@ from functools import cached_property, partial
 from atpid_control.selection.checks import response_at
 from atpid_control.selection.deadline import Deadline, OutOfTimeError
 from atpid_control.selection.margin import IRREGULAR, Robust, robust_height
-from atpid_control.selection.protocol import Excitation, Selection, SelectionError, Stage
-from atpid_control.selection.uncertain import System, Uncertainty, systems_of
-from atpid_control.selection.workers import Workers, without_collection
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError, SelectionStage
+from atpid_control.selection.uncertain import MarginBox, UncertainSystem, systems_of
+from atpid_control.selection.workers import SelectionThreads, without_collection
 from atpid_sim.maps import FROM_CLOSED, Best, DamperResponse, Timing, best_height, travelled
 from atpid_sim.maps.ratings import FLAT
 from atpid_sim.outcome import NumericalFailure
@@ -43,7 +43,7 @@ class DirectSelector:
     def __init__(
         self,
         scene: Scene,
-        uncertainty: Uncertainty | None = None,
+        uncertainty: MarginBox | None = None,
         workers: int | None = None,
         deadline: float = math.inf,
     ) -> None:
@@ -55,7 +55,7 @@ class DirectSelector:
         self._scene, self._workers, self._deadline = scene, workers or cores(), Deadline(deadline).seconds
         self._limits = scene.height_limits
         self._speed = _SPEED if math.isnan(scene.ceiling.speed) else scene.ceiling.speed
-        self._uncertainty = uncertainty or Uncertainty()
+        self._uncertainty = uncertainty or MarginBox()
         self._damper = DamperResponse(scene, _RTOL)
         # compiled now, or loaded from the cache, so that the first selection is as fast as the next
         for level in (self._damper.sufficient(_SMALL, math.inf), self._damper):
@@ -63,7 +63,7 @@ class DirectSelector:
                 level.follow_on(_SMALL, level.closed_state(_SMALL), ((0.0, 4.0 * level.diameter),), Timing(1.0, 4.0))
 
     @cached_property
-    def _systems(self) -> list[System]:
+    def _systems(self) -> list[UncertainSystem]:
         made = systems_of(self._scene, self._damper, self._uncertainty)
         # so that no full collection is due at the end of the next selection, before its answer is out
         gc.collect()
@@ -85,7 +85,7 @@ class DirectSelector:
             approaches = travelled(height, self._speed), travelled(height, self._speed, _LATER * damper.period)
         bare = partial(best_height, damper, excitation.amplitude, limits=self._limits, approaches=approaches)
         try:
-            with without_collection(), Workers(self._workers) as workers:
+            with without_collection(), SelectionThreads(self._workers) as workers:
                 if margin > 0.0:
                     given = Excitation(excitation.amplitude, spread, damper.frequency)
                     return self._with_margin(damper, given, bare, workers, deadline)
@@ -100,7 +100,7 @@ class DirectSelector:
         )  # fmt: skip
 
     def _with_margin(
-        self, damper: DamperResponse, given: Excitation, bare: Callable[..., Best], workers: Workers,
+        self, damper: DamperResponse, given: Excitation, bare: Callable[..., Best], workers: SelectionThreads,
         deadline: Deadline,
     ) -> Selection:  # fmt: skip
         """Return the height that is best in the worst case.
@@ -125,7 +125,7 @@ class DirectSelector:
         )  # fmt: skip
 
 
-def guaranteed(found: Robust, deadline: Deadline) -> Stage:
+def guaranteed(found: Robust, deadline: Deadline) -> SelectionStage:
     """Return what a margin holds for: a bound only where each system was verified and the motion is regular in all."""
     late = f"; late: {deadline.spent:.3f} s of {deadline.seconds:g} s" if deadline.passed() else ""
     every = found.verified == found.sampled
@@ -138,21 +138,21 @@ def guaranteed(found: Robust, deadline: Deadline) -> Stage:
     if every and found.irregular:
         none = f"no lower height that leaves less than {IRREGULAR:g} times this beam is regular in all of them"
         held = f"{none}: {held}"
-    return Stage("margin", found.height, found.worst, held + late)
+    return SelectionStage("margin", found.height, found.worst, held + late)
 
 
-def _unfinished(seconds: float) -> Stage:
+def _unfinished(seconds: float) -> SelectionStage:
     text = f"of the bare optimum not ended within {seconds:g} s: the price of the margin is unknown"
-    return Stage("search", math.nan, math.nan, text)
+    return SelectionStage("search", math.nan, math.nan, text)
 
 
-def _searched(best: Best) -> Stage:
+def _searched(best: Best) -> SelectionStage:
     if best.searched == best.checked:
-        return Stage("search", best.height, best.amplitude, f"with {best.checked}, which leaves out nothing")
+        return SelectionStage("search", best.height, best.amplitude, f"with {best.checked}, which leaves out nothing")
     if best.disagreement == 0.0:
         text = f"with {best.searched}, rated with {best.checked}: not compared, what is reached depends on the path"
     elif best.disagreement <= FLAT:
         text = f"with {best.searched}; {best.checked} agrees within {best.disagreement:.1e}"
     else:
         text = f"with {best.searched}; {best.checked} differs by {best.disagreement:.1e}, so searched on with it"
-    return Stage("search", best.height, best.amplitude, text)
+    return SelectionStage("search", best.height, best.amplitude, text)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from atpid_control.selection.protocol import Excitation
-from atpid_control.selection.uncertain import System
-from atpid_sim.maps import DamperResponse, Ending, Timing
+from atpid_control.selection.uncertain import UncertainSystem
+from atpid_sim.maps import DamperResponse, EarlyEnd, Timing
 from atpid_sim.maps.height_search import BELOW_RESONANCE, LAST_BELOW
 from atpid_sim.maps.ratings import FLAT, Mapper
 from atpid_sim.robust import RUMBLE, Response, lowest_best
@@ -64,7 +64,7 @@ class Robust:
 
 
 def robust_height(
-    systems: list[System], excitation: Excitation, bare: float, limits: tuple[float, float], mapper: Mapper,
+    systems: list[UncertainSystem], excitation: Excitation, bare: float, limits: tuple[float, float], mapper: Mapper,
     late: Callable[[], bool],
 ) -> Robust:  # fmt: skip
     """Return the height whose largest amplitude over the systems is least.
@@ -82,7 +82,7 @@ class MarginSearch:
     """The search for the height that is best in the worst of the systems."""
 
     def __init__(
-        self, systems: list[System], excitation: Excitation, limits: tuple[float, float], mapper: Mapper,
+        self, systems: list[UncertainSystem], excitation: Excitation, limits: tuple[float, float], mapper: Mapper,
         late: Callable[[], bool],
     ) -> None:  # fmt: skip
         """See `robust_height`."""
@@ -229,7 +229,7 @@ class MarginSearch:
                 break
             if irregular < _CLIFF:
                 path = ((state.time, max(height + offset, damper.diameter)),)
-                response = damper.follow_on(amplitude, state, path, timing, Ending(_CLOSE))
+                response = damper.follow_on(amplitude, state, path, timing, EarlyEnd(_CLOSE))
                 rumbles = response.variation > _RUMBLING
                 irregular = irregular + 1 if rumbles else 0
                 value = response.amplitude * (RUMBLE if rumbles else 1.0)
@@ -247,6 +247,6 @@ class MarginSearch:
         rest, state = 0.5 * damper.settling() * damper.period, damper.closed_state(amplitude)
         path = self._systems[number].approach(damper, reached, rest)
         timing = Timing(_PATIENT * damper.settling(), _WATCHED)
-        response = damper.follow_on(amplitude, state, path, timing, Ending(_VERIFIED_CLOSE))
+        response = damper.follow_on(amplitude, state, path, timing, EarlyEnd(_VERIFIED_CLOSE))
         reduction = efficiency(response.amplitude, damper.closed_amplitude(amplitude))
         return Response(response.amplitude, reduction, response.regular)

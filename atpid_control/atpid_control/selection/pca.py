@@ -9,7 +9,7 @@ from contextlib import suppress
 from atpid_control.selection.checks import response_at
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import simplified
-from atpid_control.selection.protocol import Excitation, Selection, SelectionError, Stage
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError, SelectionStage
 from atpid_sim.maps import DamperResponse, Timing
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
@@ -108,7 +108,7 @@ class _Run:
 
     def __init__(self, damper: DamperResponse, amplitude: float, limits: tuple[float, float]) -> None:
         self.damper, self.amplitude = damper, amplitude
-        self.stages: list[Stage] = []
+        self.stages: list[SelectionStage] = []
         self.evaluations = self._tuned = 0
         unit, (low, high) = damper.ballistic_clearance(amplitude), limits
         self._highest = min(max(damper.diameter + unit, low), high)
@@ -179,4 +179,4 @@ class _Run:
         return min(max(height, self._lowest), self._highest)
 
     def _record(self, name: str, height: float, amplitude: float, note: str) -> None:
-        self.stages.append(Stage(name, height, amplitude, note))
+        self.stages.append(SelectionStage(name, height, amplitude, note))

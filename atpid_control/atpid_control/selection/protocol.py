@@ -40,7 +40,7 @@ class Excitation:
 
 
 @dataclass(frozen=True)
-class Stage:
+class SelectionStage:
     """One step of a selection."""
 
     name: str  # as the thesis calls it: SM, PM1, CM1, ..., tuning 1, ...
@@ -60,7 +60,7 @@ class Selection:
     evaluations: int = 0  # simulations it took
     wall_s: float = 0.0  # [s]
     price: float = 0.0  # efficiency given up for the margin [-], NaN: unknown
-    stages: tuple[Stage, ...] = ()  # every iteration, where the method has any
+    stages: tuple[SelectionStage, ...] = ()  # every iteration, where the method has any
     structure_s: float = 0.0  # how long the ceiling was moved and the structure watched [s]
     no_use: str = ""  # why the damper is of no use here, one line; empty: it is of use
     note: str = ""  # what the selection holds for, and what it fell short of

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 
 from atpid_common.errors import InputError
-from atpid_control.selection.protocol import Excitation, Selection, SelectionError, Stage
+from atpid_control.selection.protocol import Excitation, Selection, SelectionError, SelectionStage
 from atpid_sim.maps import DamperResponse
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.plant.plant import Plant
@@ -92,18 +92,18 @@ class SearchSelector:
         plan = self._plan or self._scaled(amplitude)
         search = StepSearch(plan)
         plant = self._plant(amplitude, excitation.frequency, plan)
-        stages: list[Stage] = []
+        stages: list[SelectionStage] = []
         try:
             while not search.done:
                 here = search.target
                 seen = self._watch(plant, here, plan)
                 search.observe(seen)
                 note = "worse: back" if search.done and search.target != here else ""
-                stages.append(Stage(f"step {search.iterations}", here, seen, note))
+                stages.append(SelectionStage(f"step {search.iterations}", here, seen, note))
             seen = self._watch(plant, search.target, plan)
         except NumericalFailure as error:
             raise SelectionError(f"search: {error}") from error
-        stages.append(Stage("result", search.target, seen, f"{plant.time:.0f} s on the plant"))
+        stages.append(SelectionStage("result", search.target, seen, f"{plant.time:.0f} s on the plant"))
         reduction = efficiency(seen, self._damper.closed_amplitude(amplitude))
         wall, price = time.perf_counter() - begun, math.nan if margin else 0.0
         found = (search.target, seen, reduction, self.method)

@@ -26,7 +26,7 @@ _CORNERS = 16
 
 
 @dataclass(frozen=True)
-class Uncertainty:
+class MarginBox:
     """How far each quantity may lie from its value, to either side, apart from the amplitude."""
 
     stiffness: float = 0.05  # relative, of the beam: the model's own uncertainty [-]
@@ -37,7 +37,7 @@ class Uncertainty:
 
 
 @dataclass(frozen=True)
-class System:
+class UncertainSystem:
     """A system that may be the true one."""
 
     damper: DamperResponse
@@ -47,19 +47,19 @@ class System:
     approach: Approach  # how the ceiling comes to its height
 
 
-def systems_of(scene: Scene, damper: DamperResponse, uncertainty: Uncertainty) -> list[System]:
+def systems_of(scene: Scene, damper: DamperResponse, uncertainty: MarginBox) -> list[UncertainSystem]:
     """Return the systems of a scene and its uncertainties, the expected one first.
 
     Each mass and restitution has a table of contacts, so they and the stiffness lie at their ends only.
     """
     made: dict[tuple[float, ...], DamperResponse] = {}
-    found = [System(damper, 0.0, 1.0, 0.0, at_once)]
+    found = [UncertainSystem(damper, 0.0, 1.0, 0.0, at_once)]
     for (amplitude, frequency, *ends), (approach, side) in zip(points().tolist(), _approaches(), strict=True):
         key = tuple(ends)
         if key not in made:
             made[key] = _changed(scene, damper.frequency, uncertainty, *ends)
         driven = 1.0 + frequency * uncertainty.frequency
-        found.append(System(made[key], amplitude, driven, side * uncertainty.resolution, approach))
+        found.append(UncertainSystem(made[key], amplitude, driven, side * uncertainty.resolution, approach))
     return found
 
 
@@ -89,7 +89,7 @@ def _approaches() -> list[tuple[Approach, float]]:
 
 
 def _changed(
-    scene: Scene, frequency: float, uncertainty: Uncertainty, mass: float, stiffness: float, restitution: float
+    scene: Scene, frequency: float, uncertainty: MarginBox, mass: float, stiffness: float, restitution: float
 ) -> DamperResponse:
     """Return the response of a system at these ends, driven at the same frequency [Hz], its grain unchanged."""
     changed = with_beam(scene, mass=1.0 + mass * uncertainty.mass, stiffness=1.0 + stiffness * uncertainty.stiffness)

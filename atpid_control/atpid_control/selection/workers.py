@@ -64,7 +64,7 @@ def without_collection() -> Iterator[None]:
             gc.enable()
 
 
-class Workers:
+class SelectionThreads:
     """Threads for a selection; `map` is a `Mapper` whose jobs may be done twice, so they must not change anything."""
 
     def __init__(self, number: int) -> None:
@@ -72,7 +72,7 @@ class Workers:
         self._helpers = max(number - 1, 0)
         self._pool = ThreadPoolExecutor(self._helpers) if self._helpers else None
 
-    def __enter__(self) -> Workers:
+    def __enter__(self) -> SelectionThreads:
         """Return the workers."""
         return self
 

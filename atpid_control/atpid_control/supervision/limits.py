@@ -24,7 +24,7 @@ QUANTITIES: Mapping[str, str] = {
 QUIET = 1.0
 
 
-class Severity(Enum):
+class PassedLevel(Enum):
     """Which level was passed."""
 
     WARNING = "warning"
@@ -44,7 +44,7 @@ class Passed:
     """A quantity has passed a level."""
 
     name: str
-    severity: Severity
+    severity: PassedLevel
     value: float
     level: float
 
@@ -53,7 +53,7 @@ class Passed:
         return f"{self.name} {self.value:.4g} {unit} is above its {self.severity.value} level {self.level:g} {unit}"
 
 
-class Limits:
+class AbortLevels:
     """The levels of all quantities, and which were passed. Times are steady [s]."""
 
     def __init__(self, levels: Mapping[str, Levels]) -> None:
@@ -81,13 +81,13 @@ class Limits:
         """Take a value; return the level that it passes now, None for none. NaN, which is no value, passes none."""
         level, magnitude = self.levels.get(name, Levels()), abs(value)
         if magnitude > level.abort and name not in self.aborted:
-            self.aborted[name] = Passed(name, Severity.ABORT, magnitude, level.abort)
+            self.aborted[name] = Passed(name, PassedLevel.ABORT, magnitude, level.abort)
             self._above[name] = now
             return self.aborted[name]
         if magnitude > level.warning:
             last, self._above[name] = self._above.get(name, -math.inf), now
             if now - last > QUIET and name not in self.aborted:
-                return Passed(name, Severity.WARNING, magnitude, level.warning)
+                return Passed(name, PassedLevel.WARNING, magnitude, level.warning)
         return None
 
     def still_above(self, latest: Mapping[str, float]) -> tuple[str, ...]:

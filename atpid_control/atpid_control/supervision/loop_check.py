@@ -30,7 +30,7 @@ class LoopSnapshot:
     """What is known when the check is made."""
 
     now: float  # steady [s]
-    sensors: "Sensors"
+    sensors: "LatestBlocks"
     scene: Ceiling | None = None  # that heights are selected for; None: no controller moves it
     motor: Ceiling | None = None  # limits of the motor node, inside which it refuses to run with other firmware
     recorder_expected: bool = True
@@ -39,7 +39,7 @@ class LoopSnapshot:
     errors: Mapping[str, str] = field(default_factory=dict)  # of channels, by their names
 
 
-class Sensors:
+class LatestBlocks:
     """The latest block of each channel. Times are steady [s]."""
 
     def __init__(self) -> None:

@@ -13,12 +13,23 @@ from atpid_driver.acquisition.errors import (
     StreamLostError,
     WrongDeviceError,
 )
-from atpid_driver.acquisition.protocol import Acquisition, Block, Identity
+from atpid_driver.acquisition.protocol import Acquisition, Block, DeviceIdentity
 from atpid_driver.acquisition.registry import Backend
-from atpid_driver.acquisition.settings import Channel, Settings, setting
+from atpid_driver.acquisition.settings import AcquisitionSettings, Channel, setting
 
 __all__ = [
-    "Acquisition", "AcquisitionError", "Backend", "Block", "Channel", "DeviceMissingError", "Identity",
-    "LibraryMissingError", "NotStreamingError", "Settings", "SetupRefusedError", "StreamLostError", "WrongDeviceError",
+    "Acquisition",
+    "AcquisitionError",
+    "AcquisitionSettings",
+    "Backend",
+    "Block",
+    "Channel",
+    "DeviceIdentity",
+    "DeviceMissingError",
+    "LibraryMissingError",
+    "NotStreamingError",
+    "SetupRefusedError",
+    "StreamLostError",
+    "WrongDeviceError",
     "setting",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from atpid_driver.acquisition import errors
-from atpid_driver.acquisition.protocol import Device, Identity, Volts
+from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
 from atpid_driver.acquisition.settings import LabJackSettings
 
 DUMMY_VOLTS = -9999.0
@@ -80,14 +80,14 @@ class LabJackAcquisition(Device):
         self._ljm: Any = None
         self._handle: int | None = None
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect over `connection` and check the serial number."""
         settings = self._settings
         self._ljm = load_ljm(settings.library)
         self._handle = self._find()
         serial = self._call("getHandleInfo", self._handle)[2]
         self._check_serial("the T7 has", serial)
-        return Identity("labjack", serial)
+        return DeviceIdentity("labjack", serial)
 
     def start(self) -> float:
         """Write the set-up registers and start streaming; return the actual rate."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from atpid_driver.acquisition import errors
-from atpid_driver.acquisition.protocol import Device, Identity, Volts
+from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
 from atpid_driver.acquisition.settings import Channel, NiSettings
 
 BUFFER_SECONDS = 10.0
@@ -58,7 +58,7 @@ class NiAcquisition(Device):
         self._task: Any = None
         self._reader: Any = None
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Read the module's type and serial number, and check the latter."""
         settings = self._settings
         self._nidaqmx = load_nidaqmx(settings.library)
@@ -67,7 +67,7 @@ class NiAcquisition(Device):
             device = system.Device(settings.device, grpc_options=self._options())
             model, serial = device.product_type, int(device.serial_num)
         self._check_serial(f"{settings.device} is a {model} with", serial)
-        return Identity(model.replace(" ", "-").lower(), serial)
+        return DeviceIdentity(model.replace(" ", "-").lower(), serial)
 
     def start(self) -> float:
         """Make the task, start it and return the rate the module coerced the one asked for to."""

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_driver.acquisition.errors import AcquisitionError, NotStreamingError, WrongDeviceError
-from atpid_driver.acquisition.settings import Settings
+from atpid_driver.acquisition.settings import AcquisitionSettings
 
 Volts = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Identity:
+class DeviceIdentity:
     """Model and serial number, as the device reports them."""
 
     model: str
@@ -52,7 +52,7 @@ class Acquisition(Protocol):
     def channels(self) -> tuple[str, ...]:
         """Names of the channels, in the order of the columns."""
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Connect, check that it is the device asked for, and return its identity."""
 
     def start(self) -> float:
@@ -77,7 +77,7 @@ class Device:
     `_take` of the subclass waits for the next scans (n_scans, n_channels) [V] and returns them with the backlog.
     """
 
-    _settings: Settings
+    _settings: AcquisitionSettings
     _take: Callable[[], tuple[Volts, int]]
     close: Callable[[], None]
     _rate: float | None = None  # of the stream [Hz]; None: there is none

@@ -17,7 +17,7 @@ from typing import Any
 
 from atpid_driver.acquisition.clock import DriftMeter, HardwareClock
 from atpid_driver.acquisition.errors import AcquisitionError, StreamLostError, WrongDeviceError
-from atpid_driver.acquisition.protocol import Acquisition, Block, Identity
+from atpid_driver.acquisition.protocol import Acquisition, Block, DeviceIdentity
 
 log = logging.getLogger("atpid_driver.acquisition")
 RATE_TOLERANCE = 1e-9
@@ -60,7 +60,7 @@ class Reader:
     def __init__(
         self,
         device: Acquisition,
-        identity: Identity,
+        identity: DeviceIdentity,
         ready: Callable[[], None],
         report: Callable[[bool, str], None],
         depth: int = 64,

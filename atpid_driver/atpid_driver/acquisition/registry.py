@@ -12,7 +12,13 @@ from atpid_driver.acquisition.errors import SetupRefusedError
 from atpid_driver.acquisition.labjack import LabJackAcquisition
 from atpid_driver.acquisition.nidaqmx import NiAcquisition
 from atpid_driver.acquisition.protocol import Acquisition
-from atpid_driver.acquisition.settings import LabJackSettings, NiSettings, Settings, SimulatedSettings, checked
+from atpid_driver.acquisition.settings import (
+    AcquisitionSettings,
+    LabJackSettings,
+    NiSettings,
+    SimulatedSettings,
+    checked,
+)
 from atpid_driver.acquisition.simulated import SimulatedAcquisition
 
 #: Group of the entry points that add backends; the name of an entry point is the name of its backend.
@@ -22,7 +28,7 @@ GROUP = "atpid.acquisition"
 class Backend(NamedTuple):
     """What makes a device: the class of its settings, and a function of such settings that returns it unopened."""
 
-    settings: type[Settings]
+    settings: type[AcquisitionSettings]
     make: Callable[[Any], Acquisition]
 
 

@@ -14,7 +14,7 @@ from atpid_driver.acquisition.errors import SetupRefusedError
 
 T7_RANGES = (10.0, 1.0, 0.1, 0.01)
 
-S = TypeVar("S", bound="Settings")
+S = TypeVar("S", bound="AcquisitionSettings")
 
 
 def setting(default: Any, description: str, unit: str = "", low: float | None = None, high: float | None = None) -> Any:
@@ -32,7 +32,7 @@ class Channel(BaseModel):
     kind: Literal["voltage", "iepe"] = "voltage"
 
 
-class Settings(BaseModel):
+class AcquisitionSettings(BaseModel):
     """What all backends need: which device (serial 0: any), which channels, how fast [Hz], scans a block."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -43,14 +43,14 @@ class Settings(BaseModel):
     scans_per_block: Annotated[int, Field(ge=1)]
 
     @model_validator(mode="after")
-    def _names_differ(self) -> Settings:
+    def _names_differ(self) -> AcquisitionSettings:
         names = [channel.name for channel in self.channels]
         if len(set(names)) != len(names):
             raise ValueError(f"channel names {names} are not all different: give each its own")
         return self
 
 
-class SimulatedSettings(Settings):
+class SimulatedSettings(AcquisitionSettings):
     """Sines of one amplitude, offset and frequency, paced like a device."""
 
     amplitude: float = setting(1.0, "of the simulated backend's sines", "V", 0.0, 100.0)
@@ -58,7 +58,7 @@ class SimulatedSettings(Settings):
     frequency: float = setting(5.0, "of the simulated backend's sines", "Hz", 1e-3, 50_000.0)
 
 
-class LabJackSettings(Settings):
+class LabJackSettings(AcquisitionSettings):
     """A T7 over LJM; `library` is a path to libLabJackM.so where the loader does not find it by name."""
 
     connection: Literal["ANY", "USB", "TCP", "ETHERNET", "WIFI"] = setting("ANY", "how the T7 is connected")
@@ -78,7 +78,7 @@ class LabJackSettings(Settings):
         return volts
 
 
-class NiSettings(Settings):
+class NiSettings(AcquisitionSettings):
     """An NI-9230 through NI-DAQmx here, or on another PC through NI's gRPC device server at `grpc` ("host:port")."""
 
     device: str = Field("cDAQ1Mod1", min_length=1, description="the module's name in NI MAX")

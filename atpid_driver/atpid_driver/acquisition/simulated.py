@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from atpid_driver.acquisition.errors import DeviceMissingError, StreamLostError
-from atpid_driver.acquisition.protocol import Device, Identity, Volts
+from atpid_driver.acquisition.protocol import Device, DeviceIdentity, Volts
 from atpid_driver.acquisition.settings import SimulatedSettings
 
 SERIAL = 1
@@ -32,12 +32,12 @@ class SimulatedAcquisition(Device):
         self._began = 0.0  # steady clock at index 0 [s]
         self._pause = threading.Event()
 
-    def open(self) -> Identity:
+    def open(self) -> DeviceIdentity:
         """Return the identity if plugged in."""
         if not self.faults.plugged:
             raise DeviceMissingError("simulated device not found: plug it in")
         self._check_serial("simulated device has", self.faults.serial)
-        return Identity("simulated", self.faults.serial)
+        return DeviceIdentity("simulated", self.faults.serial)
 
     def start(self) -> float:
         """Start at index 0; any rate is exact."""

@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.errors import HeightRefusedError, LimitsError, NotReadyError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Reading:
 
     mode: Mode
     homed: bool = False
-    faults: Fault = NO_FAULT
+    faults: MotorFault = NO_FAULT
     height: float = nan
     target: float = nan
     velocity: float = 0.0

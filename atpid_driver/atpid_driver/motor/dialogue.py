@@ -17,14 +17,14 @@ from typing import Final
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.ceiling_actuator import Reading
 from atpid_driver.motor.errors import LinkError, MotorError, NotReadyError
-from atpid_driver.motor.faults import NO_FAULT, Fault, in_words
+from atpid_driver.motor.faults import NO_FAULT, MotorFault, in_words
 from atpid_driver.motor.protocol import NAME, IdentityReply, Refusal, Reply, StateReply
 from atpid_driver.motor.session import (
-    Answer,
     Arming,
+    MotorAnswer,
+    MotorRequest,
+    MotorSession,
     Move,
-    Request,
-    Session,
     SessionLostError,
     Stop,
     check_identity,
@@ -57,13 +57,13 @@ class Dialogue:
 
     def __init__(self, settings: MotorSettings) -> None:
         self._settings = settings
-        self._session = Session()
+        self._session = MotorSession()
         self._opened = self._next = self._poll_at = 0.0
         self._round_trip = 0.0
         self._late_until = 0.0  # 0: answers come in time
         self._kept_alive = -inf
         self._sequence = 0  # of the last command carried out
-        self._moving: Request | None = None  # the last that moves, until a later answer shows the ceiling at rest
+        self._moving: MotorRequest | None = None  # the last that moves, until a later answer shows the ceiling at rest
         self._stop: Stop | None = None
         self._arming: Arming | None = None
         self._move: Move | None = None
@@ -134,13 +134,13 @@ class Dialogue:
     def opened(self, now: float) -> None:
         """Begin a session on a port that was opened, or with a board that must be identified again."""
         self._garbled, self._repeated = self._garbled + self._session.garbled, self._repeated + self._session.repeated
-        self._session, self._taken, self.identified = Session(), None, False
+        self._session, self._taken, self.identified = MotorSession(), None, False
         self._opened, self._round_trip = now, 0.0
 
     def lost(self, error: MotorError) -> None:
         """Discard the state, latch the loss if the motor was armed, report the error once. A stop remains."""
         self.identified = False
-        self._latched |= Fault.LINK_LOST if self.heartbeat else NO_FAULT
+        self._latched |= MotorFault.LINK_LOST if self.heartbeat else NO_FAULT
         self.reading, self.goal, self._move = replace(NO_LINK, faults=self._latched), None, None
         self.end_arming(error)
         if str(error) != self.last_error:
@@ -223,7 +223,7 @@ class Dialogue:
         self._next = request.written + patience
         return frame
 
-    def _again(self, now: float, request: Request) -> bytes:
+    def _again(self, now: float, request: MotorRequest) -> bytes:
         """A height goes out as a new request, which is a heartbeat too; any other request is carried out once."""
         if request.word == "MOVE":
             return self._session.begin(now, request.word, *request.arguments)
@@ -276,12 +276,12 @@ class Dialogue:
         self._connections += 1
         restarted = before is not None and before.boots != identity.boots
         if restarted and self.heartbeat:
-            self._latched |= Fault.RESTARTED
+            self._latched |= MotorFault.RESTARTED
         if before is not None:
             how = f", restarted ({identity.reset_cause})" if restarted else ""
             self._found_again = f"board found again at {self._settings.port}{how}; motor off"
 
-    def _conclude(self, answer: Answer, now: float) -> None:
+    def _conclude(self, answer: MotorAnswer, now: float) -> None:
         """Conclude from the answer to the outstanding request what became of what was wanted."""
         word, self._session.request = answer.request.word, None
         if self._stop is not None and word == self._stop.word:
@@ -337,7 +337,7 @@ class Dialogue:
         if arming is not None:
             arming.done.set_exception(error)
 
-    def _judge_delay(self, request: Request, now: float) -> None:
+    def _judge_delay(self, request: MotorRequest, now: float) -> None:
         """Take an answer's time; report when answers begin to come late, and when they come in time again."""
         waited = now - request.asked
         if request.repeated:

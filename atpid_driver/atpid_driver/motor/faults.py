@@ -5,7 +5,7 @@ from enum import IntFlag
 from typing import Final
 
 
-class Fault(IntFlag):
+class MotorFault(IntFlag):
     """Latched faults; after each of them the motor stays off until a person arms it again."""
 
     HEARTBEAT = 1 << 0
@@ -28,32 +28,32 @@ class Fault(IntFlag):
     RESTARTED = 1 << 17
 
 
-NO_FAULT: Final = Fault(0)
+NO_FAULT: Final = MotorFault(0)
 #: Without a heartbeat for so long a motor that is armed is switched off [ns].
 HEARTBEAT_TIME: Final = 500_000_000
 
-WORDS: Final[dict[Fault, str]] = {
-    Fault.HEARTBEAT: "no heartbeat from the host for 500 ms",
-    Fault.STALL: "motor on but the ceiling does not move (jammed, or no motor power)",
-    Fault.SENSOR_LOW: "position sensor open or shorted to ground",
-    Fault.SENSOR_HIGH: "position sensor shorted to supply",
-    Fault.SENSOR_JUMP: "position sensor jumped further than the ceiling can move",
-    Fault.SENSOR_SILENT: "position sensor is not being converted",
-    Fault.WRONG_WAY: "ceiling moves against its command (motor leads swapped?)",
-    Fault.UNCOMMANDED: "ceiling moves with the motor off",
-    Fault.LOWER_LIMIT: "lower limit switch open where it must be closed (end reached, stuck, or broken wire)",
-    Fault.UPPER_LIMIT: "upper limit switch open where it must be closed (end reached, stuck, or broken wire)",
-    Fault.BOTH_LIMITS: "both limit switches open (connector or cable)",
-    Fault.EMERGENCY_STOP: "emergency stop pressed",
-    Fault.HOMING: "homing did not find the upper limit switch where it must be",
-    Fault.OVERTIME: "a move took longer than its distance allows",
-    Fault.SOFT_LIMIT: "ceiling outside its soft limits",
-    Fault.WATCHDOG: "the firmware was restarted by its watchdog",
-    Fault.LINK_LOST: "the connection to the board was lost while the motor was armed",
-    Fault.RESTARTED: "the board was restarted while the motor was armed",
+WORDS: Final[dict[MotorFault, str]] = {
+    MotorFault.HEARTBEAT: "no heartbeat from the host for 500 ms",
+    MotorFault.STALL: "motor on but the ceiling does not move (jammed, or no motor power)",
+    MotorFault.SENSOR_LOW: "position sensor open or shorted to ground",
+    MotorFault.SENSOR_HIGH: "position sensor shorted to supply",
+    MotorFault.SENSOR_JUMP: "position sensor jumped further than the ceiling can move",
+    MotorFault.SENSOR_SILENT: "position sensor is not being converted",
+    MotorFault.WRONG_WAY: "ceiling moves against its command (motor leads swapped?)",
+    MotorFault.UNCOMMANDED: "ceiling moves with the motor off",
+    MotorFault.LOWER_LIMIT: "lower limit switch open where it must be closed (end reached, stuck, or broken wire)",
+    MotorFault.UPPER_LIMIT: "upper limit switch open where it must be closed (end reached, stuck, or broken wire)",
+    MotorFault.BOTH_LIMITS: "both limit switches open (connector or cable)",
+    MotorFault.EMERGENCY_STOP: "emergency stop pressed",
+    MotorFault.HOMING: "homing did not find the upper limit switch where it must be",
+    MotorFault.OVERTIME: "a move took longer than its distance allows",
+    MotorFault.SOFT_LIMIT: "ceiling outside its soft limits",
+    MotorFault.WATCHDOG: "the firmware was restarted by its watchdog",
+    MotorFault.LINK_LOST: "the connection to the board was lost while the motor was armed",
+    MotorFault.RESTARTED: "the board was restarted while the motor was armed",
 }
 
 
-def in_words(faults: Fault) -> str:
+def in_words(faults: MotorFault) -> str:
     """Return the faults in words, separated by "; "; empty for none."""
-    return "; ".join(WORDS[bit] for bit in Fault if bit in faults)
+    return "; ".join(WORDS[bit] for bit in MotorFault if bit in faults)

@@ -14,7 +14,7 @@ from typing import Final
 
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.errors import ProtocolError
-from atpid_driver.motor.faults import Fault
+from atpid_driver.motor.faults import MotorFault
 
 PROTOCOL: Final = 1
 NAME: Final = "ATPID-MOTOR"
@@ -68,7 +68,7 @@ class StateReply:
 
     mode: Mode
     homed: bool
-    faults: Fault
+    faults: MotorFault
     height: float
     target: float
     position_raw: int
@@ -155,7 +155,7 @@ def _state(arguments: tuple[str, ...]) -> StateReply:
     return StateReply(
         mode=Mode(_whole(mode)),
         homed=bool(_whole(homed, 1)),
-        faults=Fault(int(faults, 16)),
+        faults=MotorFault(int(faults, 16)),
         height=_metres(height),
         target=_metres(target),
         position_raw=_whole(raw),

@@ -23,7 +23,7 @@ class SessionLostError(LinkError):
 
 
 @dataclass(slots=True)
-class Request:
+class MotorRequest:
     """One request: its frame, and when it was first and last written [s]."""
 
     word: str
@@ -38,17 +38,17 @@ class Request:
         """Whether it was written more than once, so that its answer gives no round trip."""
         return self.written > self.asked
 
-    def not_after(self, other: "Request") -> bool:
+    def not_after(self, other: "MotorRequest") -> bool:
         """Whether the board has taken it, or lost it, where it has answered `other`: the line keeps the order."""
         return (other.sequence - self.sequence) % protocol.SEQUENCES < protocol.SEQUENCES // 2
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class MotorAnswer:
     """A reply of the board, the request it answers, and whether that is the outstanding one."""
 
     reply: protocol.Reply
-    request: Request
+    request: MotorRequest
     outstanding: bool
 
 
@@ -80,21 +80,21 @@ class Move:
     sequence: int
     received: float
 
-    def asked_by(self, request: Request) -> bool:
+    def asked_by(self, request: MotorRequest) -> bool:
         """Whether `request` was made for this height: it is made again and again until the board answers."""
         return request.word == "MOVE" and request.arguments == (self.target,) and request.asked >= self.received
 
 
-class Session:
+class MotorSession:
     """Sequence numbers, the outstanding request, and which answer belongs to which request."""
 
     def __init__(self) -> None:
         self._sequence = self.garbled = self.repeated = 0
-        self._waiting: dict[int, Request] = {}  # requests without an answer by sequence, the oldest first
-        self.request: Request | None = None  # the outstanding one
+        self._waiting: dict[int, MotorRequest] = {}  # requests without an answer by sequence, the oldest first
+        self.request: MotorRequest | None = None  # the outstanding one
 
     @property
-    def unanswered(self) -> Request | None:
+    def unanswered(self) -> MotorRequest | None:
         """The first request after the newest one that was answered."""
         return next(iter(self._waiting.values()), None)
 
@@ -102,7 +102,7 @@ class Session:
         """Return the frame of a new request, which replaces the outstanding one."""
         self._sequence = (self._sequence + 1) % protocol.SEQUENCES
         frame = protocol.encode(self._sequence, word, *arguments)
-        self.request = self._waiting[self._sequence] = Request(word, arguments, self._sequence, frame, now, now)
+        self.request = self._waiting[self._sequence] = MotorRequest(word, arguments, self._sequence, frame, now, now)
         if len(self._waiting) > _WINDOW:
             del self._waiting[next(iter(self._waiting))]
         return frame
@@ -119,7 +119,7 @@ class Session:
         self.repeated += 1
         return self.request.frame
 
-    def answer(self, line: bytes) -> Answer | None:
+    def answer(self, line: bytes) -> MotorAnswer | None:
         """Return the answer in `line`; None for a line that is garbled or answers no request that waits."""
         if not line:
             return None
@@ -134,7 +134,7 @@ class Session:
         request = self._waiting[frame.sequence]
         for earlier in [earlier for earlier in self._waiting.values() if earlier.not_after(request)]:
             del self._waiting[earlier.sequence]  # the line keeps the order: what is not answered by now is lost
-        return Answer(reply, request, request is self.request)
+        return MotorAnswer(reply, request, request is self.request)
 
 
 def check_identity(reply: protocol.IdentityReply, limits: Limits) -> None:

@@ -12,7 +12,7 @@ from atpid_common.injected_faults import Injected
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
 from atpid_driver.motor.errors import NotReadyError
-from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, Fault
+from atpid_driver.motor.faults import HEARTBEAT_TIME, NO_FAULT, MotorFault
 from atpid_driver.motor.simulated_faults import FaultyActuator
 
 NANO = 1e-9
@@ -96,7 +96,7 @@ class SimulatedActuator(SimulatedCeiling):
         return Reading(
             mode=Mode.MOVING if moving else self._mode,
             homed=armed,
-            faults=Fault.HEARTBEAT if self._mode is Mode.FAULT else NO_FAULT,
+            faults=MotorFault.HEARTBEAT if self._mode is Mode.FAULT else NO_FAULT,
             height=height,
             target=target if armed else nan,
             velocity=copysign(self.limits.speed, target - height) if moving else 0.0,

@@ -13,7 +13,7 @@ from atpid_common.injected_faults import TO_THE_SWITCH, Injected, active_fault
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.ceiling_actuator import Limits, Reading, SimulatedCeiling
 from atpid_driver.motor.errors import NotReadyError
-from atpid_driver.motor.faults import NO_FAULT, Fault, in_words
+from atpid_driver.motor.faults import NO_FAULT, MotorFault, in_words
 
 _STEP_NS = 1_000_000
 _STEP = _STEP_NS * 1e-9  # [s]
@@ -75,7 +75,7 @@ class FaultyActuator(SimulatedCeiling):
         """Arm, with latched faults cleared; raise NotReadyError where the cause is still there."""
         self._advance(now)
         if self._mode is not Mode.UNCONFIGURED and self.placed and isnan(self._reading):
-            raise NotReadyError(f"not armed: {in_words(Fault.SENSOR_LOW)}")
+            raise NotReadyError(f"not armed: {in_words(MotorFault.SENSOR_LOW)}")
         super().activate(now)
         self._faults = NO_FAULT
 
@@ -96,7 +96,7 @@ class FaultyActuator(SimulatedCeiling):
         self._running, self._allowed = 0.0, _OVERTIME * abs(distance) / self.limits.speed + _OVERTIME_MORE
 
     def _lose_heartbeat(self) -> None:
-        self._faults |= Fault.HEARTBEAT
+        self._faults |= MotorFault.HEARTBEAT
 
     def _state(self, now: int) -> Reading:
         """Return what the height sensor reads at `now` [ns] and what the motor does."""
@@ -196,21 +196,21 @@ class FaultyActuator(SimulatedCeiling):
 
     # the checks, which the firmware makes too
 
-    def _found(self, before: float) -> Fault:
+    def _found(self, before: float) -> MotorFault:
         found, reading, origin = NO_FAULT, self._reading, self._origin
         if isnan(reading):
-            return Fault.SENSOR_LOW
+            return MotorFault.SENSOR_LOW
         if abs(reading - before) > _JUMP:
-            found |= Fault.SENSOR_JUMP
+            found |= MotorFault.SENSOR_JUMP
         if not self._on:
-            return found | (Fault.UNCOMMANDED if abs(reading - origin) > _JUMP else NO_FAULT)
+            return found | (MotorFault.UNCOMMANDED if abs(reading - origin) > _JUMP else NO_FAULT)
         if (reading - origin) * self._direction < -_JUMP:
-            found |= Fault.WRONG_WAY
+            found |= MotorFault.WRONG_WAY
         if self._running > self._allowed:
-            found |= Fault.OVERTIME
+            found |= MotorFault.OVERTIME
         window = round(_STALL_TIME / _STEP)
         if round(self._running / _STEP) % window == 0:
             near = abs(self._target - reading) < _STALL
-            found |= Fault.STALL if abs(reading - self._mark) < _STALL and not near else NO_FAULT
+            found |= MotorFault.STALL if abs(reading - self._mark) < _STALL and not near else NO_FAULT
             self._mark = reading
         return found

@@ -28,7 +28,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, doubles, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.recorder_watch import RecorderWatch
 from atpid_common.real_time import LOOP_PRIORITY
-from atpid_driver.acquisition import Identity
+from atpid_driver.acquisition import DeviceIdentity
 from atpid_driver.acquisition.reader import Backoff, Reader, Status
 from atpid_driver.acquisition.registry import create
 from atpid_driver.calibration.convert import block_si
@@ -59,7 +59,7 @@ class AcquisitionNode(DeviceNode):
             subscribe(self, CeilingState, "ceiling/state", self._on_state, STATES)
         expected = self._settings["expect_recorder"]
         self._recorder = RecorderWatch(self, self._on_recorder, self._events.publish, expected=expected)
-        self._identity: Identity | None = None
+        self._identity: DeviceIdentity | None = None
         self._reader: Reader | None = None
         self._handshake: Handshake | None = None
         self._units = [calibration.unit for calibration in self._calibrations]

@@ -11,8 +11,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.folders import share_folder
-from atpid_common.nodes.parameters import ParameterError, Row, declare
-from atpid_driver.acquisition import Settings, SetupRefusedError
+from atpid_common.nodes.parameters import Entry, ParameterError, declare
+from atpid_driver.acquisition import AcquisitionSettings, SetupRefusedError
 from atpid_driver.acquisition.registry import backend
 from atpid_driver.acquisition.registry import names as backend_names
 from atpid_driver.calibration.convert import check_channels
@@ -23,26 +23,26 @@ TYPES = Parameter.Type
 _TYPE_OF = {bool: TYPES.BOOL, int: TYPES.INTEGER, float: TYPES.DOUBLE, str: TYPES.STRING}
 
 COMMON = (
-    Row("topic", "sensors/acquisition", "where the blocks are published"),
-    Row("in_loop", False, "whether the loop answers this topic's handshake"),
-    Row("serial", 0, "serial number the device must have; 0: take any", "", 0, 2**32 - 1),
-    Row("rate", TYPES.DOUBLE, "scan rate asked for; the blocks carry that of the device", "Hz", 0.1, 100_000.0),
-    Row("blocks_per_second", 20.0, "messages per second", "1/s", 1.0, 50.0),
-    Row("channels", TYPES.STRING_ARRAY, "names of the channels in the messages"),
-    Row("terminals", TYPES.STRING_ARRAY, "where each channel is wired, for example AIN0 or ai0"),
-    Row("kinds", ["voltage"], "voltage or iepe, for each channel; one entry stands for all"),
-    Row("calibrations", TYPES.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
-    Row("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
-    Row("autostart", True, "configure and activate without a lifecycle manager, until the device answers"),
-    Row("handshake", True, "stream only after the loop has answered an empty block"),
-    Row("expect_recorder", False, "do not stream before the recorder has received every topic"),
-    Row("library", "", "path of the vendor's library; empty: where the loader finds it"),
+    Entry("topic", "sensors/acquisition", "where the blocks are published"),
+    Entry("in_loop", False, "whether the loop answers this topic's handshake"),
+    Entry("serial", 0, "serial number the device must have; 0: take any", "", 0, 2**32 - 1),
+    Entry("rate", TYPES.DOUBLE, "scan rate asked for; the blocks carry that of the device", "Hz", 0.1, 100_000.0),
+    Entry("blocks_per_second", 20.0, "messages per second", "1/s", 1.0, 50.0),
+    Entry("channels", TYPES.STRING_ARRAY, "names of the channels in the messages"),
+    Entry("terminals", TYPES.STRING_ARRAY, "where each channel is wired, for example AIN0 or ai0"),
+    Entry("kinds", ["voltage"], "voltage or iepe, for each channel; one entry stands for all"),
+    Entry("calibrations", TYPES.STRING_ARRAY, "calibration file of each channel, relative to calibration_folder"),
+    Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
+    Entry("autostart", True, "configure and activate without a lifecycle manager, until the device answers"),
+    Entry("handshake", True, "stream only after the loop has answered an empty block"),
+    Entry("expect_recorder", False, "do not stream before the recorder has received every topic"),
+    Entry("library", "", "path of the vendor's library; empty: where the loader finds it"),
 )
 
 
-def common_rows() -> tuple[Row, ...]:
+def common_rows() -> tuple[Entry, ...]:
     """Return the parameters of every acquisition node, whatever its backend."""
-    return (Row("backend", TYPES.STRING, "what is read", choices=backend_names()), *COMMON, *THRESHOLDS)
+    return (Entry("backend", TYPES.STRING, "what is read", choices=backend_names()), *COMMON, *THRESHOLDS)
 
 
 def settings_of(node: Node, usual: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[Calibration, ...]]:
@@ -70,13 +70,13 @@ def settings_of(node: Node, usual: Mapping[str, Any]) -> tuple[dict[str, Any], t
     return values | {"channels": channels, "scans_per_block": scans}, calibrations
 
 
-def rows_of(model: type[Settings]) -> tuple[Row, ...]:
+def rows_of(model: type[AcquisitionSettings]) -> tuple[Entry, ...]:
     """Return a parameter for each setting that only this backend has. Raises SetupRefusedError for another type."""
-    shared = Settings.model_fields.keys() | {row.name for row in COMMON}
+    shared = AcquisitionSettings.model_fields.keys() | {row.name for row in COMMON}
     return tuple(_row(model, name, field) for name, field in model.model_fields.items() if name not in shared)
 
 
-def _row(model: type[Settings], name: str, field: FieldInfo) -> Row:
+def _row(model: type[AcquisitionSettings], name: str, field: FieldInfo) -> Entry:
     choices = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
     kind = str if choices else field.annotation
     if kind not in _TYPE_OF:
@@ -88,7 +88,7 @@ def _row(model: type[Settings], name: str, field: FieldInfo) -> Row:
     extra: Mapping[str, Any] = field.json_schema_extra if isinstance(field.json_schema_extra, Mapping) else {}
     bounds = {key: getattr(limit, key) for limit in field.metadata for key in ("ge", "le") if hasattr(limit, key)}
     unit, allowed = str(extra.get("unit", "")), tuple(map(str, choices))
-    return Row(name, default, text, unit, bounds.get("ge"), bounds.get("le"), allowed)
+    return Entry(name, default, text, unit, bounds.get("ge"), bounds.get("le"), allowed)
 
 
 def check_topic(node: Node, topic: str) -> None:

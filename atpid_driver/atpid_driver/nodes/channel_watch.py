@@ -12,18 +12,18 @@ from rclpy.node import Node
 
 from atpid_common.channel_monitor import ChannelState
 from atpid_common.nodes.diagnostics import status
-from atpid_common.nodes.parameters import Publish, Row
+from atpid_common.nodes.parameters import Entry, Publish
 from atpid_driver.calibration.channel_state import Thresholds, VoltageMonitor
 from atpid_driver.calibration.convert import Counts
 from atpid_driver.calibration.model import Calibration
 
 Floats = NDArray[np.float64]
 THRESHOLDS = (
-    Row("dead_time", 0.2, "a channel without one usable reading for so long is faulty", "s", 0.01, 60.0),
-    Row("frozen_time", 1.0, "time over which frozen and clipped readings and spikes are looked for", "s", 0.1, 600.0),
-    Row("clipped_share", 0.02, "share of unusable readings from which a channel is clipped", "-", 0.0001, 1.0),
-    Row("spike", 0.0, "a reading further than this from both its neighbours is a spike; 0: none is", "V", 0.0, 100.0),
-    Row("spikes_per_second", 3.0, "from which spikes are reported", "1/s", 0.01, 100_000.0),
+    Entry("dead_time", 0.2, "a channel without one usable reading for so long is faulty", "s", 0.01, 60.0),
+    Entry("frozen_time", 1.0, "time over which frozen and clipped readings and spikes are looked for", "s", 0.1, 600.0),
+    Entry("clipped_share", 0.02, "share of unusable readings from which a channel is clipped", "-", 0.0001, 1.0),
+    Entry("spike", 0.0, "a reading further than this from both its neighbours is a spike; 0: none is", "V", 0.0, 100.0),
+    Entry("spikes_per_second", 3.0, "from which spikes are reported", "1/s", 0.01, 100_000.0),
 )
 _EVENTS = (
     (Event.INFO, Event.RECOVERED),

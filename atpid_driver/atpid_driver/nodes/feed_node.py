@@ -26,7 +26,7 @@ from atpid_common.nodes.diagnostics import status as diagnostic_status
 from atpid_common.nodes.handshake import ANNOUNCE_AFTER, ANNOUNCE_AGAIN, empty
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES, STEADY
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import Row, declare
+from atpid_common.nodes.parameters import Entry, declare
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_driver import DriverError
 from atpid_driver.calibration.convert import volts_of
@@ -38,10 +38,10 @@ EMULATED = "emulated"
 IDLE_S = 0.01
 CALIBRATIONS = ["emulated_support.yaml", "emulated_beam.yaml"]
 PARAMETERS = (
-    Row("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
-    Row("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
-    Row("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
-    Row(
+    Entry("feed", "", "file of the feed, for example /dev/shm/atpid_laser; the device's source is feed: and this path"),
+    Entry("topic", f"{EMULATED}/sensors/laser", "the plant's sensor topic, remapped"),
+    Entry("rate", 1000.0, "scans per second of that topic", "Hz", 0.1, 100_000.0),
+    Entry(
         "noise",
         3e-4,
         "standard deviation of the sensors' noise: a real laser has some, a frozen one none",
@@ -49,8 +49,8 @@ PARAMETERS = (
         0.0,
         1.0,
     ),
-    Row("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
-    Row("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
+    Entry("calibrations", CALIBRATIONS, "calibration file of each channel, relative to calibration_folder"),
+    Entry("calibration_folder", "", "folder of the calibration files; empty: those shipped with the package"),
 )
 
 

@@ -12,18 +12,18 @@ from std_msgs.msg import Header
 
 from atpid_common.latency import Latencies
 from atpid_common.nodes.diagnostics import status
-from atpid_common.nodes.parameters import Row, Value
+from atpid_common.nodes.parameters import Entry, Value
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor.ceiling_actuator import CeilingActuator, Reading
 from atpid_driver.motor.faults import in_words
 from atpid_driver.motor.settings import MotorSettings
 
 
-def _row(setting: Field[Any]) -> Row:
+def _row(setting: Field[Any]) -> Entry:
     default = setting.default
     if default is MISSING:
         default = Parameter.Type.STRING if setting.type is str else Parameter.Type.DOUBLE
-    return Row(setting.name, list(default) if isinstance(default, tuple) else default, **setting.metadata)
+    return Entry(setting.name, list(default) if isinstance(default, tuple) else default, **setting.metadata)
 
 
 #: The node's parameters, as `MotorSettings` declares them.

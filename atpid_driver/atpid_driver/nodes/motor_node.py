@@ -29,7 +29,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
 from atpid_common.nodes.parameters import LiveParameters, Publish
-from atpid_common.nodes.supervision import Supervision
+from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
 from atpid_common.vocabulary import Mode
 from atpid_driver.motor import actuator_of
@@ -95,7 +95,7 @@ class MotorNode(DeviceNode):
         lockstep, timeout = self.settings.lockstep, self.settings.stale_timeout
         self._events = EventPublisher(self)
         publish = self._events.publish
-        self._supervision = Supervision(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
+        self._supervision = NodeMonitors(self, publish, self._statuses, timeout, self._on_silence, enabled=not lockstep)
         self._supervision.stale.watch(COMMANDS, "the ceiling is stopped")
         if not lockstep:
             subscribe(self, Event, "events", self._on_event, EVENTS)

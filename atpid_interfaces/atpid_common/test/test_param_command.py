@@ -13,13 +13,13 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from atpid_common.nodes.parameters import LiveParameters, Row
+from atpid_common.nodes.parameters import Entry, LiveParameters
 
 pytestmark = pytest.mark.slow
 
 TABLE = (
-    Row("dead_band", 0.01, "relative change that moves nothing", "-", 0.0, 0.9, live=True),
-    Row("method", "lookup", "method of selection", choices=("lookup", "pca")),
+    Entry("dead_band", 0.01, "relative change that moves nothing", "-", 0.0, 0.9, live=True),
+    Entry("method", "lookup", "method of selection", choices=("lookup", "pca")),
 )
 
 

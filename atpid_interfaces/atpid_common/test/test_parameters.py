@@ -13,14 +13,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from atpid_common.errors import InputError
-from atpid_common.nodes.parameters import LiveParameters, ParameterError, Row, refuse_undeclared
+from atpid_common.nodes.parameters import Entry, LiveParameters, ParameterError, refuse_undeclared
 
 TABLE = (
-    Row("scene", "", "scene file"),
-    Row("method", "lookup", "method", choices=("lookup", "direct")),
-    Row("onset", 0.06, "from here it is irregular", "-", 0.0, 1.0, live=True),
-    Row("calm", 0.03, "below it is calm again", "-", 0.0, 1.0, live=True),
-    Row("count", 4, "how many", "", 1, 10, live=True),
+    Entry("scene", "", "scene file"),
+    Entry("method", "lookup", "method", choices=("lookup", "direct")),
+    Entry("onset", 0.06, "from here it is irregular", "-", 0.0, 1.0, live=True),
+    Entry("calm", 0.03, "below it is calm again", "-", 0.0, 1.0, live=True),
+    Entry("count", 4, "how many", "", 1, 10, live=True),
 )
 
 

@@ -17,7 +17,7 @@ from std_msgs.msg import Empty
 
 from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.messages import EVENTS, time_of
-from atpid_common.nodes.supervision import Supervision
+from atpid_common.nodes.supervision import NodeMonitors
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +34,7 @@ class Stand:
         self.node, self.peer = (Node(name, context=self.context) for name in ("supervised", "peer"))
         self.silences = 0
         events = EventPublisher(self.node)
-        self.supervision = Supervision(self.node, events.publish, list, TIMEOUT, self._on_silence, enabled=enabled)
+        self.supervision = NodeMonitors(self.node, events.publish, list, TIMEOUT, self._on_silence, enabled=enabled)
         self.supervision.stale.watch("estimates", "nothing is controlled")
         self.supervision.follow_events()
         self.node.create_subscription(Empty, "estimates", self._on_estimate, 10)

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from atpid_common.errors import did_you_mean
 from atpid_sim.contact.materials import MATERIALS, THESIS_MODULUS
-from atpid_sim.fields import Block, ContactStiffness, Modulus, Poisson, Speed, Words, impossible
+from atpid_sim.fields import ContactStiffness, Modulus, Poisson, SceneBlock, Speed, Words, impossible
 from atpid_sim.root import root
 from atpid_sim.system import System, reduced_mass
 
@@ -19,7 +19,7 @@ from atpid_sim.system import System, reduced_mass
 ELASTIC = {"young_modulus": THESIS_MODULUS, "poisson_ratio": 0.2}
 
 
-class ContactSpec(Block):
+class ContactSpec(SceneBlock):
     """The contact block of a scene; each law's file has its own, whose `law` is the name a scene gives."""
 
     #: Keys of a scene with values that are allowed, all but `law`; the tests of all laws take them.
@@ -112,7 +112,7 @@ def in_series(stiffness: float, spring: float, mass: float, speed: float) -> flo
     return math.pow(0.4 * math.pow(force, 5.0 / 3.0) / energy, 1.5)
 
 
-def require_one(block: Block, *keys: str) -> None:
+def require_one(block: SceneBlock, *keys: str) -> None:
     """Raise the error of a block that does not give exactly one of the keys."""
     given = [key for key in keys if getattr(block, key) is not None]
     if len(given) != 1:

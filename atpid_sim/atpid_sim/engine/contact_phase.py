@@ -13,7 +13,7 @@ from atpid_sim.contact.laws import HYSTERETIC
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import support_at
 from atpid_sim.engine.detachment import vanishing
-from atpid_sim.engine.dormand_prince import ContactModel, Moment, Motion, rates_at, support_ahead
+from atpid_sim.engine.dormand_prince import ContactModel, ContactState, Moment, rates_at, support_ahead
 from atpid_sim.engine.error_control import DEPTH_FLOOR
 from atpid_sim.engine.rosenbrock import EXPLICIT, FOURTH_ROOT, IMPLICIT, contact_pace, trial_step
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
@@ -53,7 +53,7 @@ def _initial_motion(y, model, p, segment, diameter, moment):
         velocity = velocity - segment[at.CEILING_VELOCITY]
     overlap = max(0.0, overlap)
     u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
-    return Motion(x, v, overlap, velocity, rates_at(model, p, u, w, x, v, overlap, velocity))
+    return ContactState(x, v, overlap, velocity, rates_at(model, p, u, w, x, v, overlap, velocity))
 
 
 @kernel
@@ -164,7 +164,7 @@ def _detach(y, n, model, p, motion, least):
         n[at.MODE] = at.OFF_FLOOR if model.side > 0.0 else at.OFF_CEILING
     else:
         n[at.MODE] = at.FREE
-    return Motion(motion.x, motion.v, overlap, velocity, motion.rates)
+    return ContactState(motion.x, motion.v, overlap, velocity, motion.rates)
 
 
 @kernel
@@ -218,7 +218,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
             detaching = detaching and not turning
             finishing = False
             if turning:
-                end = Motion(end.x, end.v, end.overlap, 0.0, end.rates)
+                end = ContactState(end.x, end.v, end.overlap, 0.0, end.rates)
         n[at.CONTACT_STEPS] += 1
         elapsed = end_time - tau
         if first:

@@ -46,7 +46,7 @@ class Rates(NamedTuple):
     contact_power: float  # of the damping part of the contact force alone
 
 
-class Motion(NamedTuple):
+class ContactState(NamedTuple):
     """Beam and overlap at one instant of a contact [SI units]."""
 
     x: float
@@ -121,7 +121,7 @@ def rates_at(model, p, u, w, x, v, overlap, velocity):
 def explicit_step(segment, model, p, smooth, moment, h, motion):
     """One Dormand-Prince step of size h in the variable s; time goes as s^4 if `smooth`.
 
-    Returns `Motion` at the end, `Errors` and `Flows`.
+    Returns `ContactState` at the end, `Errors` and `Flows`.
     """
     tau, s, sine, cosine = moment
     x, v, overlap, velocity, k = motion
@@ -195,4 +195,4 @@ def explicit_step(segment, model, p, smooth, moment, h, motion):
     work = g1 * w1 * p1 + g3 * w3 * p3 + g4 * w4 * p4 + g5 * w5 * p5 + g6 * w6 * p6
     loss = g1 * w1 * d1 + g3 * w3 * d3 + g4 * w4 * d4 + g5 * w5 * d5 + g6 * w6 * d6
     impulse = g1 * w1 * f1 + g3 * w3 * f3 + g4 * w4 * f4 + g5 * w5 * f5 + g6 * w6 * f6
-    return Motion(x1, v1, o1, r1, last), errors, Flows(absorbed, work, loss, impulse)
+    return ContactState(x1, v1, o1, r1, last), errors, Flows(absorbed, work, loss, impulse)

@@ -17,7 +17,7 @@ _FINEST = 1e-12
 DEPTH_FLOOR = 0.01
 
 
-class Control(NamedTuple):
+class ErrorControl(NamedTuple):
     """Budget and error control of one run."""
 
     budget: int  # steps
@@ -30,10 +30,10 @@ class Control(NamedTuple):
 
 @kernel
 def control_of(table, system, law, p, rtol, budget, y):
-    """`Control` of a run with force-based contacts from state y through the drive table."""
+    """`ErrorControl` of a run with force-based contacts from state y through the drive table."""
     overlap, velocity, displacement = _error_scale(table, system, law, p, y)
     contact_rtol = _contact_tolerance(system, law, p, rtol, overlap, velocity)
-    return Control(budget, rtol, contact_rtol, overlap, velocity, displacement)
+    return ErrorControl(budget, rtol, contact_rtol, overlap, velocity, displacement)
 
 
 @kernel

@@ -12,7 +12,7 @@ import math
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, OMEGA, PHASE
-from atpid_sim.engine.dormand_prince import Errors, Flows, Motion, explicit_step, rates_at
+from atpid_sim.engine.dormand_prince import ContactState, Errors, Flows, explicit_step, rates_at
 from atpid_sim.engine.hermite import hermite, hermite_velocity
 from atpid_sim.kernel import inlined, kernel
 
@@ -168,7 +168,7 @@ def implicit_step(segment, model, p, tau, h, motion):
     errors = Errors((px + v6) / g, v6, (po + r6) / g, r6)
     xs, vs, os, rs = xs + errors.x, vs + v6, os + errors.overlap, rs + r6
     last = rates_at(model, p, u5, w5, xs, vs, os, rs)
-    end = Motion(xs, vs, os, rs, last)
+    end = ContactState(xs, vs, os, rs, last)
     return end, errors, _flows(segment, model, p, tau, h, motion, end)
 
 

@@ -10,13 +10,13 @@ from atpid_sim.contact.dispatch import energy
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.contact_phase import contact
-from atpid_sim.engine.error_control import DEPTH_FLOOR, Control, control_of
+from atpid_sim.engine.error_control import DEPTH_FLOOR, ErrorControl, control_of
 from atpid_sim.engine.finite_contact import hold, tabulated_contact
 from atpid_sim.engine.flight import flight
 from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, press_held, stick
 from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
 from atpid_sim.engine.one_mass_phase import one_mass
-from atpid_sim.engine.sampling import View, record_extreme
+from atpid_sim.engine.sampling import SampleView, record_extreme
 from atpid_sim.engine.state import FIRST_STEP, steps_used
 from atpid_sim.kernel import kernel
 from atpid_sim.outcome import Outcome
@@ -82,7 +82,7 @@ def _deepest(y, n, segment, tau, until, system, law, p, control):
     """Deepest overlap [m] of the contact that begins at local time tau, integrated aside."""
     aside, counts = y.copy(), n.copy()
     fine = control_of(segment.reshape(1, segment.size), system, law, p, control.rtol, control.budget, y)
-    view, unsampled = View(False, math.inf, 1.0, 0.0), np.zeros((at.SAMPLE_ROWS, 0))
+    view, unsampled = SampleView(False, math.inf, 1.0, 0.0), np.zeros((at.SAMPLE_ROWS, 0))
     contact(aside, counts, segment, tau, until, system, law, p, fine, view, unsampled)
     return aside[at.DEEPEST]
 
@@ -173,7 +173,7 @@ def _control(fidelity, table, system, law, p, rtol, budget, y):
     """Budget and error control of a run from state y through the drive table."""
     if fidelity == Fidelity.SOFT or fidelity == Fidelity.FINITE:
         return control_of(table, system, law, p, rtol, budget, y)
-    return Control(budget, rtol, rtol, 0.0, 0.0, 0.0)
+    return ErrorControl(budget, rtol, rtol, 0.0, 0.0, 0.0)
 
 
 @kernel
@@ -190,7 +190,7 @@ def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sam
         if end <= y[at.TIME]:
             continue
         length = end - start if fidelity == Fidelity.SIMPLIFIED else _open_length(segment, diameter)
-        view = View(window[0] <= 0.5 * (start + end) <= window[1], sampling[0], sampling[1], start)
+        view = SampleView(window[0] <= 0.5 * (start + end) <= window[1], sampling[0], sampling[1], start)
         if view.observing:
             record_extreme(y, y[at.BEAM])
         if fidelity == Fidelity.IMPACT:

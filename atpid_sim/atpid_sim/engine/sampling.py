@@ -10,7 +10,7 @@ from atpid_sim.engine.hermite import cubic, hermite, hermite_velocity
 from atpid_sim.kernel import kernel
 
 
-class View(NamedTuple):
+class SampleView(NamedTuple):
     """What is recorded within one row: whether it lies in the observation window, and when samples are due [s]."""
 
     observing: bool

@@ -6,10 +6,25 @@ from atpid_sim.maps.best import Best, best_height
 from atpid_sim.maps.build import build_map, map_tolerance
 from atpid_sim.maps.header import header_text, write_header
 from atpid_sim.maps.height_map import Failure, HeightMap, MapEntry, MapError
-from atpid_sim.maps.response import DamperResponse, Ending, Response, Timing
+from atpid_sim.maps.response import DamperResponse, EarlyEnd, Timing, WindowResponse
 
 __all__ = [
-    "ALL_APPROACHES", "FROM_CLOSED", "Approach", "Best", "DamperResponse", "Ending", "Failure", "HeightMap",
-    "MapEntry", "MapError", "Response", "Timing", "best_height", "build_map", "header_text", "map_tolerance",
-    "travelled", "write_header",
+    "ALL_APPROACHES",
+    "FROM_CLOSED",
+    "Approach",
+    "Best",
+    "DamperResponse",
+    "EarlyEnd",
+    "Failure",
+    "HeightMap",
+    "MapEntry",
+    "MapError",
+    "Timing",
+    "WindowResponse",
+    "best_height",
+    "build_map",
+    "header_text",
+    "map_tolerance",
+    "travelled",
+    "write_header",
 ]  # fmt: skip

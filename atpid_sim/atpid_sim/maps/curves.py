@@ -10,7 +10,7 @@ import numpy as np
 from atpid_sim.system import Array
 
 
-class Curve(NamedTuple):
+class MapCurve(NamedTuple):
     """Height, beam amplitude and efficiency over amplitudes from `first` to `last` [m], all of them computed."""
 
     first: float
@@ -18,7 +18,7 @@ class Curve(NamedTuple):
     values: Callable[[float], Array]
 
 
-def unbroken(amplitudes: Array, values: Array) -> list[Curve]:
+def unbroken(amplitudes: Array, values: Array) -> list[MapCurve]:
     """Return a curve for each stretch of amplitudes (n,) [m] whose values (n, 3) are numbers."""
     from scipy.interpolate import PchipInterpolator  # here, since a run without a map does not need it
 
@@ -27,9 +27,9 @@ def unbroken(amplitudes: Array, values: Array) -> list[Curve]:
     for places in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
         x, y = amplitudes[places], values[places]
         if len(places) > 1:
-            curves.append(Curve(float(x[0]), float(x[-1]), PchipInterpolator(x, y)))
+            curves.append(MapCurve(float(x[0]), float(x[-1]), PchipInterpolator(x, y)))
         elif len(places) == 1:
-            curves.append(Curve(float(x[0]), float(x[0]), partial(_constant, y[0])))
+            curves.append(MapCurve(float(x[0]), float(x[0]), partial(_constant, y[0])))
     return curves
 
 

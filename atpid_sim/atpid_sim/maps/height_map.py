@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from atpid_common.errors import InputError
 from atpid_common.files import FileError, read_arrays
 from atpid_common.output import writing
-from atpid_sim.maps.curves import Curve, unbroken
+from atpid_sim.maps.curves import MapCurve, unbroken
 from atpid_sim.maps.identity import FREQUENCY, Identity, difference, identity_of
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
@@ -295,7 +295,7 @@ class HeightMap:
         return not missing.all() and all(np.array_equal(~np.isfinite(grid), missing) for grid in grids)
 
     @cached_property
-    def _curves(self) -> list[list[Curve]]:
+    def _curves(self) -> list[list[MapCurve]]:
         """For each mass fraction the curves over amplitudes without a gap."""
         stacked = np.stack([self.heights, self.beam_amplitudes, self.efficiencies], axis=2)
         return [unbroken(self.amplitudes, row) for row in stacked]

@@ -10,7 +10,7 @@ import numpy as np
 from atpid_sim.engine.state import State
 from atpid_sim.maps.approaches import Approach
 from atpid_sim.maps.ratings import FLAT, Mapper, Ratings
-from atpid_sim.maps.response import DamperResponse, Ending, Timing
+from atpid_sim.maps.response import DamperResponse, EarlyEnd, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, LAST, _STEP = 0.30, 1.02, 0.08
@@ -227,12 +227,12 @@ class HeightSearch:
 
         limit: amplitude [m] above which a run need not be finished.
         """
-        jobs = [(one, Ending(_CLOSE, limit)) for one in sorted(series, key=len, reverse=True)]  # the longest first
+        jobs = [(one, EarlyEnd(_CLOSE, limit)) for one in sorted(series, key=len, reverse=True)]  # the longest first
         for found in self._map(self._first_looks, jobs):
             self._looked.update(found)
             self._looks += len(found)
 
-    def _first_looks(self, job: tuple[Sequence[float], Ending]) -> dict[float, tuple[float, State]]:
+    def _first_looks(self, job: tuple[Sequence[float], EarlyEnd]) -> dict[float, tuple[float, State]]:
         """Amplitudes [m] and last states, amplitudes raised where the motion is irregular."""
         found: dict[float, tuple[float, State]] = {}
         (first, *others), ending = job
@@ -245,7 +245,7 @@ class HeightSearch:
             found[height] = self._seen(state, height, _NEXT, ending), state.copy()
         return found
 
-    def _seen(self, state: State, height: float, timing: Timing, ending: Ending) -> float:
+    def _seen(self, state: State, height: float, timing: Timing, ending: EarlyEnd) -> float:
         path = ((state.time, height),)
         response = self._quick.follow_on(self._amplitude, state, path, timing, ending)
         return response.amplitude * (1.0 if response.regular else min(1.0 + response.variation, self._irregular))

@@ -9,7 +9,7 @@ from typing import Any
 
 from atpid_sim.engine.state import State
 from atpid_sim.maps.approaches import JUMPS, Approach, later
-from atpid_sim.maps.response import NEVER, DamperResponse, Ending, Response, Timing
+from atpid_sim.maps.response import NEVER, DamperResponse, EarlyEnd, Timing, WindowResponse
 
 #: Heights whose amplitudes differ by less than this share are equally good [-].
 FLAT = 2e-3
@@ -103,7 +103,7 @@ class Ratings:
             least = min(map(max, self._rated.values()), default=math.inf)
             # where grains rebound far a transient may exceed for long what the motion comes to
             limit = EXCEEDED * least if self._surcharge == 1.0 else math.inf
-            self._rated[height] = self._rate(self.quick, height, Ending(_CLOSE, limit))
+            self._rated[height] = self._rate(self.quick, height, EarlyEnd(_CLOSE, limit))
         elif quick and height not in self._others:
             self._confirm(height, self.quick)
         elif height not in self._checked:
@@ -113,7 +113,9 @@ class Ratings:
 
     def _confirm(self, height: float, damper: DamperResponse) -> None:
         """Rate a height [m] on the approach paths in other phases."""
-        self._others[height] = self._rate(damper, height, Ending(_CONFIRMED_CLOSE), approaches=self._in_other_phases())
+        self._others[height] = self._rate(
+            damper, height, EarlyEnd(_CONFIRMED_CLOSE), approaches=self._in_other_phases()
+        )
 
     def _in_other_phases(self) -> list[Approach]:
         return [later(approach, phase) for approach, phase in zip(self._approaches, cycle(_PHASES), strict=False)]
@@ -121,7 +123,7 @@ class Ratings:
     def check(self, height: float) -> None:
         """Rate a height [m] with the complete level; where its motion is reproducible in both, they are compared."""
         before = self._rated.get(height, [])
-        self._checked[height] = found = self._rate(self._damper, height, Ending(_CLOSE))
+        self._checked[height] = found = self._rate(self._damper, height, EarlyEnd(_CLOSE))
         if before and max(_gap(before), _gap(found)) <= REPRODUCIBLE:
             self.disagreement = max(self.disagreement, abs(max(found) / max(before) - 1.0))
 
@@ -142,7 +144,7 @@ class Ratings:
         self,
         damper: DamperResponse,
         height: float,
-        ending: Ending,
+        ending: EarlyEnd,
         timing: Timing | None = None,
         approaches: Sequence[Approach] = (),
     ) -> list[float]:
@@ -162,13 +164,15 @@ class Ratings:
             self._irregular.add(height)
         return [response.amplitude for response, _ in ends]
 
-    def _approached(self, job: tuple[DamperResponse, float, Approach, Ending, Timing]) -> tuple[Response, State]:
+    def _approached(
+        self, job: tuple[DamperResponse, float, Approach, EarlyEnd, Timing]
+    ) -> tuple[WindowResponse, State]:
         damper, height, approach, ending, timing = job
         path = approach(damper, height, 0.5 * damper.settling() * damper.period)
         state = damper.closed_state(self._amplitude)
         return damper.follow_on(self._amplitude, state, path, timing, ending), state
 
-    def _continued(self, job: tuple[DamperResponse, float, State, Ending, Timing]) -> tuple[Response, State]:
+    def _continued(self, job: tuple[DamperResponse, float, State, EarlyEnd, Timing]) -> tuple[WindowResponse, State]:
         damper, height, before, ending, timing = job
         state = before.copy()
         return damper.follow_on(self._amplitude, state, ((state.time, height),), timing, ending), state

@@ -42,18 +42,18 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Ending:
+class EarlyEnd:
     """When a run may end before its time."""
 
     close: float = 0.0  # how near it has come to its steady motion, relative to the amplitude; 0: not before [-]
     limit: float = math.inf  # amplitude above which it need not be finished [m]
 
 
-NEVER = Ending()
+NEVER = EarlyEnd()
 
 
 @dataclass(frozen=True)
-class Response:
+class WindowResponse:
     """The beam's motion in a window."""
 
     amplitude: float  # half peak-to-peak [m]; of a run that ended early what it comes to
@@ -179,7 +179,7 @@ class DamperResponse:
         rest = (s.beam_mass + s.grain_mass) * s.gravity / s.stiffness
         return State.resting(phasor.imag - rest, w * phasor.real)
 
-    def follow(self, amplitude: float, path: Path, timing: Timing) -> Response:
+    def follow(self, amplitude: float, path: Path, timing: Timing) -> WindowResponse:
         """Return the response in the window after the ceiling has followed the path ((t [s], h [m]), ...).
 
         The run starts in the closed damper's steady state at time zero, the ceiling at the path's first height.
@@ -191,9 +191,11 @@ class DamperResponse:
         self.advance(amplitude, state, path, Observation(window, begin, self.period, strobe))
         size, beam = state.amplitude, strobe[columns.S_BEAM]
         variation = max(float(np.ptp(beam[parity::2])) for parity in (0, 1)) / size if size > 0.0 else 0.0
-        return Response(size, variation)
+        return WindowResponse(size, variation)
 
-    def follow_on(self, amplitude: float, state: State, path: Path, timing: Timing, ending: Ending = NEVER) -> Response:
+    def follow_on(
+        self, amplitude: float, state: State, path: Path, timing: Timing, ending: EarlyEnd = NEVER
+    ) -> WindowResponse:
         """Return the response from a state, which is advanced in place; the path begins at its time.
 
         One kernel, with no line of Python inside, which ends before its time where `ending` allows that. `follow` is
@@ -206,7 +208,7 @@ class DamperResponse:
         if outcome != Outcome.DONE:
             reason = Outcome(outcome).sentence
             raise NumericalFailure(f"{reason} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
-        return Response(size, change / size if size > 0.0 else 0.0, verdict == EXCEEDED)
+        return WindowResponse(size, change / size if size > 0.0 else 0.0, verdict == EXCEEDED)
 
     def advance(self, amplitude: float, state: State, path: Path, observation: Observation, phase: float = 0.0) -> None:
         """Advance a state in place from its time to the end of the observation's window while the ceiling follows the
@@ -223,7 +225,7 @@ class DamperResponse:
         if outcome != Outcome.DONE:
             raise NumericalFailure(f"{outcome.sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
 
-    def opened(self, amplitude: float, height: float, timing: Timing, travel: float = 0.0) -> Response:
+    def opened(self, amplitude: float, height: float, timing: Timing, travel: float = 0.0) -> WindowResponse:
         """Return the response at a height [m] reached from the closed damper in `travel` seconds (0: at once)."""
         path = ((0.0, height),) if travel == 0.0 else ((0.0, self.diameter), (travel, height))
         return self.follow(amplitude, path, timing)

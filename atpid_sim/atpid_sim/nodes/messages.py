@@ -6,10 +6,10 @@ from atpid_interfaces.msg import PlantTruth, SampleBlock
 
 from atpid_common.nodes.handshake import empty
 from atpid_common.nodes.messages import doubles, nanoseconds_of, time_of
-from atpid_sim.plant.stream import Reading, StreamBlock, stamp_ns
+from atpid_sim.plant.stream import DeviceBlock, StreamBlock, stamp_ns
 
 
-def sample_block(reading: Reading, start_ns: int, frame_id: str, shift_ns: int = 0) -> SampleBlock:
+def sample_block(reading: DeviceBlock, start_ns: int, frame_id: str, shift_ns: int = 0) -> SampleBlock:
     """Return one device's readings as its message; `shift_ns`: by how much a faulty clock's stamp is off."""
     message = SampleBlock()
     _stamp(message, reading, start_ns, frame_id)
@@ -43,7 +43,7 @@ def truth_message(block: StreamBlock, start_ns: int, frame_id: str) -> PlantTrut
     return message
 
 
-def _stamp(message: SampleBlock | PlantTruth, reading: Reading, start_ns: int, frame_id: str) -> None:
+def _stamp(message: SampleBlock | PlantTruth, reading: DeviceBlock, start_ns: int, frame_id: str) -> None:
     """Enter in a message when and how fast its device's reading, the truth's is the laser's, was taken."""
     message.header.stamp = time_of(stamp_ns(start_ns, reading.first_index, reading.rate))
     message.header.frame_id = frame_id

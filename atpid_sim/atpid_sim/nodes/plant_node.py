@@ -22,7 +22,7 @@ from atpid_common.nodes.events import EventPublisher
 from atpid_common.nodes.handshake import LOOP_TOPICS, Handshake, empty_block
 from atpid_common.nodes.messages import BLOCKS, STATES, STEADY, nanoseconds_of, time_of
 from atpid_common.nodes.node_main import run_node
-from atpid_common.nodes.parameters import LiveParameters, Row, Value
+from atpid_common.nodes.parameters import Entry, LiveParameters, Value
 from atpid_common.nodes.recorder_watch import Leaving, RecorderWatch
 from atpid_common.nodes.single_instance import is_alone, started_twice
 from atpid_common.real_time import LOOP_PRIORITY
@@ -32,17 +32,17 @@ from atpid_sim.nodes.scene_parameter import scene_given
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.plant.plant import Plant
 from atpid_sim.plant.sensor_faults import StampFaults
-from atpid_sim.plant.stream import PlantLike, Reading, Stream, StreamBlock, stamp_ns
+from atpid_sim.plant.stream import DeviceBlock, PlantLike, Stream, StreamBlock, stamp_ns
 from atpid_sim.scene import Scene
 
 #: Between two blocks that are late: the ceiling's answers are received in between [s].
 CATCH_UP = 1e-3
 
 PARAMETERS = (
-    Row("scene", "", "scene file (docs/scenes.md)"),
-    Row("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
-    Row("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
-    Row(
+    Entry("scene", "", "scene file (docs/scenes.md)"),
+    Entry("lockstep", False, "true: each block waits for the ceiling's answer to the last; false: real time"),
+    Entry("expect_recorder", False, "true: start when the recorder receives every topic, leave when its bag is closed"),
+    Entry(
         "faults", [""], "injected faults beside the scene's: 'PART KIND FROM TO [VALUE]' (docs/faults.md); empty: none",
         live=True,
     ),
@@ -234,7 +234,7 @@ class PlantNode(Node):
         known = math.isfinite(target) and math.isfinite(state.speed)
         return (target, abs(state.speed)) if known else (self.stream.height, 0.0)
 
-    def _shift(self, reading: Reading) -> int:
+    def _shift(self, reading: DeviceBlock) -> int:
         """By how much a faulty clock's stamp of a reading is off [ns]."""
         first_ns = stamp_ns(self._start_ns, reading.first_index, reading.rate)
         shift = self._stamps.shift(self.stream.faults, reading.first_index / reading.rate, first_ns)

@@ -4,11 +4,26 @@
 from atpid_sim.periodic.cliff import Cliff, Loss, find_cliff, raised
 from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, SteadyState
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
-from atpid_sim.periodic.solve import Ending, PeriodicMotion, Search, periodic_motion, solve
+from atpid_sim.periodic.solve import PeriodicMotion, Search, SearchEnding, periodic_motion, solve
 from atpid_sim.periodic.steady import steady_state
 
 __all__ = [
-    "Cliff", "Conditions", "Ending", "Loss", "Method", "PeriodicMotion", "ReturnMap", "Search", "SteadyEnding",
-    "SteadySearch", "SteadyState", "find_cliff", "flying", "passage", "periodic_motion", "raised", "solve",
+    "Cliff",
+    "Conditions",
+    "Loss",
+    "Method",
+    "PeriodicMotion",
+    "ReturnMap",
+    "Search",
+    "SearchEnding",
+    "SteadyEnding",
+    "SteadySearch",
+    "SteadyState",
+    "find_cliff",
+    "flying",
+    "passage",
+    "periodic_motion",
+    "raised",
+    "solve",
     "steady_state",
 ]  # fmt: skip

@@ -28,7 +28,7 @@ _ROUNDING, _TOLERANCES = 1e-11, 30.0
 _DIFFERENCES = 1e-9
 
 
-class Ending(Enum):
+class SearchEnding(Enum):
     """How a search for a periodic motion ended."""
 
     FOUND = "a periodic motion was found and repeats itself"
@@ -80,7 +80,7 @@ class PeriodicMotion:
 class Search:
     """How a search ended, and the motion where one was found."""
 
-    ending: Ending
+    ending: SearchEnding
     motion: PeriodicMotion | None
 
 
@@ -99,7 +99,7 @@ def periodic_motion(
         section_phase, section = passage(integration, conditions, state, phase, periods)
         return solve(ReturnMap(integration, conditions, section_phase, periods), section)
     except NumericalFailure:
-        return Search(Ending.NO_SECTION, None)
+        return Search(SearchEnding.NO_SECTION, None)
 
 
 def solve(returns: ReturnMap, start: Array) -> Search:
@@ -109,12 +109,12 @@ def solve(returns: ReturnMap, start: Array) -> Search:
         scale = size_of(orbit.amplitude, returns.conditions)
         section, residual, iterations = _newton(returns, start, scale)
         if residual > tolerance_of(returns.integration):
-            return Search(Ending.NOT_CONVERGED, None)
-        return Search(Ending.FOUND, _described(returns, section, scale, residual, iterations))
+            return Search(SearchEnding.NOT_CONVERGED, None)
+        return Search(SearchEnding.FOUND, _described(returns, section, scale, residual, iterations))
     except NumericalFailure:
-        return Search(Ending.NO_SECTION, None)
+        return Search(SearchEnding.NO_SECTION, None)
     except np.linalg.LinAlgError:  # a multiplier of exactly 1
-        return Search(Ending.NOT_CONVERGED, None)
+        return Search(SearchEnding.NOT_CONVERGED, None)
 
 
 def tolerance_of(integration: Integration) -> float:

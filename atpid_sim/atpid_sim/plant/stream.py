@@ -80,7 +80,7 @@ def accelerometer_of(scene: Scene) -> Instrument | None:
 
 
 @dataclass(frozen=True)
-class Reading:
+class DeviceBlock:
     """What one device read during one block."""
 
     instrument: Instrument
@@ -96,7 +96,7 @@ class StreamBlock:
     number: int
     first_index: int  # of the laser's first scan
     scans: int  # of the laser
-    readings: tuple[Reading, ...]
+    readings: tuple[DeviceBlock, ...]
     truth: Any  # PlantBlock at `truth_stride` ticks a laser scan
     truth_stride: int
 
@@ -175,14 +175,14 @@ class Stream:
         target = float(np.interp(end, times, heights))
         return target, abs(target - self._plant.height) / duration
 
-    def _read(self, instrument: Instrument, number: int, first: int, truth: Any) -> Reading:
+    def _read(self, instrument: Instrument, number: int, first: int, truth: Any) -> DeviceBlock:
         stride = self._strides[instrument.device]
         names = {"laser": ("support", "beam"), "accelerometer": ("beam_acceleration",)}[instrument.device]
         signals = np.stack([np.asarray(getattr(truth, name))[::stride] for name in names], axis=1)
         index, readings = first // stride, instrument.read(number, signals)
         for column, channel in enumerate(self._channels[instrument.device]):
             readings[:, column] = channel.act(self.faults, index, readings[:, column])
-        return Reading(instrument, instrument.sensor.rate, index, readings)
+        return DeviceBlock(instrument, instrument.sensor.rate, index, readings)
 
 
 def common_rate(rates: list[float]) -> float:

@@ -12,12 +12,12 @@ from pydantic import BeforeValidator, Field, Tag, model_validator
 from pydantic_core import PydanticKnownError
 
 from atpid_sim.fields import (
-    Block,
     HeightPoints,
     HeightRange,
     Instant,
     Length,
     LocatedPath,
+    SceneBlock,
     Speed,
     by_key,
     impossible,
@@ -27,7 +27,7 @@ from atpid_sim.fields import (
 Heights = tuple[tuple[float, float], ...]
 
 
-class PrescribedCeiling(Block):
+class PrescribedCeiling(SceneBlock):
     """A ceiling that no controller moves; what a controlled one is asked for is unbounded, unknown or absent."""
 
     kind: ClassVar[str]
@@ -119,7 +119,7 @@ def _installed(name: Any) -> Any:
 Controller = Annotated[str, BeforeValidator(_installed)]
 
 
-class ControlledCeiling(Block):
+class ControlledCeiling(SceneBlock):
     """A ceiling that a controller moves at constant speed; it starts closed."""
 
     kind: ClassVar[str] = "controlled"

@@ -9,12 +9,12 @@ from pydantic import Field, Tag, field_validator
 from atpid_sim.fields import (
     Amplitude,
     AmplitudeOrPoints,
-    Block,
     Duration,
     FrequencyPoints,
     Hertz,
     LocatedPath,
     Number,
+    SceneBlock,
     by_key,
     by_type,
     impossible,
@@ -33,7 +33,7 @@ Displacement = Annotated[Number, within(-1e3, 1e3)]
 Points = tuple[tuple[float, float], ...]
 
 
-class SupportMotion(Block):
+class SupportMotion(SceneBlock):
     """What every excitation is asked for."""
 
     kind: ClassVar[str]
@@ -90,7 +90,7 @@ class HarmonicExcitation(SupportMotion):
         return self.frequency
 
 
-class FreeDecay(Block):
+class FreeDecay(SceneBlock):
     """The release of a free decay."""
 
     deflection: Displacement = Field(description="displacement from the static equilibrium at release, upward [m]")
@@ -109,7 +109,7 @@ class FreeExcitation(SupportMotion):
         return self.free.deflection
 
 
-class Sweep(Block):
+class Sweep(SceneBlock):
     """A tone whose frequency changes at a constant rate, then stays."""
 
     amplitude: Amplitude = Field(description="support amplitude [m]")
@@ -130,7 +130,7 @@ class SweepExcitation(SupportMotion):
         return ((0.0, self.sweep.amplitude),)
 
 
-class Series(Block):
+class Series(SceneBlock):
     """A measured support displacement, in a file."""
 
     file: LocatedPath = Field(description="CSV with a header line, or NPZ; relative to the scene's folder")

@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 
 from atpid_common.errors import did_you_mean
 from atpid_sim.contact.laws import NAMES
-from atpid_sim.fields import Block, variants_of
+from atpid_sim.fields import SceneBlock, variants_of
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.excitation import Excitation
 from atpid_sim.scene.model import ContactBlock, SceneValues
@@ -127,9 +127,9 @@ def _meaning(location: tuple[int | str, ...]) -> str:
     return "a value"
 
 
-def _model_at(location: tuple[int | str, ...]) -> type[Block] | None:
+def _model_at(location: tuple[int | str, ...]) -> type[SceneBlock] | None:
     """Return the block that the keys of `location` lead to."""
-    model: type[Block] | None = SceneValues
+    model: type[SceneBlock] | None = SceneValues
     for part in location:
         if isinstance(part, str) and part in _VARIANTS:
             model = _VARIANTS[part]
@@ -139,9 +139,9 @@ def _model_at(location: tuple[int | str, ...]) -> type[Block] | None:
     return model
 
 
-def _block_in(annotation: Any) -> type[Block] | None:
+def _block_in(annotation: Any) -> type[SceneBlock] | None:
     choices = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    return next((choice for choice in choices if isinstance(choice, type) and issubclass(choice, Block)), None)
+    return next((choice for choice in choices if isinstance(choice, type) and issubclass(choice, SceneBlock)), None)
 
 
 def shown(value: Any) -> str:

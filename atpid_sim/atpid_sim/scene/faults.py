@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from atpid_common.injected_faults import Injected, problem
-from atpid_sim.fields import Block, Instant, Number, impossible
+from atpid_sim.fields import Instant, Number, SceneBlock, impossible
 
 # typing reads the names of a Literal only where they are written out
 Part = Literal[
@@ -18,7 +18,7 @@ Part = Literal[
 Kind = Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"]
 
 
-class Fault(Block):
+class Fault(SceneBlock):
     """One fault, from one time to another."""
 
     part: Part = Field(description="what fails")

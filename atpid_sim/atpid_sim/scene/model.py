@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 from atpid_common.injected_faults import CEILING, PARTS, Injected, overlapping
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
-from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
+from atpid_sim.fields import Duration, Number, Range, SceneBlock, impossible, within
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation
@@ -55,7 +55,7 @@ def _last_part(duration: float) -> tuple[float, float]:
     return (1.0 - _STEADY_SHARE) * duration, duration
 
 
-class SceneValues(Block):
+class SceneValues(SceneBlock):
     """One run: structure, contact, excitation, ceiling and how long (docs/scenes.md)."""
 
     beam: Beam = Field(description="the beam reduced to one mass")
@@ -234,13 +234,13 @@ def _fault_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
         yield impossible("faults", f"{both[0]} and {both[1]}", "one fault of a part at a time")
 
 
-def _defaults(block: Block, prefix: str) -> Iterator[tuple[str, Any, str]]:
+def _defaults(block: SceneBlock, prefix: str) -> Iterator[tuple[str, Any, str]]:
     """Yield key, value used and meaning of each value that was not given."""
     for name, field in type(block).model_fields.items():
         key, value = prefix + (field.alias or name), getattr(block, name)
-        if name not in block.model_fields_set and not isinstance(value, Block):
+        if name not in block.model_fields_set and not isinstance(value, SceneBlock):
             yield key, value, field.description or ""
-        elif isinstance(value, Block):
+        elif isinstance(value, SceneBlock):
             yield from _defaults(value, key + ".")
 
 

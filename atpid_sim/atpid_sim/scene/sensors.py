@@ -7,10 +7,10 @@ from typing import Annotated
 
 from pydantic import Field, Strict, model_validator
 
-from atpid_sim.fields import Block, Duration, Number, Range, impossible, within
+from atpid_sim.fields import Duration, Number, Range, SceneBlock, impossible, within
 
 
-class Sensor(Block):
+class Sensor(SceneBlock):
     """One device as the plant imitates it."""
 
     rate: Annotated[Number, within(1e-3, 1e7)] = Field(default=1000.0, description="samples a second [Hz]")
@@ -28,14 +28,14 @@ class Sensor(Block):
         return self
 
 
-class Sensors(Block):
+class Sensors(SceneBlock):
     """The sensors of the bench."""
 
     laser: Sensor = Field(default=Sensor(), description="support and beam displacement [m]")
     accelerometer: Sensor | None = Field(default=None, description="beam acceleration [m/s^2]; default: none")
 
 
-class Recording(Block):
+class Recording(SceneBlock):
     """How the run is cut into messages and kept."""
 
     block: Duration = Field(default=0.05, description="length of one block of samples [s]")

@@ -9,14 +9,14 @@ from typing import Annotated, Any, ClassVar, TypeGuard
 
 from pydantic import Field, model_validator
 
-from atpid_sim.fields import Block, Damping, Fraction, Length, Mass, Number, Stiffness, Words, impossible, within
+from atpid_sim.fields import Damping, Fraction, Length, Mass, Number, SceneBlock, Stiffness, Words, impossible, within
 
 #: Largest damping ratio of the beam alone. Beyond, it follows the support and nothing else, but ever shorter steps are
 #: needed and the ledger loses its digits: at 400 000 it is open by 1 %, and a second takes five.
 _MOST_DAMPED = 2e4
 
 
-class Beam(Block):
+class Beam(SceneBlock):
     """The beam reduced to one mass, without the grain (equation 3.39)."""
 
     mass: Mass = Field(description="reduced mass of beam and container, without the grain [kg]")
@@ -71,7 +71,7 @@ def _number(key: str, value: Any, low: float, high: float) -> float:
     return float(value)
 
 
-class Grain(Block):
+class Grain(SceneBlock):
     """The grain."""
 
     mass_fraction: Fraction = Field(description="grain mass over the mass of beam and grain together [-]")
@@ -83,7 +83,7 @@ _Velocity = Annotated[Number, within(-1e5, 1e5)]  # [m/s], upward
 _Height = Annotated[Number, within(0.0, 1e6)]  # [m]
 
 
-class Initial(Block):
+class Initial(SceneBlock):
     """State at time zero."""
 
     displacement: _Displacement = Field(default=0.0, description="of the beam from rest under the weight, upward [m]")

@@ -67,7 +67,7 @@ class Observation(NamedTuple):
 NO_OBSERVATION = Observation()
 
 
-class Run(NamedTuple):
+class FinishedRun(NamedTuple):
     """A run that has reached its end: its last state, what was observed, and its energy ledger."""
 
     last: State
@@ -259,7 +259,7 @@ class Integration:
         return AlikeRuns(amplitudes, residuals(self.system, self.contact, tables, first, y, n), impacts, wall)
 
     def run(self, observation: Observation = NO_OBSERVATION, table: Array | None = None, limit: int | None = None,
-            disturbance: float = 0.0) -> Run:  # fmt: skip
+            disturbance: float = 0.0) -> FinishedRun:  # fmt: skip
         """Integrate from the initial state through a table, by default that of the scene.
 
         Raises NumericalFailure with outcome, time and state where the run does not reach its end.
@@ -272,7 +272,7 @@ class Integration:
             raise NumericalFailure(failure_at(outcome, state))
         samples = observation.samples[:, : state.n[columns.SAMPLE]]
         impacts = observation.impacts[: state.n[columns.IMPACTS]]
-        return Run(state, samples, impacts, self.ledger(first, state, rows))
+        return FinishedRun(state, samples, impacts, self.ledger(first, state, rows))
 
     def ledger(self, first: State, last: State, table: Array) -> Ledger:
         """Return the energy ledger between two states of a run through `table`."""

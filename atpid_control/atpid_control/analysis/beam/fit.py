@@ -61,7 +61,7 @@ def _difference_equation(step: float, stiffness: float, damping: float) -> tuple
     return series, denominator
 
 
-class CalibrationError(InputError):
+class BeamCalibrationError(InputError):
     """A recording that does not determine the beam's parameters, or impossible masses."""
 
 
@@ -113,20 +113,22 @@ def fit_beam(signals: Signals) -> BeamFit:
     valid = ~np.isnan(beam)
     lowest = PERIODS * rate / beam.size
     if valid.sum() < 50 or lowest > 0.1 * rate:
-        raise CalibrationError(
+        raise BeamCalibrationError(
             f"recording: given {int(valid.sum())} valid samples; needed: {PERIODS:g} periods of the beam"
         )
     if support is not None and np.isnan(support).any():
-        raise CalibrationError("support: given a recording with gaps; choose a part without any with --from and --to")
+        raise BeamCalibrationError(
+            "support: given a recording with gaps; choose a part without any with --from and --to"
+        )
     seed = seed_frequency(beam, rate, lowest, 0.2 * rate)
     if math.isnan(seed):
-        raise CalibrationError(f"recording: the beam does not move between {lowest:.3g} and {0.2 * rate:.3g} Hz")
+        raise BeamCalibrationError(f"recording: the beam does not move between {lowest:.3g} and {0.2 * rate:.3g} Hz")
     candidates = [
         _search(beam, valid, source, rate, seed) for source in ((None, support) if support is not None else (None,))
     ]
     best = candidates[0] if candidates[-1].residual > (1.0 - EXPLAINS) * candidates[0].residual else candidates[-1]
     if not best.misfit < MISFIT * best.amplitude:
-        raise CalibrationError(
+        raise BeamCalibrationError(
             f"recording: {best.misfit / best.amplitude:.0%} of the motion is none of one mass on a spring; close the "
             "damper, and choose the part after the release with --from and --to"
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.analysis.beam.fit import BeamFit, CalibrationError
+from atpid_control.analysis.beam.fit import BeamCalibrationError, BeamFit
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ def from_added_mass(plain: BeamFit, loaded: BeamFit, added: float, grain_mass: f
     add a tenth of the mass or more. Raises CalibrationError where the added mass did not clearly lower k/m.
     """
     if not added > 0.0:
-        raise CalibrationError(f"added mass: given {added:g} kg; allowed: above 0")
+        raise BeamCalibrationError(f"added mass: given {added:g} kg; allowed: above 0")
     a, b = plain.stiffness, loaded.stiffness
     variance = np.array([plain.covariance[0, 0], loaded.covariance[0, 0]])
     if not a - b > 4.0 * math.sqrt(float(variance.sum())):
-        raise CalibrationError(
+        raise BeamCalibrationError(
             f"added mass: k/m is {a:.6g} without and {b:.6g} 1/s^2 with it; the second recording must be slower "
             "beyond its error; add more mass"
         )
@@ -82,9 +82,9 @@ def from_added_mass(plain: BeamFit, loaded: BeamFit, added: float, grain_mass: f
 
 def _check(moving: float, grain: float) -> None:
     if not (math.isfinite(moving) and moving > 0.0):
-        raise CalibrationError(f"moving mass: given {moving:g} kg; allowed: above 0")
+        raise BeamCalibrationError(f"moving mass: given {moving:g} kg; allowed: above 0")
     if not 0.0 <= grain < moving:
-        raise CalibrationError(
+        raise BeamCalibrationError(
             f"grain mass: given {grain:g} kg; allowed: at least 0 and below the moving {moving:g} kg"
         )
 

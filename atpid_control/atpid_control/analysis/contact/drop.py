@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_control.analysis.contact.estimate import FEWEST, ContactError, Estimate, mean
+from atpid_control.analysis.contact.estimate import FEWEST, ContactError, ContactEstimate, mean
 from atpid_control.analysis.contact.pulse import pulse, stiffness
 from atpid_control.analysis.signals import runs
 from atpid_control.runs.run import Signal
@@ -41,11 +41,11 @@ class Impacts(NamedTuple):
 class ContactFit:
     """What impacts determine, with 95 % intervals."""
 
-    restitution: Estimate
+    restitution: ContactEstimate
     speeds: tuple[float, float]  # of approach, lowest and highest [m/s]
-    contact_time: Estimate | None = None  # at the speed below [s]
+    contact_time: ContactEstimate | None = None  # at the speed below [s]
     at_speed: float = math.nan  # [m/s]
-    modulus: Estimate | None = None  # effective: 1/E = (1 - nu^2)/E of grain and of wall [Pa]
+    modulus: ContactEstimate | None = None  # effective: 1/E = (1 - nu^2)/E of grain and of wall [Pa]
     damping_ratio: float = math.nan  # beta of Tsuji's law against a fixed wall
     missing: tuple[str, ...] = ()  # what is not determined, and why, a line each
 
@@ -146,7 +146,7 @@ def _with_modulus(
     scaled = [getattr(end, kind) for end in ends]
     if kind == "width":
         factor = ends[0].duration / ends[0].width
-        time = Estimate(time.value * factor, time.low * factor, time.high * factor, time.number)
+        time = ContactEstimate(time.value * factor, time.low * factor, time.high * factor, time.number)
         scaled = [one * factor for one in scaled]
     known |= {"contact_time": time, "at_speed": at_speed}
     if mass is None or radius is None:
@@ -154,5 +154,5 @@ def _with_modulus(
     moduli = [stiffness(mass, at_speed, time.value, one) * 0.75 / math.sqrt(radius) for one in scaled]
     spread = max(abs(math.log(one / moduli[0])) for one in moduli)
     low, high = (math.hypot(2.5 * math.log(end / time.value), spread) for end in (time.high, time.low))
-    modulus = Estimate(moduli[0], moduli[0] * math.exp(-low), moduli[0] * math.exp(high), time.number)
+    modulus = ContactEstimate(moduli[0], moduli[0] * math.exp(-low), moduli[0] * math.exp(high), time.number)
     return ContactFit(**{**known, "modulus": modulus})

@@ -30,7 +30,7 @@ class ContactError(InputError):
     """A recording that does not determine the contact: what was given, what is needed."""
 
 
-class Estimate(NamedTuple):
+class ContactEstimate(NamedTuple):
     """A value with its 95 % interval, and how many values it is from."""
 
     value: float
@@ -38,13 +38,13 @@ class Estimate(NamedTuple):
     high: float
     number: int
 
-    def through(self, function: "np.ufunc") -> "Estimate":
+    def through(self, function: "np.ufunc") -> "ContactEstimate":
         """Return the estimate of a monotonic function of the value."""
         low, high = sorted((float(function(self.low)), float(function(self.high))))
-        return Estimate(float(function(self.value)), low, high, self.number)
+        return ContactEstimate(float(function(self.value)), low, high, self.number)
 
 
-def mean(values: Array, timing: Array | None = None) -> Estimate:
+def mean(values: Array, timing: Array | None = None) -> ContactEstimate:
     """Return the mean of values (n,); timing (n, k): what an error of each instant does to each value.
 
     Raises ContactError: fewer than three values.
@@ -69,7 +69,7 @@ def mean(values: Array, timing: Array | None = None) -> Estimate:
             lambda x: float(weights @ stdtr(count - 1, (x - middles) / errors)) - probability, *ends, rtol=1e-12
         )
 
-    return Estimate(float(weights @ middles), quantile(0.025), quantile(0.975), count)
+    return ContactEstimate(float(weights @ middles), quantile(0.025), quantile(0.975), count)
 
 
 def _given_share(values: Array, covariance: Array) -> tuple[float, float, float]:

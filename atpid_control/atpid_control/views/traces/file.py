@@ -13,7 +13,7 @@ from atpid_common.message_checks import CHECKS, check_as
 from atpid_common.output import writing
 from atpid_control.runs.metadata import RUN
 from atpid_control.runs.read import Bag
-from atpid_control.views.traces.records import Record, definition
+from atpid_control.views.traces.records import TraceRecord, definition
 from atpid_control.views.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.scene.yaml12 import read_yaml
@@ -54,10 +54,10 @@ def scene_of(bag: Bag) -> Scene | None:
     return None if text is None else scene_from_mapping(read_yaml(text, str(bag.path)), f"{bag.path}: scene")
 
 
-def _records(bag: Bag, tracer: Tracer, written: Written) -> Iterator[Record]:
+def _records(bag: Bag, tracer: Tracer, written: Written) -> Iterator[TraceRecord]:
     for raw in bag.raw:
         kind = bag.types[raw.topic]
-        yield Record(raw.topic, kind, raw.log_ns, raw.data)
+        yield TraceRecord(raw.topic, kind, raw.log_ns, raw.data)
         name = kind.removeprefix(_OWN)
         if name == kind or name not in CHECKS:
             continue
@@ -81,7 +81,7 @@ class _Target:
         writer.start(profile="ros2", library="atpid_control")
         writer.add_metadata(RUN, bag.run)
 
-    def add(self, record: Record) -> None:
+    def add(self, record: TraceRecord) -> None:
         """Append one message."""
         if record.topic not in self._channels:
             self._channels[record.topic] = self._writer.register_channel(record.topic, "cdr", self._schema(record))
@@ -93,7 +93,7 @@ class _Target:
         """Write the index."""
         self._writer.finish()  # type: ignore[no-untyped-call]
 
-    def _schema(self, record: Record) -> int:
+    def _schema(self, record: TraceRecord) -> int:
         if record.type not in self._schemas:
             own = record.topic in self._bag.types
             text = self._bag.decoder.definition(record.type) if own else definition(record.type)

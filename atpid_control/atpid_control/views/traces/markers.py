@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from atpid_control.views.traces.records import MARKERS, Record, class_of, message
+from atpid_control.views.traces.records import MARKERS, TraceRecord, class_of, message
 
 #: The frame all markers are in: z is up, its origin the floor of the container at rest.
 FRAME = "stand"
@@ -26,7 +26,7 @@ class Pose(NamedTuple):
     height: float = math.nan
 
 
-def damper(time_ns: int, pose: Pose, radius: float) -> Record:
+def damper(time_ns: int, pose: Pose, radius: float) -> TraceRecord:
     """Return the markers of the damper; `radius` of the grain [m]."""
     plates = (
         (1, "support", pose.support - _BELOW, _GREY),

@@ -15,7 +15,7 @@ _NUMBER = struct.Struct("<4xd")  # XCDR1, little-endian: 4 bytes of encapsulatio
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 
 
-class Record(NamedTuple):
+class TraceRecord(NamedTuple):
     """One serialised message."""
 
     topic: str
@@ -24,14 +24,14 @@ class Record(NamedTuple):
     data: bytes
 
 
-def number(name: str, time_ns: int, value: float) -> Record:
+def number(name: str, time_ns: int, value: float) -> TraceRecord:
     """Return a std_msgs/Float64 on the topic PREFIX + `name`."""
-    return Record(PREFIX + name, NUMBER, time_ns, _LITTLE_ENDIAN + _NUMBER.pack(value)[4:])
+    return TraceRecord(PREFIX + name, NUMBER, time_ns, _LITTLE_ENDIAN + _NUMBER.pack(value)[4:])
 
 
-def message(name: str, time_ns: int, kind: str, content: Any) -> Record:
+def message(name: str, time_ns: int, kind: str, content: Any) -> TraceRecord:
     """Return `content`, made by `class_of(kind)`, on the topic PREFIX + `name`."""
-    return Record(PREFIX + name, kind, time_ns, bytes(_store().serialize_cdr(content, kind)))
+    return TraceRecord(PREFIX + name, kind, time_ns, bytes(_store().serialize_cdr(content, kind)))
 
 
 def class_of(kind: str) -> Any:

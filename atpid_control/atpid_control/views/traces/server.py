@@ -5,7 +5,7 @@ import foxglove
 
 from atpid_common.errors import InputError
 from atpid_control.runs.definitions import message_type
-from atpid_control.views.traces.records import PREFIX, Record, definition
+from atpid_control.views.traces.records import PREFIX, TraceRecord, definition
 
 #: The only address: a viewer on another machine comes through a tunnel (docs/foxglove.md).
 HOST = "127.0.0.1"
@@ -41,7 +41,7 @@ class Server:
         schema = foxglove.Schema(name=kind, encoding="ros2msg", data=text)
         self._channels[topic] = foxglove.Channel(topic, schema=schema, message_encoding="cdr", context=self._context)
 
-    def send(self, record: Record) -> None:
+    def send(self, record: TraceRecord) -> None:
         """Send one message to the clients that subscribe to its topic."""
         if record.topic not in self._channels:
             self.offer(record.topic, record.type)

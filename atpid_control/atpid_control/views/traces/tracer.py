@@ -12,7 +12,7 @@ from atpid_common.errors import InputError
 from atpid_common.vocabulary import Mode, Quality, RunState
 from atpid_control.runs.losses import scans_of, stamp_of
 from atpid_control.views.traces.markers import Pose, damper
-from atpid_control.views.traces.records import LOG, TEXT, Record, class_of, message, number
+from atpid_control.views.traces.records import LOG, TEXT, TraceRecord, class_of, message, number
 from atpid_sim.scene import Scene
 from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.quantities import efficiency
@@ -45,7 +45,7 @@ class Tracer:
         self._height = math.nan
         self._truth = False
 
-    def push(self, kind: str, content: Any) -> Iterator[Record]:
+    def push(self, kind: str, content: Any) -> Iterator[TraceRecord]:
         """Yield the records of one message of type atpid_interfaces/msg/`kind`; of other types none.
 
         The message is one that `message_checks` lets pass. Raises TraceError before the first record.
@@ -54,7 +54,7 @@ class Tracer:
         if trace is not None and not getattr(content, "handshake", False):
             yield from trace(content)
 
-    def _SampleBlock(self, block: Any) -> Iterator[Record]:  # noqa: N802 - named as the message
+    def _SampleBlock(self, block: Any) -> Iterator[TraceRecord]:  # noqa: N802 - named as the message
         unlikely = [delay for delay in block.skew if not 0.0 <= delay <= _LONGEST_DELAY]
         if unlikely:
             raise TraceError(f"a channel's delay is {unlikely[0]} s; allowed: 0 to {_LONGEST_DELAY:g} s")
@@ -66,7 +66,7 @@ class Tracer:
                 support, beam = (float(columns[f"{part}_displacement"][place]) for part in ("support", "beam"))
                 yield damper(time_ns, Pose(support, beam, height=self._height), self._radius)
 
-    def _PlantTruth(self, truth: Any) -> Iterator[Record]:  # noqa: N802
+    def _PlantTruth(self, truth: Any) -> Iterator[TraceRecord]:  # noqa: N802
         self._truth = True
         columns = {name: np.asarray(getattr(truth, name)) for name in ("support", "beam", "grain", "ceiling")}
         yield from self._samples(truth, {f"true_{name}": values for name, values in columns.items()})
@@ -74,7 +74,7 @@ class Tracer:
             pose = Pose(*(float(values[place]) for values in columns.values()))
             yield damper(time_ns, pose, self._radius)
 
-    def _samples(self, block: Any, columns: Mapping[str, Array], skew: Sequence[float] = ()) -> Iterator[Record]:
+    def _samples(self, block: Any, columns: Mapping[str, Array], skew: Sequence[float] = ()) -> Iterator[TraceRecord]:
         places = list(_places(block, self._rate))
         delays = skew if len(skew) else [0.0] * len(columns)
         for (name, values), delay in zip(columns.items(), delays, strict=True):
@@ -82,7 +82,7 @@ class Tracer:
             for place, time_ns in places:
                 yield number(name, time_ns + later, float(values[place]))
 
-    def _Excitation(self, found: Any) -> Iterator[Record]:  # noqa: N802
+    def _Excitation(self, found: Any) -> Iterator[TraceRecord]:  # noqa: N802
         time_ns, bound = stamp_of(found), _BOUNDS * found.amplitude_std
         yield number("amplitude_low", time_ns, found.amplitude - bound)
         yield number("amplitude_high", time_ns, found.amplitude + bound)
@@ -92,14 +92,14 @@ class Tracer:
             if closed > 0.0:
                 yield number("efficiency", time_ns, efficiency(found.beam_amplitude, closed))
 
-    def _CeilingState(self, state: Any) -> Iterator[Record]:  # noqa: N802
+    def _CeilingState(self, state: Any) -> Iterator[TraceRecord]:  # noqa: N802
         self._height = state.height
         yield _text("ceiling_mode", stamp_of(state), Mode(state.mode).name.lower())
 
-    def _SupervisorState(self, state: Any) -> Iterator[Record]:  # noqa: N802
+    def _SupervisorState(self, state: Any) -> Iterator[TraceRecord]:  # noqa: N802
         yield _text("supervisor_state", stamp_of(state), RunState(state.state).name.lower())
 
-    def _Event(self, event: Any) -> Iterator[Record]:  # noqa: N802
+    def _Event(self, event: Any) -> Iterator[TraceRecord]:  # noqa: N802
         stamp = class_of("builtin_interfaces/msg/Time")(event.header.stamp.sec, event.header.stamp.nanosec)
         line = class_of(LOG)(
             stamp=stamp, level=_LEVELS[event.severity], name=event.header.frame_id,
@@ -108,7 +108,7 @@ class Tracer:
         yield message("log", stamp_of(event), LOG, line)
 
 
-def _text(name: str, time_ns: int, word: str) -> Record:
+def _text(name: str, time_ns: int, word: str) -> TraceRecord:
     return message(name, time_ns, TEXT, class_of(TEXT)(word))
 
 

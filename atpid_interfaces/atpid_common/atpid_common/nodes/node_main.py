@@ -27,7 +27,7 @@ from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt
 from atpid_common.middleware import confine, named_domain
 from atpid_common.nodes.clock_step import ClockStepWatch
-from atpid_common.nodes.parameters import ParameterError, Row, declare, refuse_undeclared
+from atpid_common.nodes.parameters import Entry, ParameterError, declare, refuse_undeclared
 from atpid_common.nodes.single_instance import claim
 from atpid_common.nodes.turns import TurnExecutor
 from atpid_common.real_time import LOOP_PRIORITY, request
@@ -40,8 +40,8 @@ CLOCK_WAIT = 5.0
 _PRIORITY = f"priority of the process, SCHED_FIFO; 0: as any other program; the loop's nodes: {LOOP_PRIORITY}"
 #: Of every node that is a process of its own.
 PARAMETERS = (
-    Row("real_time_priority", 0, _PRIORITY, "", 0, 99),
-    Row("lock_memory", False, "keep the process in memory, so that no page has to be fetched"),
+    Entry("real_time_priority", 0, _PRIORITY, "", 0, 99),
+    Entry("lock_memory", False, "keep the process in memory, so that no page has to be fetched"),
 )
 
 

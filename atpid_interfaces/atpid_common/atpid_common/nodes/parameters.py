@@ -27,7 +27,7 @@ class ParameterError(InputError):
 
 
 @dataclass(frozen=True)
-class Row:
+class Entry:
     """One parameter. `default` is a value, or a Parameter.Type where it must be given."""
 
     name: str
@@ -64,12 +64,12 @@ class Row:
         return ""
 
 
-def declare(node: Node, table: Sequence[Row]) -> dict[str, Any]:
+def declare(node: Node, table: Sequence[Entry]) -> dict[str, Any]:
     """Declare the table's parameters; return their values by name. Raises ParameterError."""
     return {row.name: _declare(node, row) for row in table}
 
 
-def _declare(node: Node, row: Row) -> Any:
+def _declare(node: Node, row: Entry) -> Any:
     where = f"parameter {row.name} of {node.get_name()}"
     try:
         value = node.declare_parameter(row.name, row.default, row.descriptor()).value
@@ -104,7 +104,7 @@ def refuse_undeclared(node: Node, also: Collection[str] = ()) -> None:
 class LiveParameters:
     """The parameters of a node, current while it runs: `parameters["margin"]` is the value in force."""
 
-    def __init__(self, node: Node, table: Sequence[Row]) -> None:
+    def __init__(self, node: Node, table: Sequence[Entry]) -> None:
         """Declare the table. Raises ParameterError."""
         self._node, self._rows = node, {row.name: row for row in table if row.live}
         self._values = declare(node, table)

@@ -19,7 +19,7 @@ from atpid_common.nodes.parameters import Publish
 from atpid_common.nodes.stale_monitor import StaleMonitor
 
 
-class Supervision:
+class NodeMonitors:
     """The monitors of a node; whatever they report is in `/diagnostics` at once, and once a second."""
 
     def __init__(
