@@ -80,7 +80,7 @@ def parameters_for(
 ) -> Parameters:
     """Return what each node of the simulated bench starts with; `given`: values of the user's parameter file.
 
-    Raises SceneError for faults that cannot be acted there.
+    Raises SceneError for faults that cannot be injected there.
     """
     own = own_parameters(scene, scene_file, height_map, bag, lockstep=lockstep)
     parts = PARTS if lockstep else REAL_TIME_PARTS
@@ -92,7 +92,7 @@ def own_parameters(
 ) -> Parameters:
     """Return what the scene and the run set in each node of the bench.
 
-    link: whether there is a serial link, whose faults can be acted. Raises SceneError for faults that cannot be.
+    link: whether there is a serial link, into which faults can be injected. Raises SceneError for others.
     """
     scene.require_faults_fit()
     if not link:

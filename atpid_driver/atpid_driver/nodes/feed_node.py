@@ -149,7 +149,7 @@ class FeedNode(Node):
         """Return the state of the feed, for /diagnostics."""
         waiting = self._waiting_for()
         moving = self._next is not None and self._timer.is_canceled()
-        message = f"waiting for {waiting}" if waiting else "fed by the plant" if moving else "a body at rest"
+        message = f"waiting for {waiting}" if waiting else "fed by the plant" if moving else "last displacement, idle"
         values = {"file": self._path, "written [frames]": self.feed.written, "missing [scans]": self._missing}
         level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
         return [diagnostic_status(self, "feed", level, message, values, "emulated device")]

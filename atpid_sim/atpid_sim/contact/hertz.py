@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Elastic contact of a sphere with a flat wall, F = k x^1.5 (equations 3.9 and 3.17).
 
-Parameters: (k [N/m^1.5],).
+Parameters of the kernel: (stiffness k [N/m^1.5],).
 """
 
 import math

@@ -125,8 +125,8 @@ def _detach(y, n, segment, tau, system, law, p, side, moving, overlap, velocity)
 def hold(y, n, segment, tau, until, system, law, p, control, view, out):
     """Advance a grain held by floor and ceiling by at most a cycle; returns the local time reached.
 
-    Beam and grain are one mass; its spring gives, beside the beam's, what the contact gives in the fundamental of a
-    swing as large as the present one. Without that the phase at resonance is off by a thousandth of a radian.
+    Beam and grain are one mass. The contact's compliance, in the fundamental of a swing as large as the present one, is
+    added in series with the beam's spring: without it the phase at resonance is off by a thousandth of a radian.
     """
     total = system.beam_mass + system.grain_mass
     touch = _touch(y, segment, tau, System(total, 0.0, system.stiffness, system.damping, system.gravity, system.radius))
