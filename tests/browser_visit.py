@@ -2,7 +2,7 @@
 """Visits the live page with Chromium and prints what was seen, as JSON: a program, so that no browser is left behind.
 
 python tests/browser_visit.py URL CHROMIUM FOLDER [SECONDS]; screenshots go to FOLDER, pictures are counted for SECONDS.
-Without FOLDER: of a run that has ended.
+Without FOLDER: of a page that does not change.
 """
 
 import json
@@ -16,7 +16,13 @@ from playwright.sync_api import sync_playwright
 
 DESKTOP: Any = {"width": 1280, "height": 900}
 PHONE: Any = {"width": 390, "height": 844}
-TEXTS = ("link", "power", "mode", "reason", "excitation", "frequency", "beam", "efficiency", "height", "run", "grain")
+TEXTS = (
+    "link", "power", "mode", "reason", "excitation", "frequency", "beam", "bare", "reduction", "closed", "efficiency",
+    "height", "run", "grain", "hold", "h-now",
+)  # fmt: skip
+PLOTS = ("motion", "plot-efficiency", "plot-spectrum")
+#: Widths of a window [pixels], one for each number of columns of the page and some more.
+WIDTHS = (390, 800, 1280, 1440, 1920)
 TIMEOUT = 120.0  # [s]
 
 
@@ -65,11 +71,11 @@ def visit(url: str, chromium: str, folder: Path, seconds: float) -> dict[str, An
         found = Axe().run(desktop).response["violations"]
         seen["findings"] = [f"{one['id']}: {one['impact']}" for one in found]
         seen["serious"] = [one["id"] for one in found if one["impact"] in ("serious", "critical")]
-        seen["texts"] = {name: desktop.text_content(f"#{name}") for name in TEXTS}
+        seen["texts"] = texts(desktop)
         desktop.screenshot(path=folder / "desktop.png", full_page=True)
         dark = browser.new_page(viewport=DESKTOP, color_scheme="dark")
         dark.goto(url)
-        until(dark, "live.pictures > 0")
+        until(dark, "live.pictures > 0 && document.getElementById('link').textContent === 'Connected'")
         found = Axe().run(dark).response["violations"]
         seen["serious"] += [f"dark: {one['id']}" for one in found if one["impact"] in ("serious", "critical")]
         dark.screenshot(path=folder / "dark.png", full_page=True)
@@ -93,14 +99,53 @@ def look(page: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def ended(url: str, chromium: str) -> dict[str, Any]:
-    """Return what a page shows of a run that has ended."""
+def texts(page: Any) -> dict[str, str]:
+    """Return the texts of the page."""
+    return {name: page.text_content(f"#{name}") for name in TEXTS}
+
+
+def plot(page: Any, name: str) -> dict[str, Any]:
+    """Return abscissas and ordinates of each line, and the ranges of the axes."""
+    shown: dict[str, Any] = page.evaluate(
+        """(name) => { const { data, _fullLayout: axes } = document.getElementById(name);
+        return { lines: data.map((line) => [line.x, line.y]), x: axes.xaxis.range,
+        y: axes.yaxis.range, type: axes.yaxis.type }; }""",
+        name,
+    )
+    return shown
+
+
+def gaps(page: Any) -> list[float]:
+    """Return the width [pixels] of the page's rows, each with its gaps, that no section covers."""
+    found: list[float] = page.evaluate(
+        """() => { const rows = new Map(), main = document.querySelector("main").getBoundingClientRect();
+        for (const section of document.querySelectorAll("main > section")) {
+          const { top, width } = section.getBoundingClientRect();
+          rows.set(top, (rows.get(top) ?? main.width - 12) - width - 12);
+        }
+        return [...rows.values()]; }"""
+    )
+    return found
+
+
+def still(url: str, chromium: str) -> dict[str, Any]:
+    """Return what a page shows that does not change: of a run that has ended, or of a view without a graph."""
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         page = browser.new_page(viewport=DESKTOP)
         page.goto(url)
-        until(page, "live.state && live.state.finished && document.body.dataset.open === 'true'")
-        shown = look(page)
+        until(page, "live.state && document.getElementById('run').textContent !== '–'")
+        shown = look(page) | {"texts": texts(page)}
+        if page.evaluate("live.rows.motion.length"):
+            for name in PLOTS if page.evaluate("live.rows.efficiency.length") else PLOTS[:1]:
+                until(page, f"document.getElementById('{name}').data[0].x.length")
+            shown["plots"] = {name: plot(page, name) for name in PLOTS}
+            shown["scale"] = page.text_content("#picture text")
+            shown["classes"] = {name: page.get_attribute(f"#{name}", "class") for name in ("reduction", "efficiency")}
+        shown["gaps"] = {}
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 900})
+            shown["gaps"][width] = gaps(page)
         browser.close()
         return shown
 
@@ -108,6 +153,6 @@ def ended(url: str, chromium: str) -> dict[str, Any]:
 if __name__ == "__main__":
     given = sys.argv[1:]
     if len(given) == 2:
-        print(json.dumps(ended(*given)))
+        print(json.dumps(still(*given)))
         sys.exit()
     print(json.dumps(visit(given[0], given[1], Path(given[2]), float(given[3]) if len(given) > 3 else 1.0)))

@@ -215,6 +215,9 @@ def test_after_a_run_the_values_are_grey_and_only_a_motor_that_is_there_can_be_s
     finally:
         server.close()
     assert seen["over"]
+    assert seen["link"].startswith("Connected; the run is over")
+    assert seen["class"] != "good"
+    assert seen["texts"]["h-now"] == "Last values"
     assert int(seen["weight"]) < 600
     assert seen["buttons"] == (["Stop the motor"] if motor == "in the graph" else [])
 

@@ -129,7 +129,7 @@ def test_a_browser_gets_everything_then_what_is_new(server: LiveServer) -> None:
     async def look() -> None:
         stream = await connected(server)
         assert (await until(stream, "hello"))["methods"] == ["lookup", "direct"]
-        assert len((await until(stream, "all"))["rows"]["motion"]) == 10
+        assert len((await until(stream, "all"))["rows"]["motion"]) == 50
         server.view.on_event(event("later"), 0.0)
         while True:
             news = await until(stream, "news")

@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from atpid_control.views.live.address import LiveError
-from atpid_control.views.live.efficiency import EfficiencySoFar
+from atpid_control.views.live.efficiency import shares_of
 from atpid_control.views.live.requests import Hold, Note, read_request
 from atpid_control.views.live.rows import Rows
-from atpid_control.views.live.signals import RATE, spectrum, thinned
+from atpid_control.views.live.signals import LINES, RATE, WINDOW, LastSamples, highest, spectrum, thinned
 from atpid_control.views.live.view import LiveView
 from atpid_sim.scene import load_scene
-from atpid_sim.scene.plausibility import closed_amplitude
+from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.simulation.simulate import simulate
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
@@ -53,50 +53,114 @@ def tone(count: int, first: int = 0) -> np.ndarray[Any, Any]:
     return np.stack([0.01 * np.sin(2 * np.pi * 5.5 * time), 0.06 * np.cos(2 * np.pi * 5.5 * time)], axis=1)
 
 
-@given(first=st.integers(0, 10_000), lengths=st.lists(st.integers(1, 120), min_size=1, max_size=8))
-def test_thinned_blocks_are_the_means_of_their_scans_whatever_the_blocks(first: int, lengths: list[int]) -> None:
-    start = first
-    for length in lengths:
-        values = np.arange(start, start + length, dtype=float)[:, None] / 1000.0  # the time itself
-        times, means = thinned(start, 1000.0, values)
-        assert times == pytest.approx(means[:, 0])  # so that no mean is displaced
-        assert len(times) <= length / 5.0 + 2.0
-        start += length
+@given(first=st.integers(0, 10_000), length=st.integers(1, 200), rate=st.sampled_from([200.0, 1000.0, 3000.0, 12800.0]))
+def test_thinned_blocks_keep_their_extremes_and_are_scans_at_their_own_times(
+    first: int, length: int, rate: float
+) -> None:
+    time = (first + np.arange(length)) / rate
+    values = np.stack([np.sin(2 * np.pi * 94.0 * time), np.cos(2 * np.pi * 31.0 * time)], axis=1)
+    values[::7, 0] = np.nan
+    times, rows = thinned(first, rate, values)
+    scans = np.round(times * rate).astype(int) - first
+    assert np.all(np.diff(scans) > 0)
+    assert np.array_equal(rows, values[scans], equal_nan=True)
+    for column in (0, 1):
+        if np.isfinite(values[:, column]).any():
+            assert np.nanmin(rows[:, column]) == np.nanmin(values[:, column])
+            assert np.nanmax(rows[:, column]) == np.nanmax(values[:, column])
+    assert len(rows) <= length if rate <= RATE else len(rows) <= min(length, RATE * length / rate + 8)
 
 
-def test_a_mean_leaves_out_what_is_not_a_number() -> None:
-    values = np.array([[1.0], [np.nan], [3.0], [np.nan], [2.0]] + [[np.nan]] * 5)
-    _, means = thinned(0, 1000.0, values)
-    assert means[0, 0] == 2.0
-    assert math.isnan(means[1, 0])
+def test_what_is_not_a_number_is_left_out_of_an_interval_that_has_more() -> None:
+    values = np.full((128, 1), np.nan)
+    values[3:60:2] = 1.0
+    _, rows = thinned(0, 64.0 * RATE, values)  # one interval; it has some
+    assert np.array_equal(rows, [[1.0]])
+    values[:] = np.nan
+    assert np.isnan(thinned(0, 64.0 * RATE, values)[1]).all()  # a gap is drawn
 
 
-@pytest.mark.parametrize("frequency", [2.0, 5.473, 31.7])
-def test_a_tone_has_its_amplitude_and_frequency_in_the_spectrum(frequency: float) -> None:
-    time = np.arange(0.0, 6.0, 1.0 / RATE)
-    found = spectrum(time, 0.3 + 0.04 * np.sin(2 * np.pi * frequency * time + 1.0))
+@pytest.mark.parametrize("frequency", [2.0, 5.473, 31.7, 94.0])
+@pytest.mark.parametrize("rate", [400.0, 1000.0, 12800.0])
+def test_a_tone_has_its_amplitude_and_frequency_in_the_spectrum(frequency: float, rate: float) -> None:
+    time = np.arange(0.0, WINDOW, 1.0 / rate)
+    end = highest(frequency, rate)
+    found = spectrum(0.3 + 0.04 * np.sin(2 * np.pi * frequency * time + 1.0), rate, end)
     assert found is not None
+    assert len(found[0]) <= LINES
     top = int(np.argmax(found[1]))
     assert found[1][top] == pytest.approx(0.04, rel=0.02)
-    assert found[0][top] == pytest.approx(frequency, abs=0.07)
+    assert found[0][top] == pytest.approx(frequency, abs=max(0.07, end / LINES))
+
+
+@pytest.mark.parametrize(
+    ("frequency", "rate", "end"),
+    [
+        (5.47, 1000.0, 50.0),
+        (29.4, 1000.0, 500.0),
+        (94.0, 12800.0, 1000.0),
+        (94.0, 1000.0, 500.0),
+        (math.nan, 400.0, 200.0),
+    ],
+)
+def test_the_spectrum_ends_at_eight_harmonics_at_least_or_at_half_the_rate(
+    frequency: float, rate: float, end: float
+) -> None:
+    assert highest(frequency, rate) == end
+
+
+def test_a_harmonic_of_a_thousandth_is_in_the_spectrum_of_blocks_one_of_which_was_lost() -> None:
+    samples = LastSamples()
+    for first in range(0, 5000, 50):
+        time = (first + np.arange(50)) / 1000.0
+        tones = np.sin(2 * np.pi * 29.4 * time) + 1e-3 * np.sin(2 * np.pi * 88.2 * time)
+        if first != 800:  # which the window has left
+            samples.add(first, 1000.0, np.stack([tones, np.full(50, np.nan)], axis=1))
+    found = samples.spectra(29.4)
+    assert found is not None
+    frequencies, (support, beam) = found
+    assert beam is None  # it is not measured
+    assert support is not None
+    near = np.abs(frequencies - 88.2) < 2.0
+    assert support[near].max() == pytest.approx(1e-3, rel=0.05)
+    assert support[np.abs(frequencies - 70.0) < 2.0].max() < 1e-5
+    assert frequencies[-1] > 490.0
 
 
 def test_there_is_no_spectrum_of_too_little() -> None:
-    time = np.arange(0.0, 6.0, 1.0 / RATE)
-    assert spectrum(time[:300], time[:300]) is None
-    assert spectrum(np.arange(0.0, 60.0, 5.0), np.ones(12)) is None
-    assert spectrum(time, np.where(time > 3.0, np.nan, 1.0)) is None
+    samples = LastSamples()
+    assert samples.spectra(5.0) is None
+    samples.add(0, 1000.0, tone(3999))
+    assert samples.spectra(5.0) is None
+    samples.add(3999, 1000.0, tone(1, 3999))
+    assert samples.spectra(5.0) is not None
+    samples.add(4500, 1000.0, tone(50, 4500))  # an eighth is lost
+    assert samples.spectra(5.0) is None
+    samples.add(10**12, 1000.0, tone(50))
+    assert len(samples.values) == 4000
+    samples.add(10**12 + 50, 500.0, tone(50))  # another rate
+    assert len(samples.values) == 50
 
 
-def test_the_closed_damper_is_that_of_the_simulation() -> None:
+def test_efficiency_and_reduction_are_those_of_the_simulation() -> None:
     scene = load_scene(SCENES / "standard.yaml")
     found = simulate(scene)
-    assert closed_amplitude(scene, 0.01, scene.frequency_hz) == pytest.approx(found.undamped_amplitude, rel=0.01)
-    so_far = EfficiencySoFar(scene)
-    assert so_far.add(0.01, scene.frequency_hz, found.amplitude) == pytest.approx(found.efficiency, abs=0.01)
-    so_far.add(0.01, scene.frequency_hz, found.undamped_amplitude)
-    assert so_far.mean == pytest.approx(0.5 * found.efficiency, abs=0.01)
-    assert math.isnan(EfficiencySoFar(None).add(0.01, 5.0, 0.1))
+    shares = shares_of(scene)
+    for name, reference, share in (
+        ("efficiency", found.undamped_amplitude, found.efficiency),
+        ("reduction", found.bare_amplitude, found.reduction),
+    ):
+        so_far = shares[name]
+        so_far.add(0.01, scene.frequency_hz, found.amplitude)
+        assert so_far.reference == pytest.approx(reference, rel=0.01)
+        assert so_far.now == pytest.approx(share, abs=0.01)
+        so_far.add(0.01, scene.frequency_hz, reference)
+        so_far.add(0.01, scene.frequency_hz, math.nan)
+        assert math.isnan(so_far.now)
+        assert so_far.mean == pytest.approx(0.5 * share, abs=0.01)
+        so_far.restart()
+        assert math.isnan(so_far.mean)
+    assert shares_of(None) == {}
 
 
 def test_rows_are_bounded_and_new_ones_are_taken_once() -> None:
@@ -117,17 +181,24 @@ def test_the_page_shows_what_came_and_only_what_is_new() -> None:
     first = view.news(5.0)
     assert json.loads(json.dumps(first, allow_nan=False)) == json.loads(json.dumps(first))
     motion = np.array(first["rows"]["motion"], dtype=float)
-    assert len(motion) == 1000
-    assert motion[:, 1] == pytest.approx(0.01 * np.sin(2 * np.pi * 5.5 * motion[:, 0]), abs=2e-5)
+    assert len(motion) == 5000
+    assert motion[:, 1] == pytest.approx(0.01 * np.sin(2 * np.pi * 5.5 * motion[:, 0]), abs=1e-9)
     assert [shown["text"] for shown in first["events"]] == ["rumble"]
     assert first["rows"]["excitation"] == [(4.0, 0.01, 1e-5)]
-    assert first["state"]["efficiency"]["now"] == pytest.approx(1.0 - 0.05 / closed_amplitude(view._scene, 0.01, 5.47))  # type: ignore[arg-type]
+    scene = load_scene(SCENES / "standard.yaml")
+    for name, mass in (("efficiency", scene.total_mass), ("reduction", scene.beam.mass)):
+        reference = bare_amplitude(mass, scene.beam.stiffness, scene.beam.damping, 0.01, 5.47)
+        share = 1.0 - 0.05 / reference
+        shown = {"now": share, "mean": share, "reference": reference}
+        assert first["state"][name] == pytest.approx(shown, abs=1e-9)
+    row = [first["state"][name]["now"] for name in ("efficiency", "reduction")]
+    assert first["rows"]["efficiency"] == [(4.0, *row)]
     assert max(first["spectrum"]["beam"]) == pytest.approx(0.06, rel=0.03)
     second = view.news(5.0)
     assert (second["rows"], second["events"], second["spectrum"]) == ({}, [], None)
     assert view.everything(5.0)["spectrum"] == first["spectrum"]  # for a browser that has just come
     assert view.news(6.0)["spectrum"] is not None
-    assert len(view.everything(5.0)["rows"]["motion"]) == 1000
+    assert len(view.everything(5.0)["rows"]["motion"]) == 5000
 
 
 def test_a_stream_that_begins_again_is_another_run() -> None:
@@ -137,7 +208,7 @@ def test_a_stream_that_begins_again_is_another_run() -> None:
     assert view.everything(0.1)["state"]["finished"] == "60 s simulated"
     view.on_block(block(0, tone(50)), 0.2)
     shown = view.everything(0.2)
-    assert (shown["run"], len(shown["rows"]["motion"]), shown["state"]["finished"]) == (2, 10, "")
+    assert (shown["run"], len(shown["rows"]["motion"]), shown["state"]["finished"]) == (2, 50, "")
 
 
 def test_another_run_begins_without_the_command_and_the_estimate_of_the_last() -> None:
@@ -154,7 +225,7 @@ def test_another_run_begins_without_the_command_and_the_estimate_of_the_last() -
     view.on_state("ceiling/state", motor, 0.1)
     view.on_block(block(0, tone(50)), 0.2)
     state = view.everything(0.2)["state"]
-    assert (state["command"], state["excitation"], state["efficiency"]) == ({}, {}, {})
+    assert not any(state[name] for name in ("command", "excitation", "efficiency", "reduction"))
     assert state["motor"]["mode"] == "holding"  # it is the same motor
 
 

@@ -24,14 +24,14 @@ class Plain(_Request):
     do: Literal["stop", "disarm", "arm"]
 
 
-class Hold(_Request):
-    """Hold the ceiling where it is, or let the controller go on."""
+class HoldRequest(_Request):
+    """Hold the ceiling where it is, or end the hold."""
 
     do: Literal["hold"]
     on: bool
 
 
-class Method(_Request):
+class MethodRequest(_Request):
     """Choose the method of selection."""
 
     do: Literal["method"]
@@ -45,7 +45,7 @@ class Note(_Request):
     text: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=NOTE)]
 
 
-Request = Plain | Hold | Method | Note
+Request = Plain | HoldRequest | MethodRequest | Note
 _ADAPTER: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 
 

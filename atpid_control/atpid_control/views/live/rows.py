@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Sequence
 
 Row = tuple[float | None, ...]
-#: Digits after the point that are sent: 1 us, 1 um, 1 uHz.
-_DIGITS = 6
+#: Digits after the point that are sent: 1 ns, 1 nm, 1 nHz.
+_DIGITS = 9
 
 
 def plain(value: float) -> float | None:

@@ -1,65 +1,102 @@
 # SPDX-License-Identifier: Apache-2.0
 """Blocks of samples thinned for the screen, and the spectrum of the last seconds."""
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 
 from atpid_sim.analysis import amplitude_spectrum
 from atpid_sim.system import Array
 
-#: Rows a second on the screen [Hz]; 8 s of them are kept.
-RATE, KEPT = 200.0, 1600
-#: The spectrum: length of its window [s], highest frequency shown [Hz], lines left out between two that are sent.
-WINDOW, HIGHEST, EVERY = 4.0, 40.0, 2
-#: Share of samples that may be missing in the window [-].
-_MISSING = 0.1
-#: Rows in the window, at least.
-_FEWEST = 16
+#: Scans a second for the screen [Hz].
+RATE = 1000.0
+#: The spectrum: length of its window [s], harmonics of the excitation and most lines that are shown.
+WINDOW, HARMONICS, LINES = 4.0, 8, 500
+#: Share of samples that may be missing in the window, and by which a stream's rate may change [-].
+_MISSING, _SAME = 0.1, 0.01
 
 
 def thinned(first_index: int, rate: float, values: Array) -> tuple[Array, Array]:
-    """Return times (m,) after the stream's first scan [s], and means (m, k), of a block of samples (n, k).
+    """Return times (m,) after the stream's first scan [s], and values (m, k), of a block of samples (n, k).
 
-    Each is the mean of the scans of one interval of 1/`RATE`, which a block may end in the middle of; it stands at
-    their mean time. NaN are left out; a mean of nothing but NaN is NaN.
+    All scans up to `RATE`. Of a faster stream those with the least and the largest value of each channel in each
+    interval, which a block may end in the middle of: no amplitude is lost. NaN are left out, but where there is
+    nothing else in the interval.
     """
-    count = len(values)
-    step = max(1, round(rate / RATE))
-    index = first_index + np.arange(count)
-    cuts = np.flatnonzero(np.diff(index // step, prepend=-1))
-    lengths = np.diff(cuts, append=count)
+    index = first_index + np.arange(len(values))
+    if rate > RATE:
+        interval = index // math.ceil(2 * values.shape[1] * rate / RATE)
+        begins = np.flatnonzero(np.diff(interval, prepend=-1))
+        extremes = [np.lexsort((side, interval))[begins] for column in values.T for side in (column, -column)]
+        chosen = np.unique(extremes)  # NaN are sorted last
+        index, values = index[chosen], values[chosen]
+    return index / rate, values
+
+
+class LastSamples:
+    """The samples (n, k) of the last `WINDOW`; NaN: lost."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.values, self.rate, self._next = np.empty((0, 0)), math.nan, 0
+
+    def add(self, first_index: int, rate: float, values: Array) -> None:
+        """Take a block of samples (n, k) at a rate [Hz]; one of another rate begins again."""
+        if not abs(rate - self.rate) <= _SAME * self.rate:
+            self.values, self.rate, self._next = values[:0], rate, first_index
+        lost = min(max(first_index - self._next, 0), self._kept)
+        gap = np.full((lost, values.shape[1]), np.nan)
+        self.values = np.concatenate([self.values, gap, values])[-self._kept :]
+        self._next = first_index + len(values)
+
+    @property
+    def _kept(self) -> int:
+        return max(1, round(WINDOW * self.rate))
+
+    def spectra(self, frequency: float) -> tuple[Array, list[Array | None]] | None:
+        """Return frequencies (m,) [Hz] and each channel's amplitudes (m,), None where too much is missing.
+
+        frequency: of the excitation [Hz], NaN: not known. None before the window is full.
+        """
+        if math.isnan(self.rate) or len(self.values) < self._kept:
+            return None
+        frequencies = np.empty(0)
+        channels: list[Array | None] = []
+        for values in self.values.T:
+            found = spectrum(values, self.rate, highest(frequency, self.rate))
+            frequencies = frequencies if found is None else found[0]
+            channels.append(None if found is None else found[1])
+        return (frequencies, channels) if len(frequencies) else None
+
+
+def highest(frequency: float, rate: float) -> float:
+    """Return the end of the spectrum's axis [Hz]: `HARMONICS` of the excitation at least, so that it moves rarely.
+
+    It is 1, 2 or 5 times a power of ten, half the sampling rate at most, and that where the excitation is unknown.
+    """
+    if not frequency > 0.0:
+        return 0.5 * rate
+    decade = 10.0 ** math.floor(math.log10(HARMONICS * frequency))
+    return float(min(0.5 * rate, next(k * decade for k in (1, 2, 5, 10) if k * decade >= HARMONICS * frequency)))
+
+
+def spectrum(values: Array, rate: float, end: float) -> tuple[Array, Array] | None:
+    """Return frequencies (m,) [Hz] up to `end` [Hz] and amplitudes (m,) of `values` (n,) at a rate [Hz].
+
+    With a Hann window: a tone has its own amplitude, whatever its phase. Of more than `LINES` lines each that is
+    shown is the largest of its neighbours. None where too much is missing.
+    """
     valid = np.isfinite(values)
-    sums = np.add.reduceat(np.where(valid, values, 0.0), cuts, axis=0)
-    numbers = np.add.reduceat(valid.astype(float), cuts, axis=0)
-    means = np.divide(sums, numbers, out=np.full_like(sums, np.nan), where=numbers > 0.0)
-    return (index[cuts] + 0.5 * (lengths - 1)) / rate, means
-
-
-def spectrum(times: Array, values: Array) -> tuple[Array, Array] | None:
-    """Return frequencies (m,) [Hz] and amplitudes (m,) of the last `WINDOW` of `values` (n,) at `times` (n,) [s].
-
-    With a Hann window: a tone has its own amplitude, whatever its phase. None where too much is missing.
-    """
-    if len(times) < 2 or times[-1] - times[0] < WINDOW:
+    if valid.sum() < (1.0 - _MISSING) * len(values):
         return None
-    inside = times > times[-1] - WINDOW
-    valid = inside & np.isfinite(values)
-    if inside.sum() < _FEWEST or valid.sum() < (1.0 - _MISSING) * WINDOW * RATE * _share(times[inside]):
-        return None
-    even = np.linspace(times[-1] - WINDOW, times[-1], round(WINDOW * RATE), endpoint=False)
-    signal = np.interp(even, times[valid], values[valid])
+    index = np.arange(len(values))
+    signal = np.interp(index, index[valid], values[valid])
     weighted = 2.0 * np.hanning(len(signal) + 1)[:-1] * (signal - signal.mean())
-    frequencies, amplitudes = amplitude_spectrum(weighted, RATE)
-    shown = slice(None, int(np.searchsorted(frequencies, HIGHEST)) + 1, EVERY)
-    return frequencies[shown], amplitudes[shown]
-
-
-def _share(times: Array) -> float:
-    """Return how many of the rows of `RATE` a stream gives that is sampled more slowly [-]."""
-    return min(1.0, 1.0 / (RATE * float(np.median(np.diff(times)))))
-
-
-def columns(rows: Sequence[tuple[float | None, ...]]) -> Array:
-    """Return rows (n, k) as an array; None as NaN."""
-    return np.array([[np.nan if v is None else v for v in row] for row in rows], dtype=float)
+    frequencies, amplitudes = amplitude_spectrum(weighted, rate)
+    count = int(np.searchsorted(frequencies, end, side="right"))
+    step = math.ceil(count / LINES)
+    middles = np.minimum(np.arange(0, count, step) + step // 2, count - 1)
+    return frequencies[middles], np.maximum.reduceat(amplitudes[:count], np.arange(0, count, step))

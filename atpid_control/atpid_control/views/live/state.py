@@ -21,7 +21,7 @@ _OF_SUPERVISOR = "supervisor/state"
 _MOTOR = "motor_node"
 #: Diagnostics of a node that come no more are dropped after so long [s].
 _FORGOTTEN = 5.0
-POWERS = ("off", "off", "on", "on, at rest or self-locking", "on", "off until armed again")
+POWERS = ("off", "off", "on", "on, at rest", "on", "off until armed again")
 SUPERVISOR = ("starting", "ready", "degraded", "fault", "safe: motor off", "shutdown")
 LEVELS = ("ok", "warning", "error", "stale")
 QUALITIES = ("no estimate", "steady", "changing", "poor")
@@ -82,7 +82,7 @@ class GraphState:
 
     def restart(self) -> None:
         """Forget what belongs to one run."""
-        self._shown |= {"command": {}, "excitation": {}, "efficiency": {}}
+        self._shown |= {"command": {}, "excitation": {}, "efficiency": {}, "reduction": {}}
         self.finished = ""
 
     def on_message(self, topic: str, message: Any, now: float) -> None:
@@ -94,9 +94,9 @@ class GraphState:
         if topic == _OF_SUPERVISOR:
             self._silences = list(zip(message.nodes, message.silence, strict=True))
 
-    def on_efficiency(self, now: float, mean: float) -> None:
-        """Take the efficiency at the latest steady estimate, and the mean of all [-]."""
-        self._shown["efficiency"] = {"now": plain(now), "mean": plain(mean)}
+    def on_share(self, name: str, **values: float) -> None:
+        """Take efficiency or reduction: now and in the mean [-], and the amplitude of its reference [m]."""
+        self._shown[name] = {key: plain(value) for key, value in values.items()}
 
     def on_diagnostics(self, array: Any, now: float) -> None:
         """Take a DiagnosticArray."""

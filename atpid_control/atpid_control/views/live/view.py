@@ -14,14 +14,16 @@ from typing import Any
 import numpy as np
 
 from atpid_common.vocabulary import EventKind, Quality, Severity
-from atpid_control.views.live.efficiency import EfficiencySoFar
+from atpid_control.views.live.efficiency import shares_of
 from atpid_control.views.live.rows import Row, Rows, plain
-from atpid_control.views.live.signals import KEPT, columns, spectrum, thinned
+from atpid_control.views.live.signals import LastSamples, thinned
 from atpid_control.views.live.state import GraphState
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
 SUPPORT, BEAM = "support_displacement", "beam_displacement"
+#: Rows of samples that are kept: 6 s of the traces, and 1 s of what only the picture of the damper shows.
+_MOTION, _TRUTH = 6000, 1000
 #: The long plots: time between two rows [s], how many are kept (5 min), and silence that is a gap [s].
 _SPACING, _LONG, _GAP = 0.1, 3000, 1.0
 _EVENTS = 200
@@ -38,16 +40,16 @@ class LiveView:
     """What the page shows, of the last seconds, and what of it is new."""
 
     def __init__(self, scene: Scene | None = None) -> None:
-        """Take the scene, for the efficiency; None: it is not known."""
+        """Take the scene, for efficiency and reduction; None: they are not known."""
         self._lock = threading.Lock()
-        self._scene, self._efficiency = scene, EfficiencySoFar(scene)
+        self._scene, self._shares = scene, shares_of(scene)
         self._rows = {
-            "motion": Rows(KEPT),  # support, beam [m]
-            "truth": Rows(KEPT),  # grain, ceiling above the floor [m]
+            "motion": Rows(_MOTION),  # support, beam [m]
+            "truth": Rows(_TRUTH),  # grain, ceiling above the floor [m]
             "excitation": Rows(_LONG, _SPACING, _GAP),  # amplitude, its standard deviation [m]
             "command": Rows(_LONG, _SPACING, _GAP),  # height [m]
             "ceiling": Rows(_LONG, _SPACING, _GAP),  # height [m]
-            "efficiency": Rows(_LONG, _SPACING, _GAP),  # [-]
+            "efficiency": Rows(_LONG, _SPACING, _GAP),  # efficiency, reduction [-]
         }
         self._state = GraphState()
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
@@ -56,6 +58,7 @@ class LiveView:
         self._origin_ns: int | None = None
         self._last_index: dict[str, int] = {}  # of each stream
         self._run, self._counted = 0, 0
+        self._samples, self._frequency = LastSamples(), math.nan  # of the last steady estimate [Hz]
         self._spectrum_at = -math.inf
         self._spectrum: Spectrum = None
 
@@ -70,6 +73,7 @@ class LiveView:
             names = list(block.channels)
             data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
             chosen = np.stack([_column(data, names, name) for name in (SUPPORT, BEAM)], axis=1)
+            self._samples.add(block.first_index, block.rate, chosen)
             self._add_samples("motion", block, chosen)
 
     def on_truth(self, truth: Any, now: float) -> None:
@@ -80,14 +84,17 @@ class LiveView:
                 self._add_samples("truth", truth, np.stack([np.asarray(truth.grain), np.asarray(truth.ceiling)], 1))
 
     def on_excitation(self, excitation: Any, now: float) -> None:
-        """Take an Excitation; a steady one gives an efficiency."""
+        """Take an Excitation; a steady one gives an efficiency and a reduction."""
         with self._lock:
             self._state.on_message("excitation", excitation, now)
             values = (excitation.amplitude, excitation.frequency, excitation.beam_amplitude)
-            if excitation.quality == Quality.STEADY and self._efficiency.known:
-                reached = self._efficiency.add(*values)
-                self._state.on_efficiency(reached, self._efficiency.mean)
-                self._add("efficiency", excitation, reached)
+            if excitation.quality == Quality.STEADY:
+                self._frequency = excitation.frequency
+                for name, share in self._shares.items():
+                    share.add(*values)
+                    self._state.on_share(name, now=share.now, mean=share.mean, reference=share.reference)
+                if self._shares:
+                    self._add("efficiency", excitation, *(share.now for share in self._shares.values()))
             self._add("excitation", excitation, excitation.amplitude, excitation.amplitude_std)
 
     def on_state(self, topic: str, message: Any, now: float) -> None:
@@ -162,21 +169,21 @@ class LiveView:
         if now < self._spectrum_at + _SPECTRUM:
             return False
         self._spectrum_at, self._spectrum = now, None
-        rows = self._rows["motion"].all()
-        if rows:
-            table = columns(rows)
-            support, beam = (spectrum(table[:, 0], table[:, column]) for column in (1, 2))
-            lines = support or beam
-            if lines is not None:
-                self._spectrum = {"frequency": list(map(plain, lines[0]))}
-                for name, found in (("support", support), ("beam", beam)):
-                    self._spectrum[name] = None if found is None else list(map(plain, found[1]))
+        found = self._samples.spectra(self._frequency)
+        if found is not None:
+            frequencies, amplitudes = found
+            self._spectrum = {"frequency": list(map(plain, frequencies))}
+            for name, lines in zip(("support", "beam"), amplitudes, strict=True):
+                self._spectrum[name] = None if lines is None else [float(f"{line:.4g}") for line in lines]
         return True
 
     def _begin(self, origin_ns: int) -> None:
         """Begin another run."""
         if self._origin_ns is not None:
-            self._efficiency.restart()
+            for share in self._shares.values():
+                share.restart()
+            self._samples.clear()
+            self._frequency = math.nan
             self._state.restart()
             self._spectrum_at, self._spectrum = -math.inf, None
         self._last_index.clear()

@@ -4,10 +4,10 @@
 import { Picture } from "./picture.js";
 import { Plots } from "./plots.js";
 
-const KEPT = { motion: 1600, truth: 1600, excitation: 3000, command: 3000, ceiling: 3000, efficiency: 3000 };
+const KEPT = { motion: 6000, truth: 1000, excitation: 3000, command: 3000, ceiling: 3000, efficiency: 3000 };
 const DELAY = 0.15; // blocks come every 50 ms: shown so much later, motion is smooth [s]
 const PICTURE = 30; // least time between two pictures: 30 a second where the screen has 60 [ms]
-const SPAN = 5, PERIODS = 30; // of the motion: at most so many seconds, and so many periods
+const SPAN = 5; // of the motion, at most [s]
 const DROPPED = 1013; // another page took this one's place: coming back would end that one
 const TRACES = 250, LONG = 1000; // between two drawings of the plots, which cost more than the damper [ms]
 const RECONNECT = 1000, SILENT = 1500, SURE = 4000; // [ms]
@@ -15,12 +15,13 @@ const HELD = "held by the operator";
 const find = (id) => document.getElementById(id);
 const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0 }); // also for tests
 const picture = new Picture(find("picture")), plots = new Plots(find);
-let stream = null, dropped = "", lastMessage = 0, number = 0, lastEvent = 0, origin = null, radius = null, ahead = null;
+let stream = null, dropped = "", lastMessage = 0, number = 0, lastEvent = 0, origin = null, radius = null, ahead = null, tone = null;
 
 const empty = () => {
   for (const name of Object.keys(KEPT)) live.rows[name] = [];
-  ahead = null;
+  ahead = tone = null;
   live.spectrum = { frequency: [], support: null, beam: null };
+  plots.restart();
 };
 empty();
 
@@ -51,6 +52,7 @@ function receive(message) {
   message.events.forEach(show);
   const before = live.state;
   live.state = message.state;
+  if (live.state.excitation.quality === "steady") tone = live.state.excitation.frequency;
   // whether the motor is off, and whether the run is over, is shown at once
   if (before?.motor.mode !== live.state.motor.mode || before?.finished !== live.state.finished) words();
   if (message.spectrum) live.spectrum = message.spectrum; // only where it is new
@@ -78,7 +80,7 @@ function between(rows, time, column) {
   return a[column] + ((b[column] - a[column]) * (time - a[0])) / (b[0] - a[0]);
 }
 
-let drawn = 0, drawnMotion = 0, drawnLong = 0, drawnText = 0, drawnSpectrum = null, counted = 0, countedAt = 0, shownTime = null;
+let drawn = 0, drawnMotion = 0, drawnLong = 0, drawnText = 0, drawnSpectrum = null, counted = 0, countedAt = 0, shownTime = null, tracedTime = null;
 
 function draw(now) {
   requestAnimationFrame(draw);
@@ -92,9 +94,12 @@ function draw(now) {
         support: between(motion, time, 1), beam: between(motion, time, 2), grain: between(truth, time, 1),
         ceiling: between(truth, time, 2) ?? between(ceiling, time, 1), commanded: between(command, time, 1),
       }, radius);
-      if (now - drawnMotion > TRACES) { drawnMotion = now; plots.drawMotion(motion, time, span()); }
       live.pictures++;
       counted++;
+    }
+    if (time !== tracedTime && now - drawnMotion > TRACES) {
+      drawnMotion = now;
+      plots.drawMotion(motion, (tracedTime = time), SPAN, tone);
     }
   }
   if (now - drawnLong > LONG) { drawnLong = now; plots.drawLong(live.rows); }
@@ -107,11 +112,6 @@ function draw(now) {
   }
 }
 
-function span() {
-  const frequency = live.state?.excitation.frequency;
-  return frequency ? Math.min(SPAN, PERIODS / frequency) : SPAN;
-}
-
 // the words
 
 const text = (id, value, bad) => {
@@ -119,45 +119,67 @@ const text = (id, value, bad) => {
   if (element.textContent !== words) element.textContent = words;
   if (bad !== undefined) element.className = bad ? "bad" : "";
 };
-const millimetres = (value, digits = 1) => (value === null || value === undefined ? "–" : `${(1e3 * value).toFixed(digits)} mm`);
-const percent = (value) => (value === null || value === undefined ? "–" : `${(100 * value).toFixed(1)} %`);
+const known = (value) => value !== null && value !== undefined;
+const percent = (value) => (known(value) ? `${Math.round(100 * value)} %`.replace("-", "−") : "–");
+const millimetres = (value, digits) => (known(value) ? `${(1e3 * value).toFixed(digits)} mm` : "–");
+const decimals = (value, figures) => Math.min(6, Math.max(0, figures - 1 - Math.floor(Math.log10(Math.abs(value) || 1))));
+const length = (value) => millimetres(value, known(value) ? decimals(1e3 * value, 3) : 0); // with three figures
+
+// A value as exactly as its standard deviation has it: one figure of that, two where the first is 1 or 2.
+function measured(value, deviation, factor, unit) {
+  if (!known(value)) return "–";
+  const [shown, error] = [factor * value, factor * (deviation ?? 0)];
+  if (!(error > 0)) return `${shown.toFixed(decimals(shown, 4))} ${unit}`;
+  const places = decimals(error, Number(error.toExponential(0)[0]) < 3 ? 2 : 1);
+  return `${shown.toFixed(places)} ± ${error.toFixed(places)} ${unit}`;
+}
+
+const share = (found) => (known(found.now) ? `${percent(found.now)}; ${percent(found.mean)}` : "–");
 
 function words() {
   const open = stream !== null && stream.readyState === 1 && performance.now() - lastMessage < SILENT;
-  const state = live.state, off = state && !state.motor.on ? motorOff(state.motor) : "", fault = state?.motor.mode === "fault";
-  const problem = open && state ? lost(state) : "";
+  const state = live.state, ended = Boolean(open && state?.finished), fault = state?.motor.mode === "fault";
+  const off = state ? notWell(state) : "", problem = open && state ? lost(state) : "";
   const closed = dropped ? `Closed: ${dropped}; reload this page to have it back` : "No connection to the live page's node: nothing here is up to date; trying again";
-  text("link", open ? `Connected${off}` : closed);
-  find("link").className = !open || fault ? "bad" : off || problem ? "" : "good";
+  text("link", open ? `Connected${ended ? "; the run is over" : ""}${off}` : closed);
+  find("link").className = !open || fault ? "bad" : off || problem || ended ? "" : "good";
   find("lost").hidden = !problem;
   text("lost", problem);
   document.body.dataset.open = open;
-  const ended = Boolean(open && state?.finished), over = !open || ended || Boolean(state?.lost);
+  const over = !open || ended || Boolean(state?.lost);
   document.body.classList.toggle("over", over);
+  text("h-now", over ? "Last values" : "Now");
   document.querySelectorAll("section button, section select, section input").forEach((each) => { each.disabled = over; });
   find("stop").disabled = ended && (!state.motor.mode || "ceiling/state" in state.silent); // without its node there is none
   if (!state) return;
-  const { motor, command, excitation: e, efficiency, supervisor, recorder } = state;
+  const { motor, command, excitation: e, efficiency, reduction, supervisor, recorder } = state;
   text("power", motor.power ?? "not known: no motor node yet", motor.mode === "fault");
   text("mode", [motor.mode ?? "–", motor.homed === false ? "not homed" : "", motor.fault ?? ""].filter(Boolean).join(", "));
   text("reason", command.method ? `${command.method}: ${command.reason}` : "–");
   text("hold", command.reason === HELD ? "End the hold" : "Hold the ceiling");
-  const bar = e.amplitude_std == null ? "" : ` ± ${(1e3 * e.amplitude_std).toFixed(3)}`;
-  text("excitation", e.amplitude == null ? e.quality ?? "–" : `${(1e3 * e.amplitude).toFixed(3)}${bar} mm, ${e.quality}`);
-  const spread = e.frequency_std == null ? "" : ` ± ${e.frequency_std.toFixed(3)}`;
-  text("frequency", e.frequency == null ? "–" : `${e.frequency.toFixed(3)}${spread} Hz`);
-  text("beam", millimetres(e.beam_amplitude));
-  text("efficiency", efficiency.now === undefined ? "–" : `${percent(efficiency.now)}; ${percent(efficiency.mean)}`);
-  text("commanded", millimetres(command.height));
-  text("height", millimetres(motor.height));
+  text("excitation", known(e.amplitude) ? `${measured(e.amplitude, e.amplitude_std, 1e3, "mm")}, ${e.quality}` : e.quality ?? "–");
+  text("frequency", measured(e.frequency, e.frequency_std, 1, "Hz"));
+  text("beam", length(e.beam_amplitude));
+  text("bare", length(reduction.reference));
+  text("closed", length(efficiency.reference));
+  text("efficiency", share(efficiency));
+  const worse = reduction.now < -0.005; // one per cent
+  text("reduction", `${share(reduction)}${worse ? ": worse than without" : ""}`, worse);
+  text("commanded", millimetres(command.height, 1));
+  text("height", millimetres(motor.height, 1));
   text("recorder", recorder.recording ? `records ${recorder.bag.split("/").slice(-2).join("/")}` : recorder.bag === undefined ? "none yet" : "does not record", recorder.recording === false);
   const end = live.rows.motion.at(-1);
-  text("run", state.finished ? `finished: ${state.finished}` : end ? `${end[0].toFixed(1)} s; supervisor: ${supervisor.state ?? "none"}${off}` : "has not begun", fault);
+  text("run", state.finished ? `finished: ${state.finished}` : end ? `${end[0].toFixed(1)} s; supervisor: ${supervisor.state ?? "none"}${motor.on ? "" : off}` : "has not begun", fault);
   text("grain", live.rows.truth.length ? "Grain and ceiling as simulated." : "The grain is not measured, so it is not shown.");
   nodes(state.nodes);
 }
 
-const motorOff = (motor) => (motor.mode ? `; motor off: ${motor.fault || motor.mode}` : "; no motor node yet");
+function notWell({ motor, supervisor }) {
+  if (!motor.mode) return "; no motor node yet";
+  if (!motor.on) return `; motor off: ${motor.fault || motor.mode}`;
+  if (motor.fault) return `; motor: ${motor.fault}`;
+  return known(supervisor.state) && supervisor.state !== "ready" ? `; supervisor: ${supervisor.state}` : "";
+}
 
 function lost(state) {
   if (state.finished) return "";

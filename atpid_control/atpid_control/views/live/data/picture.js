@@ -28,15 +28,14 @@ export class Picture {
     for (const [place, text] of [["floor", "beam"], ["ceiling", "ceiling"], ["support", "support"]]) {
       this[`${place}Text`] = add(svg, "text", { x: RIGHT + 38, "font-size": 13, fill: "currentColor" }, text);
     }
-    this.low = -0.1;
-    this.high = 0.3;
   }
 
   // place: support, beam, grain, ceiling and commanded height [m]; null: not known. radius: of the grain [m].
   draw(place, radius) {
     const beam = place.beam ?? 0, support = place.support ?? 0, height = place.ceiling;
-    const top = beam + (height ?? 0.1);
-    this.fit(Math.min(beam, -0.05), Math.max(top, place.grain ?? 0, beam + (place.commanded ?? 0)));
+    const size = 2 * (radius ?? UNKNOWN_RADIUS), room = Math.max(height ?? 0, place.commanded ?? 0, size);
+    const top = beam + (height ?? room);
+    this.fit(Math.min(beam, 0), Math.max(beam + room, (place.grain ?? 0) + size));
     const span = this.high - this.low, below = 0.22 * span; // drawn under the beam, where it is in truth is not measured
     const y = (metres) => 300 - (280 * (metres - this.low + below)) / (span + below);
     const level = (element, metres, text, offset = 0) => {
@@ -58,20 +57,27 @@ export class Picture {
     this.walls.setAttribute("d", `M${LEFT} ${y(beam)}V${y(top)}M${RIGHT} ${y(beam)}V${y(top)}`);
     this.grain.style.display = place.grain === null ? "none" : "";
     if (place.grain !== null) {
-      const true_radius = radius ?? UNKNOWN_RADIUS;
-      this.grain.setAttribute("r", Math.max(4, (280 * true_radius) / (span + below)));
-      this.grain.setAttribute("cy", y(place.grain + true_radius));
+      this.grain.setAttribute("r", Math.max(4, (140 * size) / (span + below)));
+      this.grain.setAttribute("cy", y(place.grain + 0.5 * size));
     }
-    const unit = span > 0.8 ? 0.2 : span > 0.3 ? 0.1 : 0.05;
+    const unit = round(Math.min(Math.max((height ?? 0) - size, 0.06 * span), 0.4 * span));
     this.scale.setAttribute("y1", y(0));
     this.scale.setAttribute("y2", y(unit));
     this.scaleText.setAttribute("y", 0.5 * (y(0) + y(unit)) + 4);
-    this.scaleText.textContent = `${1000 * unit} mm`;
+    this.scaleText.textContent = `${Number((1e3 * unit).toPrecision(1))} mm`;
   }
 
   // The scale grows at once and shrinks slowly, so that it does not follow every swing.
   fit(low, high) {
+    this.low ??= low;
+    this.high ??= high * 1.05;
     this.low = low < this.low ? low : this.low + 0.002 * (low - this.low);
     this.high = high > this.high ? high * 1.05 : this.high + 0.002 * (high - this.high);
   }
+}
+
+// The largest of 1, 2 and 5 times a power of ten up to a length.
+function round(length) {
+  const decade = 10 ** Math.floor(Math.log10(length));
+  return decade * [5, 2, 1].find((each) => each * decade <= 1.000001 * length);
 }
