@@ -32,7 +32,7 @@ _LATER = 0.37
 #: for runs that have begun, and for threads that wait for their processor on a busy machine.
 _BARE, _ALL = 0.5, 0.85
 #: What lies between the systems of a margin may be so much worse: efficiency [-].
-_UNSEEN = 0.01
+_UNSEEN = 0.02
 
 
 class DirectSelector:
