@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from atpid_control.views.live.address import LiveError
 from atpid_control.views.live.efficiency import shares_of
-from atpid_control.views.live.requests import Hold, Note, read_request
+from atpid_control.views.live.requests import HoldRequest, Note, read_request
 from atpid_control.views.live.rows import Rows
 from atpid_control.views.live.signals import LINES, RATE, WINDOW, LastSamples, highest, spectrum, thinned
 from atpid_control.views.live.view import LiveView
@@ -298,7 +298,7 @@ def test_the_power_is_shown_as_the_mode_has_it() -> None:
 
 
 def test_requests_are_read_as_they_are_meant() -> None:
-    assert read_request('{"number": 1, "do": "hold", "on": true}') == Hold(number=1, do="hold", on=True)
+    assert read_request('{"number": 1, "do": "hold", "on": true}') == HoldRequest(number=1, do="hold", on=True)
     assert read_request('{"number": 2, "do": "note", "text": " set screw "}') == Note(
         number=2, do="note", text="set screw"
     )

@@ -13,7 +13,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from atpid_common.nodes.events import EventPublisher
-from atpid_control.views.live.requests import Hold, Method, Note, Plain, Request
+from atpid_control.views.live.requests import HoldRequest, MethodRequest, Note, Plain, Request
 
 Answer = Callable[[tuple[bool, str]], None]
 MOTOR, SUPERVISOR, ARM = "motor_node/stop", "supervisor_node/stop", "supervisor_node/rearm"
@@ -37,10 +37,10 @@ class OperatorRequests:
         if isinstance(request, Note):
             self._events.publish(Event.INFO, Event.NOTE, request.text)
             answer((True, f"noted: {request.text}"))
-        elif isinstance(request, Hold):
+        elif isinstance(request, HoldRequest):
             done = "the ceiling is held" if request.on else "the controller goes on"
             self._set_parameter("hold", request.on, done, answer)
-        elif isinstance(request, Method):
+        elif isinstance(request, MethodRequest):
             self._set_parameter("method", request.name, f"{SELECTOR}: method is {request.name}", answer)
         else:
             self._trigger(request, answer)
