@@ -86,6 +86,18 @@ def test_the_example_runs(program: str, command: str, in_a_copy: Path, capsys: p
             "atpid", "simulate scenes/standard.yaml --hieght=0.1",
             "given --hieght=0.1, which is no argument of it; did you mean --height?; ",
         ),
+        ("atpid", "validate a", "COMMAND: given validate; did you mean bag validate?; allowed: simulate, "),
+        (
+            "atpid", "design --mass=2 --outt x",
+            "the following arguments are required: --frequency, --damping, --amplitudes, --out; given --outt; did you "
+            "mean --out?; ",
+        ),
+        ("atpid", "simulate a.yaml --height 0,2", "--height: given 0,2; allowed: a number with a decimal point: 0.2; "),
+        ("atpid", "simulate a.yaml --height 20mm", "--height: given 20mm; allowed: above 0 to 1e+09 m, without the un"),
+        (
+            "atpid", "map a.yaml --mass-fractions 0.1 --amplitudes 0,01:0,03:5 --out a.npz",
+            "--amplitudes: given 0,01:0,03:5; allowed: a number with a decimal point: 0.01:0.03:5; ",
+        ),
         ("atpid", "simulate a.yaml b.yaml", "given b.yaml, which is no argument of it; what it takes: "),
         ("atpid", "select a.yaml --method dirct", "--method: given dirct; did you mean direct?; allowed: "),
         ("atpid", "simulate a.yaml --fidelity sofd", "--fidelity: given sofd; did you mean soft?; allowed: auto"),

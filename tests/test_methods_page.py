@@ -70,7 +70,7 @@ def test_the_closed_forms_are_those_of_the_page(made: tuple[Path, dict[str, Any]
 
 @pytest.mark.slow
 def test_what_the_page_concludes_holds(made: tuple[Path, dict[str, Any]]) -> None:
-    found = {what: 100.0 * np.array(rows, dtype=float) for what, rows in made[1]["reductions"].items()}
+    found = {what: 100.0 * np.array(rows, dtype=float) for what, rows in made[1]["efficiencies"].items()}
     tuned, fixed = found["tuned mass, optimised"], found["best fixed height, all amplitudes"]
     assert all((tuned[0] > found[what][0]).all() for what in SELECTED)
     assert 4.0 < (tuned[0] - found["direct"][0]).min() < (tuned[0] - found["direct"][0]).max() < 5.0

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Methods of selection and passive dampers on the same scenes: reduction, time, robustness (docs/methods.md)."""
+"""Methods of selection and passive dampers on the same scenes: efficiency, time, robustness (docs/methods.md)."""

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _table(results: list[Compared]) -> Table:
-    title = "reduction [%] over the amplitudes; in brackets the least with 5 % error of the model"
+    title = "efficiency [%] over the amplitudes; in brackets the least with 5 % error of the model"
     shown = Table(*page.headings(results), box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
     for cells in page.rows(results):
         shown.add_row(*cells)

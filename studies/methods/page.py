@@ -24,9 +24,9 @@ def headings(results: Sequence[Compared]) -> list[str]:
 
 
 def rows(results: Sequence[Compared]) -> list[list[str]]:
-    """Return the rows of the table: reductions over the amplitudes, in brackets the least with 5 % error."""
+    """Return the rows of the table: efficiencies over the amplitudes, in brackets the least with 5 % error."""
     return [
-        [what, *(_reductions(one, what) for one in results), *_times(results, what)] for what in (*PASSIVE, *SELECTED)
+        [what, *(_efficiencies(one, what) for one in results), *_times(results, what)] for what in (*PASSIVE, *SELECTED)
     ]
 
 
@@ -57,8 +57,8 @@ def _scene(one: Compared) -> list[str]:
     ]  # fmt: skip
 
 
-def _reductions(one: Compared, what: str) -> str:
-    nominal, every = one.nominal(what), one.reductions[what]
+def _efficiencies(one: Compared, what: str) -> str:
+    nominal, every = one.nominal(what), one.efficiencies[what]
     if np.isnan(every).all():
         return "refused"
     low, high = 100.0 * np.nanmin(nominal), 100.0 * np.nanmax(nominal)
@@ -80,10 +80,10 @@ _ERRORS_OF = (*SELECTED, PASSIVE[5])
 
 
 def _errors(results: Sequence[Compared]) -> list[list[str]]:
-    """Return the least reduction of any amplitude for each structure of the first scene."""
+    """Return the least efficiency of any amplitude for each structure of the first scene."""
     one = results[0]
     return [
-        [name, *(_least(one.reductions[what][row]) for what in _ERRORS_OF)] for row, name in enumerate(one.structures)
+        [name, *(_least(one.efficiencies[what][row]) for what in _ERRORS_OF)] for row, name in enumerate(one.structures)
     ]
 
 
@@ -92,7 +92,7 @@ def _least(values: Array) -> str:
 
 
 def _passive(results: Sequence[Compared]) -> list[list[str]]:
-    """Return what the passive dampers are: tuning, reductions over all frequencies, space; Masri's gap."""
+    """Return what the passive dampers are: tuning, efficiencies over all frequencies, space; Masri's gap."""
     table = []
     for what in PASSIVE[4:]:
         for key, label, scale, form in _TUNED:
@@ -108,14 +108,14 @@ def _passive(results: Sequence[Compared]) -> list[list[str]]:
 _TUNED = (
     ("frequency", "natural frequency [Hz]", 1.0, ".3f"),
     ("damping", "damping [N s/m]", 1.0, ".3f"),
-    ("reduction", "reduction at the resonance [%]", 100.0, ".1f"),
-    ("reduction_any_frequency", "at the worst frequency [%]", 100.0, ".1f"),
-    ("reduction_any_frequency_stiffness", "the same with 5 % error of the stiffness [%]", 100.0, ".1f"),
+    ("efficiency", "efficiency at the resonance [%]", 100.0, ".1f"),
+    ("efficiency_any_frequency", "at the worst frequency [%]", 100.0, ".1f"),
+    ("efficiency_any_frequency_stiffness", "the same with 5 % error of the stiffness [%]", 100.0, ".1f"),
     ("stroke", "peak-to-peak stroke / A", 2.0, ".1f"),
 )
 _THEORY = (
     ("clearance", "clearance / A", 1.0, ".1f"),
-    ("reduction", "reduction by the theory [%]", 100.0, ".1f"),
+    ("efficiency", "efficiency by the theory [%]", 100.0, ".1f"),
     ("multiplier", "largest multiplier by the theory", 1.0, ".3f"),
 )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of a comparison: reductions with their robustness, times to answer, structures that have changed."""
+"""The picture of a comparison: efficiencies with their robustness, times to answer, structures that have changed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_sim.figure_numbers import drawn
 from studies.methods.run import DETUNING, PASSIVE, SELECTED, Compared
 
 #: Title of the panel whose numbers depend on the machine.
 TIMES = "time to answer"
-_COLOURS = {"lookup": "C0", "direct, margin": "C2", PASSIVE[4]: "C1", PASSIVE[5]: "C3"}
+#: Of each curve: colour, style, width, and its name in the first panel with the place above (1) or below (-1) its end.
+_CURVES = {
+    "lookup": ("C0", "-", 1.3, "lookup", 1), "direct, margin": ("C2", "-", 1.3, "direct, margin", -1),
+    PASSIVE[4]: ("0.75", "-", 3.6, "", 0), PASSIVE[5]: ("C3", ":", 1.6, "tuned masses", -1),
+}  # fmt: skip
 _WHAT = (*PASSIVE[1:], *SELECTED)
 
 
@@ -20,19 +24,18 @@ def draw(results: Sequence[Compared], path: Path) -> Path:
     """Draw the picture into a PNG that carries its numbers and return its path. Raises OutputError."""
     count = len(results)
     with drawn(path, dpi=110, nrows=2, ncols=count + 1, figsize=(3.9 * (count + 1), 8.4), squeeze=False) as (_, grid):
-        light_frames(grid.flat)
         for axes, one in zip(grid[0], results, strict=False):
-            _reductions(axes, one)
+            _efficiencies(axes, one)
         _times(grid[0][count], results)
         for axes, one in zip(grid[1], results, strict=False):
-            _changed(axes, one)
+            _changed(axes, one, named=one is results[0])
         grid[1][count].axis("off")
         grid[1][count].legend(
             *grid[1][0].get_legend_handles_labels(), loc="center left", title="designed for the model"
         )
         for axes in grid[0][1:]:
             axes.set_yticklabels([])
-        grid[1][0].set_ylabel("reduction [%]")
+        grid[1][0].set_ylabel("efficiency [%]")
     return path
 
 
@@ -43,11 +46,11 @@ def _rows(axes: Any) -> Any:
     return enumerate(_WHAT)
 
 
-def _reductions(axes: Any, one: Compared) -> None:
+def _efficiencies(axes: Any, one: Compared) -> None:
     """A dot for each amplitude, larger for the larger; a line down to the least on any structure."""
     sizes = 4.0 + 2.0 * np.argsort(np.argsort(one.amplitudes))
     for place, what in _rows(axes):
-        nominal, every = 100.0 * one.nominal(what), 100.0 * one.reductions[what]
+        nominal, every = 100.0 * one.nominal(what), 100.0 * one.efficiencies[what]
         if np.isnan(every).all():
             continue
         colour = "C7" if what in PASSIVE else "C0"
@@ -55,7 +58,7 @@ def _reductions(axes: Any, one: Compared) -> None:
         for value, size in zip(nominal, sizes, strict=True):
             axes.plot([value], [place], "o", color=colour, markersize=size, alpha=0.8)
     axes.set_xlim(30.0, 100.0)
-    axes.set_xlabel("reduction [%]; line: with 5 % error of the model")
+    axes.set_xlabel("efficiency [%]; line: with 5 % error of the model")
     axes.set_title(f"{one.name}\ngrain {100.0 * one.about['mass_fraction']:g} %", fontsize=10)
 
 
@@ -70,10 +73,13 @@ def _times(axes: Any, results: Sequence[Compared]) -> None:
     axes.set_title(f"{TIMES}\n(search: of the structure)", fontsize=10)
 
 
-def _changed(axes: Any, one: Compared) -> None:
+def _changed(axes: Any, one: Compared, named: bool) -> None:
     for what, values in one.detuned.items():
-        style = "--" if what in PASSIVE else "-"
-        axes.plot(DETUNING, 100.0 * values, style, color=_COLOURS[what], linewidth=1.3, label=what)
+        colour, style, width, name, side = _CURVES[what]
+        axes.plot(DETUNING, 100.0 * values, style, color=colour, linewidth=width, label=what)
+        if named:
+            axes.annotate(name, (DETUNING[-1], 100.0 * values[-1]), xytext=(0, 4 * side), textcoords="offset points",
+                          ha="right", va="bottom" if side > 0 else "top", color=colour)  # fmt: skip
     axes.axvline(1.0, color="k", linewidth=0.5)
     axes.set_xscale("log", base=2)
     axes.set_ylim(20.0, 100.0)

@@ -47,24 +47,24 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True)
 class Compared:
-    """The results for one scene; reductions are 1 - amplitude over that of the closed damper [-]."""
+    """The results for one scene; efficiencies are 1 - amplitude over that of the closed damper [-]."""
 
     name: str
     diameter: float  # of the grain [m]
     about: dict[str, float]  # frequency [Hz], mass fraction, damping ratio, restitution [-]
     amplitudes: tuple[float, ...]  # (n,) of the support [m]
     structures: tuple[str, ...]  # (s,) the first as modelled
-    reductions: dict[str, Array]  # (s, n), NaN: refused
+    efficiencies: dict[str, Array]  # (s, n), NaN: refused
     seconds: dict[str, Array]  # (answers,) time to answer [s]; search: of the structure
     refusals: tuple[str, ...]  # sentences
     heights: dict[str, list[float]]  # for the structure as modelled (n,) [m]
-    tuned: dict[str, dict[str, float]]  # tuned masses: frequency [Hz], damping [N s/m], reductions, stroke
-    theory: dict[str, float]  # of Masri's gap: clearance over support amplitude, reduction, multiplier
-    detuned: dict[str, Array]  # (d,) reduction at the first amplitude over `DETUNING`
+    tuned: dict[str, dict[str, float]]  # tuned masses: frequency [Hz], damping [N s/m], efficiencies, stroke
+    theory: dict[str, float]  # of Masri's gap: clearance over support amplitude, efficiency, multiplier
+    detuned: dict[str, Array]  # (d,) efficiency at the first amplitude over `DETUNING`
 
     def nominal(self, what: str) -> Array:
-        """Return the reductions (n,) on the structure as modelled."""
-        return np.asarray(self.reductions[what][0])
+        """Return the efficiencies (n,) on the structure as modelled."""
+        return np.asarray(self.efficiencies[what][0])
 
 
 def compare(
@@ -94,7 +94,7 @@ def compare(
     }
     return Compared(
         name, 2.0 * scene.grain.radius, description(scene), amplitudes, tuple(one.name for one in others),
-        _simulated(others, amplitudes, heights, workers) | _tuned_reductions(tuned, others, len(amplitudes)), seconds,
+        _simulated(others, amplitudes, heights, workers) | _tuned_efficiencies(tuned, others, len(amplitudes)), seconds,
         tuple(dict.fromkeys(f"{what}: {_cause(one)}" for (what, *_), one in answers.items() if one.refusal)),
         {what: [heights[what, 0, k] for k in range(len(amplitudes))] for what in (*PASSIVE[1:4], *SELECTED)},
         {what: _about(one, scene) for what, one in tuned.items()}, _theory(fixed, scene),
@@ -155,7 +155,7 @@ def _simulated(
     heights: dict[tuple[str, int, int], float],
     workers: Workers,
 ) -> dict[str, Array]:
-    """Return the reductions (s, n) at the heights {(what, structure, amplitude): height [m]}; closed: 0."""
+    """Return the efficiencies (s, n) at the heights {(what, structure, amplitude): height [m]}; closed: 0."""
     dampers = [DamperResponse(one.scene, RTOL) for one in others]
     found = {
         what: np.full((len(others), len(amplitudes)), math.nan) for what in dict.fromkeys(key[0] for key in heights)
@@ -168,7 +168,7 @@ def _simulated(
     return {"closed": np.zeros((len(others), len(amplitudes)))} | found
 
 
-def _tuned_reductions(tuned: dict[str, Tuned], others: list[Structure], count: int) -> dict[str, Array]:
+def _tuned_efficiencies(tuned: dict[str, Tuned], others: list[Structure], count: int) -> dict[str, Array]:
     return {
         what: np.array([[1.0 - one.remaining(other.scene)] * count for other in others]) for what, one in tuned.items()
     }
@@ -177,9 +177,9 @@ def _tuned_reductions(tuned: dict[str, Tuned], others: list[Structure], count: i
 def _about(tuned: Tuned, scene: Scene) -> dict[str, float]:
     others = [with_beam(scene, stiffness=factor) for factor in (0.95, 1.05)]
     return asdict(tuned) | {
-        "reduction": 1.0 - tuned.remaining(scene),
-        "reduction_any_frequency": 1.0 - tuned.worst(scene),
-        "reduction_any_frequency_stiffness": 1.0 - max(tuned.worst(other) for other in others),
+        "efficiency": 1.0 - tuned.remaining(scene),
+        "efficiency_any_frequency": 1.0 - tuned.worst(scene),
+        "efficiency_any_frequency_stiffness": 1.0 - max(tuned.worst(other) for other in others),
         "stroke": tuned.stroke(scene),
     }
 
@@ -188,21 +188,21 @@ def _theory(fixed: Fixed, scene: Scene) -> dict[str, float]:
     if fixed.theory is None:
         return {}
     promised = efficiency(fixed.theory.peak, DamperResponse(scene).closed_amplitude(1.0))
-    return {"clearance": fixed.theory.clearance, "reduction": promised, "multiplier": fixed.theory.multiplier}
+    return {"clearance": fixed.theory.clearance, "efficiency": promised, "multiplier": fixed.theory.multiplier}
 
 
 def _detuned(
     scene: Scene, amplitude: float, heights: dict[str, float], tuned: dict[str, Tuned], workers: Workers
 ) -> dict[str, Array]:
-    """Return reductions (d,) on structures of other stiffness, each at its own resonance; nothing is designed anew."""
+    """Return efficiencies (d,) on structures of other stiffness, each at its resonance; nothing is designed anew."""
     others = [with_beam(scene, stiffness=float(factor)) for factor in DETUNING]
 
-    def reduction(job: tuple[int, float]) -> float:
+    def efficiency(job: tuple[int, float]) -> float:
         return 1.0 - remaining(DamperResponse(others[job[0]], RTOL), amplitude, job[1])
 
     heights_of = {height for height in heights.values() if not math.isnan(height)}
     jobs = [(k, height) for k in range(len(others)) for height in heights_of]
-    found = dict(zip(jobs, Batch(reduction, jobs).run(workers), strict=True))
+    found = dict(zip(jobs, Batch(efficiency, jobs).run(workers), strict=True))
     held = {w: np.array([found.get((k, h), math.nan) for k in range(len(others))]) for w, h in heights.items()}
     return held | {what: np.array([1.0 - one.remaining(other) for other in others]) for what, one in tuned.items()}
 

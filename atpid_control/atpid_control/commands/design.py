@@ -2,6 +2,8 @@
 """`atpid design`: a damper for a structure of one's own, and what it promises."""
 
 import argparse
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -9,9 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common import output
-from atpid_common.arguments import file_path, real, refuse, text
+from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
 from atpid_control.design.make import Design, design, steps_of
-from atpid_control.design.problem import DesignError, Problem, Uncertainty, problem_of
+from atpid_control.design.problem import Problem, Uncertainty, problem_of
 from atpid_sim.display import counting
 
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
@@ -21,31 +23,25 @@ EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
+    support = "LO:HI, two rising amplitudes in metres, at most 1, such as 0.001:0.004; 1 mm is 0.001"
+    kinds: dict[str, Callable[[str], Any]] = {"amplitudes": rising(1e-6, 1.0, support), "excitation-frequency": _band}
     for name, metavar, needed in (
         ("mass", "KG", True), ("frequency", "HZ", True), ("damping", "RATIO", True),
         ("restitution", "E", False), ("young-modulus", "PA", False), ("density", "KG/M3", False),
-        ("gravity", "G", False), ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
+        ("gravity", "G", False), ("side-friction", "MU", False), ("slope", "RAD/M", False),
+        ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
         ("target-reduction", "SHARE", False), ("target-efficiency", "SHARE", False), ("lever", "M", False),
-        ("motor-speed", "1/MIN", False), ("yield-strength", "PA", False),
+        ("motor-speed", "1/MIN", False), ("yield-strength", "PA", False), ("amplitudes", "LO:HI", True),
+        ("excitation-frequency", "HZ|LO:HI", False),
     ):  # fmt: skip
-        parser.add_argument(f"--{name}", type=_number, metavar=metavar, required=needed, help=_help(name, needed))
-    parser.add_argument("--amplitudes", type=text, required=True, metavar="LO:HI", help=_help("amplitudes", True))
-    parser.add_argument(
-        "--excitation-frequency", type=text, metavar="HZ|LO:HI", help=_help("excitation-frequency", False)
-    )
+        kind = kinds.get(name, number)
+        parser.add_argument(f"--{name}", type=kind, metavar=metavar, required=needed, help=_help(name, needed))
     uncertain = ", ".join(f"{name} {field.default:g}" for name, field in Uncertainty.model_fields.items())
     parser.add_argument(
-        "--uncertainty", type=text, metavar="NAME=VALUE,...",
+        "--uncertainty", type=_uncertainty, metavar="NAME=VALUE,...",
         help=f"how far a quantity may lie from its value to either side, relative, height in m; default: {uncertain}",
     )  # fmt: skip
     parser.add_argument("--out", type=file_path, required=True, help="folder for page, numbers, scene and height map")
-
-
-def _number(text: str) -> float:
-    """Return a number; `Problem` states its range."""
-    if "," in text:
-        refuse(text, f"a number with a decimal point: {text.replace(',', '.')}")
-    return real(-1e15, 1e15)(text)
 
 
 def _help(option: str, needed: bool) -> str:
@@ -56,7 +52,7 @@ def _help(option: str, needed: bool) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Make the design and its files, print the result; return 0. Raises DesignError, NumericalFailure, OutputError."""
-    problem = problem_from(args)
+    problem = problem_of(**{name: value for name in _DEFAULTS if (value := getattr(args, name)) is not None})
     output.folder(args.out)
     with counting("design", steps_of(problem)) as count:
         made = design(problem, count)
@@ -74,27 +70,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def problem_from(args: argparse.Namespace) -> Problem:
-    """Return the problem of the options. Raises DesignError."""
-    given: dict[str, Any] = {
-        name: value for name in _DEFAULTS if (value := getattr(args, name, None)) is not None and name != "uncertainty"
-    }
-    given["amplitudes"] = _pair("amplitudes", args.amplitudes, "two rising amplitudes in metres, such as 0.001:0.004")
-    if args.excitation_frequency is not None:
-        given_as = args.excitation_frequency
-        both = given_as if ":" in given_as else f"{given_as}:{given_as}"
-        given["excitation_frequency"] = _pair("excitation-frequency", both, "or HZ, such as 29.4 or 28:30")
-    if args.uncertainty is not None:
-        given["uncertainty"] = _uncertainty(args.uncertainty)
-    return problem_of(**given)
-
-
-def _pair(name: str, text: str, allowed: str) -> tuple[float, float]:
-    try:
-        low, high = map(float, text.split(":"))
-    except ValueError:
-        raise DesignError(f"--{name}: given {text}; allowed: LO:HI, {allowed}") from None
-    return low, high
+def _band(text: str) -> tuple[float, float]:
+    """Return the frequencies of HZ or LO:HI [Hz]; `Problem` states their range."""
+    with suppress(ValueError):
+        low, high = map(float, (text if ":" in text else f"{text}:{text}").split(":"))
+        if all(0.0 < one <= 1e6 for one in (low, high)):
+            return low, high
+    return refuse_number(text, "HZ or LO:HI, such as 29.4 or 28:30")
 
 
 def _uncertainty(text: str) -> dict[str, float]:
@@ -103,15 +85,12 @@ def _uncertainty(text: str) -> dict[str, float]:
     for part in text.split(","):
         name, _, value = (word.strip() for word in part.partition("="))
         try:
-            number = float(value)
+            sound = name in names and name not in found
+            found[name] = float(value)
         except ValueError:
-            number = None
-        if number is None or name not in names or name in found:
-            raise DesignError(
-                f"--uncertainty: given {part.strip()}; allowed: NAME=VALUE, each once and separated by commas, of "
-                f"{', '.join(names)}"
-            )
-        found[name] = number
+            sound = False
+        if not sound:
+            refuse(text, f"NAME=VALUE with a decimal point, each once, separated by commas, of {', '.join(names)}")
     return found
 
 

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("scene", type=file_path, metavar="SCENE.yaml", help="the system and its excitation")
     choices = [name for name in methods() if name != "fixed"]
-    add("--method", required=True, choices=choices, help="how the height is selected")
+    add("--method", choices=choices, help="how the height is selected; default: the scene's controller")
     add("--map", type=file_path, default=None, metavar="MAP.npz", help="for lookup; default: one that fits")
     add("--amplitude-std", type=real(0.0, 1e3, "m"), default=0.0, metavar="S", help="of the amplitude [m]; default 0")
     add(
@@ -50,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Select and print; return 0. Raises SceneError, MapError, SelectionError, NumericalFailure."""
     scene = load_scene(args.scene)
+    args.method = args.method or scene.ceiling.controller
+    if not args.method:
+        raise SelectionError("--method: not given, and the scene's ceiling has no controller; give one (--help)")
     amplitude = steady_amplitude(scene)
     selector = _selector(args, scene)
     try:

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from atpid_common.errors import InputError
 from atpid_sim.contact.linear import damping_ratio_for
-from atpid_sim.fields import Fraction, Hertz, Length, Mass, Modulus, Number, SceneBlock, Words, impossible, within
+from atpid_sim.fields import Fraction, Hertz, Mass, Modulus, Number, SceneBlock, Words, impossible, within
 from atpid_sim.kernel_inputs import Contact, contact_of
 from atpid_sim.maps import DamperResponse
 from atpid_sim.scene import Scene, scene_from_mapping
@@ -41,6 +41,7 @@ _LOWEST, _HIGHEST = 0.5, 2.0
 
 Share = Annotated[Number, within(0.0, 0.5, hint="a share: 10 % is 0.1")]
 SupportAmplitude = Annotated[Number, within(1e-6, 1.0, hint="in metres: 1 mm is 0.001")]
+BuiltLength = Annotated[Number, within(1e-6, 10.0, hint="in metres: 10 mm is 0.01")]
 Target = Annotated[Number, within(0.01, 0.99, hint="a share: 80 % is 0.8")] | None
 
 
@@ -103,17 +104,25 @@ class Problem(SceneBlock):
     gravity: Annotated[Number, within(0.0, 100.0)] = Field(
         default=9.81, description="along the motion; 0 where it is horizontal [m/s^2]"
     )
+    side_friction: Annotated[Number, within(0.0, 10.0)] = Field(
+        default=0.3,
+        description="friction coefficient of the grain on a side wall, where gravity is not along the motion [-]",
+    )
+    slope: Annotated[Number, within(0.0, 1e6)] = Field(
+        default=0.0, description="rotation of the container over its displacement, of a cantilever 1.5 over the length "
+        "[rad/m]",
+    )  # fmt: skip
     max_mass_fraction: Annotated[Fraction, within(0.01, 0.6)] = Field(
         default=0.3, description="largest grain mass over the mass of beam and grain [-]"
     )
-    max_height: Length = Field(default=3.0, description="largest height of the ceiling [m]")
+    max_height: BuiltLength = Field(default=3.0, description="largest height of the ceiling [m]")
     target_efficiency: Target = Field(
         default=None, description="least efficiency, against the closed damper, at every amplitude [-]"
     )
     target_reduction: Target = Field(
         default=None, description="least reduction, against the structure without the damper, at every amplitude [-]"
     )
-    lever: Length = Field(default=0.01, description="lever arm of the motor's drive [m]")
+    lever: BuiltLength = Field(default=0.01, description="lever arm of the motor's drive [m]")
     motor_speed: Annotated[Number, within(1.0, 1e5)] = Field(default=3000.0, description="of the motor [1/min]")
     yield_strength: Modulus | None = Field(default=None, description="of the softer of grain and walls [Pa]")
     uncertainty: Uncertainty = Uncertainty()

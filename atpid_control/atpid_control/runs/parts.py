@@ -27,18 +27,19 @@ def find_parts(path: Path, *, damaged: bool = False) -> list[Path]:
         reason = getattr(error, "strerror", None) or error
         raise BagError(f"{path}: cannot be opened ({reason}); give a bag's folder") from None
     if not found:
-        raise BagError(f"{path}: no such bag; give the folder that `ros2 bag` or recorder_node made")
+        raise BagError(f"{path}: no such bag; give a bag's folder, or that of the run with it")
     named = (sorted(path.glob(f"*{ending}"), key=_place) for ending in (".mcap", sqlite.ENDING))
     files = [path] if path.is_file() else next(filter(None, named), [])
     if not files:
         raise BagError(
-            f"{path}: not a bag, there is no .mcap or .db3 file in this folder; give the folder that recorder_node made"
+            f"{path}: not a bag, there is no .mcap or .db3 file in this folder; give a bag's folder, or that of the "
+            "run with it"
         )
     begins = {file: _begin(file) for file in files}
     for file, begin in begins.items():
         if not (begin in (MAGIC, sqlite.MAGIC[: len(MAGIC)]) or (damaged and any(map(_nearly, begins.values())))):
             why = "it does not begin as a file of one does" if begin else "it is empty"
-            raise BagError(f"{file}: not a bag ({why}); give the folder that recorder_node made")
+            raise BagError(f"{file}: not a bag ({why}); give a bag's folder, or that of the run with it")
     return files
 
 

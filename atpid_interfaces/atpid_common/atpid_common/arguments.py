@@ -20,6 +20,9 @@ _LONGEST_PATH, _LONGEST_NAME = 4095, 255
 _SHOWN = 60
 #: Largest seed of a random sequence.
 MOST_SEED = 2**32 - 1
+#: A number, perhaps with a decimal comma; several joined by colons; one with a unit.
+_NUMBER = r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?"
+_NUMBERS, _WITH_UNIT = re.compile(rf"{_NUMBER}(?::{_NUMBER})*"), re.compile(rf"{_NUMBER}\s*([^\W\d_]+|%)")
 #: A name in the graph: /node, node or ~/topic, with namespaces.
 _NAME = re.compile(r"(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*")
 
@@ -28,6 +31,23 @@ def refuse(text: str, allowed: str) -> NoReturn:
     """Raise argparse's error: `text` was given, `allowed` is what may be."""
     shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}... ({len(text)} characters)"
     raise ArgumentTypeError(f"given {shown or 'nothing'}; allowed: {allowed}")
+
+
+def refuse_number(text: str, allowed: str) -> NoReturn:
+    """Raise argparse's error of a text that is none of the numbers `allowed`: a decimal comma or a unit is named."""
+    if "," in text and _NUMBERS.fullmatch(text):
+        allowed = f"a number with a decimal point: {text.replace(',', '.')}"
+    elif found := _WITH_UNIT.fullmatch(text.strip()):
+        allowed += ", as a share: 1 % is 0.01" if found[1] == "%" else ", without the unit"
+    refuse(text, allowed)
+
+
+def number(text: str) -> float:
+    """Return a number, whose range is checked by what it is for."""
+    with suppress(ValueError):
+        if abs(value := float(text)) <= 1e18:
+            return value
+    return refuse_number(text, "a number")
 
 
 def real(low: float, high: float, unit: str = "", *, above: bool = False) -> Callable[[str], float]:
@@ -39,7 +59,7 @@ def real(low: float, high: float, unit: str = "", *, above: bool = False) -> Cal
             value = float(text)
             if low <= value <= high and math.isfinite(value) and not (above and value == low):
                 return value
-        return refuse(text, allowed)
+        return refuse_number(text, allowed)
 
     return read
 
@@ -110,6 +130,6 @@ def rising(low: float, high: float, allowed: str, *, closed: bool = True) -> Cal
             first, last = (float(part) for part in text.split(":"))
             if low <= first < last <= high and (closed or first > low):
                 return first, last
-        return refuse(text, allowed)
+        return refuse_number(text, allowed)
 
     return read

@@ -145,6 +145,8 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         """Make a parser with argparse's `settings`."""
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        self.inner: dict[str, str] = {}  # commands of groups, by their last word
+        self._given: list[str] = []
 
     def show_example(self, example: str) -> None:
         """End the help with the program and the arguments of `example`; without it where that is empty."""
@@ -164,22 +166,30 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and end with status 2."""
         problem = one_line(message.removeprefix("argument "))
+        if message.startswith("the following arguments are required"):  # what is left over is not looked at any more
+            mistyped = ((word.partition("=")[0], self._nearest(word)) for word in self._given)
+            problem += next((f"; given {name}{hint}" for name, hint in mistyped if hint), "")
         print(f"error: {problem}; what it takes: {self.prog} --help", file=sys.stderr)
         raise SystemExit(BAD_INPUT)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse; what is left over is an error of the command it was given to, and not of the program."""
+        self._given = list(args or ())
         parsed, rest = super().parse_known_args(args, namespace)
         if rest:
-            options = re.findall(r"(?<![\w-])--?[a-z][\w-]*", self.format_usage())
-            hint = did_you_mean(rest[0].partition("=")[0], options) if rest[0].startswith("-") else ""
-            self.error(f"given {' '.join(rest)}, which is no argument of it{hint}")
+            self.error(f"given {' '.join(rest)}, which is no argument of it{self._nearest(rest[0])}")
         return parsed, rest
+
+    def _nearest(self, word: str) -> str:
+        """Return the hint at the option nearest to `word`; "" where it is none, or one of the command's own."""
+        options, name = re.findall(r"(?<![\w-])--?[a-z][\w-]*", self.format_usage()), word.partition("=")[0]
+        wrong = name.startswith("-") and not any(option.startswith(name) for option in options)
+        return did_you_mean(name, options) if wrong else ""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             names = [str(name) for name in action.choices]
-            hint = did_you_mean(str(value), names)
+            hint = f"; did you mean {self.inner[value]}?" if value in self.inner else did_you_mean(str(value), names)
             raise argparse.ArgumentError(action, f"given {value}{hint}; allowed: {', '.join(names)}")
 
 
@@ -197,6 +207,7 @@ def _parser(program: str, description: str, commands: Commands, given: Sequence[
     for heading, group in commands.items():
         for name, (place, text) in group.items():
             *before, last = name.split()
+            parser.inner |= {last: name} if before else {}
             if tuple(before) not in places:
                 inner = places[()].add_parser(before[0], help=heading.lower(), description=f"{heading}.")
                 places[tuple(before)] = inner.add_subparsers(metavar="COMMAND", required=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, refuse
+from atpid_common.arguments import file_path, path_to, refuse_number
 from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.maps import HeightMap, MapError, build_map, write_header
@@ -83,14 +83,14 @@ def run(args: argparse.Namespace) -> int:
 def amplitudes_of(text: str) -> list[float]:
     """Return the amplitudes of `A0:A1:N` [m]; raise argparse's error where it does not read so."""
     found = _grid(text, 0.0, 1e3)
-    return found or refuse(text, "A0:A1:N with 0 < A0 < A1, at most 1000 m, and N from 2 to 100000")
+    return found or refuse_number(text, "A0:A1:N with 0 < A0 < A1, at most 1000 m, and N from 2 to 100000")
 
 
 def ratios_of(text: str) -> list[float]:
     """Return the frequency ratios of `R0:R1:N` [-]; raise argparse's error where it does not read so."""
     found = _grid(text, LOWEST_RATIO * (1.0 - 1e-12), HIGHEST_RATIO)
     allowed = f"R0:R1:N with {LOWEST_RATIO:g} <= R0 < R1 <= {HIGHEST_RATIO:g}, and N from 2 to 100000"
-    return found or refuse(text, allowed)
+    return found or refuse_number(text, allowed)
 
 
 def _grid(text: str, above: float, most: float) -> list[float]:
@@ -112,7 +112,7 @@ def mass_fractions_of(text: str) -> list[float]:
     except ValueError:
         fractions = []
     if not fractions or not all(0.0 < fraction < 1.0 for fraction in fractions):
-        refuse(text, "numbers between 0 and 1, separated by commas")
+        refuse_number(text, "numbers between 0 and 1, separated by commas")
     return fractions
 
 
