@@ -2,6 +2,7 @@
 """Steady motions without waiting: against runs that have waited, their multipliers, and what has none."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,11 @@ def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
     values = json.loads(capsys.readouterr().out)
     assert values["amplitude"] == pytest.approx(0.045608444, rel=1e-6)
     assert values["periods"] == 1
+    beam, omega = STANDARD.beam, 2.0 * math.pi * STANDARD.frequency_hz
+    spring = complex(beam.stiffness, beam.damping * omega)
+    closed = 0.01 * abs(spring / (spring - STANDARD.total_mass * omega**2))  # settled as well, not as in the window
+    assert values["undamped_amplitude"] == pytest.approx(closed, rel=1e-9)
+    assert values["efficiency"] == pytest.approx(1.0 - values["amplitude"] / closed, rel=1e-9)
     assert 0.0 < values["stability_margin"] < 1.0
     assert main(["simulate", scene, "--steady"]) == 0
     assert "settling_periods" in capsys.readouterr().out
