@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from documented import ROOT, code
+from page_visit import visited
 from test_figures import differences
 
 from atpid_control.cli import main
@@ -95,10 +96,15 @@ def test_the_page_is_whole_and_needs_no_other_file(folder: Path) -> None:
     tags = Tags()
     tags.feed(text)
     assert tags.open == []
-    assert len(tags.sources) == 2
+    assert len(tags.sources) == 2 * len(numbers_in(folder / "design.png"))  # a panel, light and dark
     assert all(source.startswith("data:image/png;base64,") for source in tags.sources)
     for words in ("The choice of the grain", "Over the amplitudes", "Motor and container", "What is assumed", "500 g"):
         assert words in text
+
+
+@pytest.mark.slow
+def test_the_page_is_accessible_on_every_screen(folder: Path) -> None:
+    assert {name: wrong for name, wrong in visited(folder / "design.html").items() if wrong} == {}
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from atpid_control.views.report import report
 from atpid_sim.figure_numbers import Numbers, numbers_in, numbers_of
 from atpid_sim.maps import HeightMap
 from studies.figures import contact, free_decay
@@ -38,9 +39,15 @@ def bench_again(folder: Path) -> Numbers:
     return numbers_in(folder / "overview.png")
 
 
+def mechanism_again(folder: Path) -> Numbers:
+    report(ROOT / "bags/thesis_4_3_short", folder)
+    return numbers_in(folder / "grain.png")
+
+
 #: The pictures made again here; those left out take minutes, or show chaotic motion, whose numbers are luck.
 AGAIN: dict[str, Callable[[Path], Numbers]] = {
     "bench": bench_again,
+    "mechanism": mechanism_again,
     "contact_laws": lambda folder: numbers_in(contact.draw(folder)[0]),
     "free_decay": lambda folder: numbers_in(free_decay.draw(folder)[0]),
     "identification_ramps": lambda folder: numbers_of(identification.draw_ramps()),

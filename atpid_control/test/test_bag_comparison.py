@@ -9,10 +9,13 @@ import pytest
 from recorded import SHORT, block, make, record
 
 from atpid_control.cli import main
+from atpid_control.commands.compare_bags import _cells
 from atpid_control.runs.metadata import new_run
 from atpid_control.runs.writer import BagWriter
-from atpid_control.views.comparison.compare import BagComparisonError, compare_bags
+from atpid_control.views.comparison.compare import _STAGE, BagComparisonError, Row, compare_bags
+from atpid_control.views.report.stages import Stage
 
+BAGS = Path(__file__).parents[2] / "bags"
 RATE = 1000.0
 START = 1_000_000_000
 
@@ -71,6 +74,27 @@ def test_no_common_time_and_no_such_event(tmp_path: Path) -> None:
         compare_bags(first, later, "rumble")
 
 
+def test_a_run_is_named_by_its_scene_and_time_and_by_its_folder_where_that_is_the_same(tmp_path: Path) -> None:
+    same = compare_bags(written(tmp_path / "a", 0.1), written(tmp_path / "b", 0.1))
+    assert [placed.label for placed in same.runs] == [str(tmp_path / "a"), str(tmp_path / "b")]
+    own, other = (compare_bags(BAGS / "thesis_4_3_short", BAGS / name) for name in ("rumble", "laser_stuck"))
+    assert own.runs[0].label == other.runs[0].label == "thesis_4_3_short.yaml · 2026-11-21 19:18"
+    assert len({placed.label for placed in (*own.runs, *other.runs)}) == 3
+
+
+def test_what_an_irregular_stage_scatters_by_stands_beside_its_values() -> None:
+    stage = Stage(0.0, 4.0, 0.01, 0.01, 5.47, 0.3, 0.05, 0.2, 0.75, 0.1, 0.5, amplitude_spread=(0.04, 0.06))
+    spreads = {name: found(stage) for name, _, found in _STAGE}
+    assert spreads["beam amplitude"] == pytest.approx((0.05, 0.01))
+    assert spreads["efficiency"] == pytest.approx((0.75, 0.05))
+    assert spreads["reduction"] == pytest.approx((0.5, 0.1))
+    assert spreads["beam, without damper"] == (0.1, 0.0)
+    row = Row("beam amplitude", "m", 0.05, 0.08, spreads=(0.03, 0.04))
+    assert _cells(row, 1e3) == ["50 ± 30", "80 ± 40", "30 ± 50", "+60.00 %"]
+    row = Row("efficiency", "-", 0.644712, 0.794741, spreads=(0.0581, 0.0))
+    assert _cells(row, 1.0) == ["0.645 ± 0.058", "0.79474", "0.150 ± 0.058", "+23.27 %"]
+
+
 @pytest.mark.slow
 def test_the_command_compares_stages_and_writes_numbers_and_picture(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -82,8 +106,14 @@ def test_the_command_compares_stages_and_writes_numbers_and_picture(
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
     assert rows["stage 1: ceiling height"]["difference"] == pytest.approx(0.05, abs=1e-3)
     assert rows["stage 1: efficiency"]["difference"] > 0.02
+    for name, limit in (("reduction", "beam, without damper"), ("efficiency", "beam, closed damper")):
+        amplitude, reference = rows["stage 1: beam amplitude"]["second"], rows[f"stage 1: {limit}"]["second"]
+        assert rows[f"stage 1: {name}"]["second"] == pytest.approx(1.0 - amplitude / reference)
     assert "sample to command, p99" not in rows  # simulated in lockstep
     assert (tmp_path / "out" / "bags.png").stat().st_size > 20_000
+    page = (tmp_path / "out" / "bags.html").read_text(encoding="utf-8")
+    assert "stage 1: reduction [-]" in page
+    assert 'src="data:image/png;base64,' in page
     assert json.loads((tmp_path / "out" / "bags.json").read_text())["aligned_by"] == "start"
 
 

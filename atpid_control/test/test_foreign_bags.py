@@ -125,7 +125,7 @@ def test_a_bag_that_is_none_leaves_nothing_behind(
     given = [word.format(bag=tmp_path / "none", out=tmp_path / "new") for word in words]
     assert main(given) == 2
     assert capsys.readouterr().err == (
-        f"error: {tmp_path / 'none'}: no such bag; give the folder that `ros2 bag` or recorder_node made\n"
+        f"error: {tmp_path / 'none'}: no such bag; give a bag's folder, or that of the run with it\n"
     )
     assert not list(tmp_path.iterdir())
 

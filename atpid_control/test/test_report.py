@@ -25,10 +25,10 @@ from atpid_control.views.report import Stage, report, stages
 from atpid_control.views.report.charts import thinned
 from atpid_control.views.report.comparison import closed_by_simulation, corners
 from atpid_control.views.report.page import number
-from atpid_control.views.report.panels import extremes, rounded_up
-from atpid_control.views.report.picture import DARK, LIGHT, Palette
+from atpid_control.views.report.panels import anchor, extremes, grain, overview, rounded_up
 from atpid_control.views.report.stages import beside, intervals, measured_decrement
-from atpid_control.views.report.view import headline, view_of
+from atpid_control.views.report.view import View, headline, view_of
+from atpid_sim.figure_style import DARK, LIGHT, Palette
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
 from atpid_sim.simulation.quantities import largest_decrement, peaks
 
@@ -168,9 +168,9 @@ def test_a_height_that_was_not_reached_is_reported(folder: Path, tmp_path: Path)
     assert [stage.arrived for stage in made.stages] == [False, False]
     assert made.stages[0].commanded_height == 0.19
     assert made.stages[0].height < 0.06
-    said = "0.1900 m was commanded and not reached; the ceiling was at"
+    said = "190 mm was commanded and not reached; the ceiling was at"
     assert made.page.read_text().count(said) == 2
-    assert "speed 0.01 m/s" in made.page.read_text()
+    assert "speed 10 mm/s" in made.page.read_text()
 
 
 @pytest.mark.parametrize(
@@ -301,6 +301,47 @@ def test_the_page_needs_nothing_else(adaptive: Path, tmp_path: Path) -> None:
     assert all(path.read_bytes()[:4] == b"\x89PNG" for path in made.pictures)
 
 
+def titles(view: View) -> list[str]:
+    return [panel.title for panel in overview(view).panels]
+
+
+def test_a_panel_shows_a_frequency_that_changes_and_an_error_that_is_seen(adaptive: Path) -> None:
+    view = view_of(adaptive)
+    constant = ["Beam from rest; efficiency", "Support amplitude", "Error of the identified amplitude, ±2σ",
+                "Ceiling height"]  # fmt: skip
+    assert titles(view) == constant
+    assert view.true_frequency is not None
+    moving = replace(view, true_frequency=view.true_frequency + np.linspace(0.0, 0.5, len(view.beam)))
+    assert titles(moving) == [*constant[:3], "Frequency of the excitation", constant[3]]
+    (panel,) = [panel for panel in overview(moving).panels if panel.unit == "Hz"]
+    assert [curve.name for curve in panel.curves] == ["true", "identified"]
+    assert panel.limits[0] < view.true_frequency[0] < view.true_frequency[0] + 0.5 < panel.limits[1]
+    estimates, assumed = view.run.estimates, view.true_amplitude
+    assert assumed is not None
+    exact = np.interp(estimates.time, view.run.motion.time, assumed)
+    right = replace(estimates, amplitude=exact, amplitude_std=np.zeros(len(exact)))
+    run = replace(view.run)
+    vars(run)["estimates"] = right  # instead of what the bag holds
+    assert titles(replace(view, run=run)) == [constant[0], constant[1], constant[3]]
+
+
+def test_all_lengths_of_a_report_are_in_millimetres(adaptive: Path) -> None:
+    view = view_of(adaptive)
+    shown = grain(view)
+    assert shown is not None
+    panels = {panel.title: panel for panel in (*overview(view).panels, *shown.panels)}
+    assert {panel.unit for panel in panels.values()} == {"mm", "%"}
+    assert np.nanmax(panels["Ceiling height"].curves[-1].value) == pytest.approx(370.0, abs=1.0)
+    assert np.nanmax(np.abs(panels["Beam from rest; efficiency"].curves[-1].value)) == pytest.approx(
+        1e3 * np.nanmax(np.abs(view.beam))
+    )
+
+
+@pytest.mark.parametrize(("share", "side"), [(0.0, "left"), (0.03, "left"), (0.1, "center"), (0.99, "center")])
+def test_a_text_at_the_begin_is_beside_the_ticks_of_the_other_axis(share: float, side: str) -> None:
+    assert anchor(share) == side
+
+
 @pytest.mark.slow
 def test_every_kind_of_scene_gets_a_report(free: Path, folder: Path, tmp_path: Path) -> None:
     closed = recorded(folder, "closed", FREE.replace("{height: 0.2}", "{height: 0.017}"), [])
@@ -308,7 +349,7 @@ def test_every_kind_of_scene_gets_a_report(free: Path, folder: Path, tmp_path: P
     swept = recorded(folder, "swept", sweep, [])
     for bag, said in (
         (free, "successive peaks fall by a factor of up to 1.77"),
-        (closed, "closed damper"),
+        (closed, "The damper stays closed"),
         (swept, "recorded run"),
     ):
         made = report(bag, tmp_path / bag.name)

@@ -79,10 +79,16 @@ def test_where_the_grain_begins_is_no_matter(method: str, tmp_path: Path, capsys
     assert json.loads(capsys.readouterr().out)["height"] == pytest.approx(0.2, rel=0.06)
 
 
+def test_the_method_is_by_default_the_controller_of_the_scene(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["select", SCENE, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["method"] == "lookup"
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
         (["select", "none.yaml", "--method", "pca"], "none.yaml"),
+        (["select", str(ROOT / "scenes" / "standard.yaml")], "--method: not given, and the scene's ceiling has no"),
         (["select", str(ROOT / "scenes" / "free_decay.yaml"), "--method", "direct"], "a height is selected for a tone"),
         (["select", SCENE, "--method", "direct", "--without-gravity"], "allowed with pca"),
         (["select", SCENE, "--method", "direct", "--margin", "-1"], "margin"),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from atpid_common.output import writing
+from atpid_sim.figure_style import LIGHT, style
 
 #: Name of the PNG's text chunk.
 KEY = "Numbers"
@@ -30,18 +31,12 @@ def drawn(path: Path, option: str = "--out", dpi: int = 150, **layout: Any) -> I
     from matplotlib import pyplot
 
     make = pyplot.subplot_mosaic if "mosaic" in layout else pyplot.subplots
-    figure, panels = make(layout="constrained", **layout)
-    yield figure, panels
-    with writing(path, option):
-        figure.savefig(path, dpi=dpi, metadata=metadata_of(figure))
+    with matplotlib.rc_context(style(LIGHT)):
+        figure, panels = make(layout="constrained", **layout)
+        yield figure, panels
+        with writing(path, option):
+            figure.savefig(path, dpi=dpi, metadata=metadata_of(figure))
     pyplot.close(figure)
-
-
-def light_frames(panels: Any) -> None:
-    """Give each of the panels a grid, and no frame above and on the right."""
-    for axes in panels:
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
 
 
 def numbers_of(figure: Any) -> Numbers:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_sim.figure_numbers import drawn
 from atpid_sim.maps import DamperResponse, map_tolerance
 from atpid_sim.periodic import Conditions, PeriodicMotion, periodic_motion, raised
 from atpid_sim.scene import Scene
@@ -68,7 +68,6 @@ def draw_stability(atlas: Atlas, scene: Scene, file: Path) -> None:
             axes.set_xticks(ticks, [str(a) for a in ticks])
             axes.tick_params(axis="x", which="minor", labelbottom=False)
         _plane(plane, atlas, scene)
-        light_frames((multipliers, distances, plane))
 
 
 def _plane(axes: Any, atlas: Atlas, scene: Scene) -> None:

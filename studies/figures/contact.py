@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from atpid_common import output
 from atpid_sim.contact import dispatch
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_sim.figure_numbers import drawn
 from atpid_sim.kernel_inputs import Contact, contact_of, restitution_of, system_of
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.system import Array, reduced_mass
@@ -125,7 +125,6 @@ def draw(out: Path) -> list[Path]:
         left.set(xlabel="overlap [µm]", ylabel="contact force [N]", title=title)
         title = "Restitution against speed"
         right.set(xlabel="approach speed [m/s]", ylabel="restitution [-]", title=title, ylim=(0.0, 1.05))
-        light_frames((left, right))
         right.legend(fontsize=8, loc="center left", bbox_to_anchor=(0.0, 0.72))
     return [file]
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_common import output
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_sim.figure_numbers import drawn
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.simulate import trajectory
 from atpid_sim.system import Array
@@ -96,7 +96,6 @@ def draw(out: Path) -> list[Path]:
     with drawn(file, nrows=1, ncols=2, figsize=(11.0, 4.0)) as (_, (left, right)):
         _decays(left)
         _ratios(right)
-        light_frames((left, right))
     return [file]
 
 

@@ -11,12 +11,13 @@ from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
 from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.model import ContactBlock
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
-from atpid_sim.scene.structure import Beam, Grain, Initial
+from atpid_sim.scene.structure import Beam, Container, Grain, Initial
 
 _PARTS: dict[str, list[type[SceneBlock]]] = {
     "The scene": [Scene],
     "`beam`": [Beam],
     "`grain`": [Grain],
+    "`container`": [Container],
     "`contact`: one of": list(variants_of(ContactBlock).values()),
     "`excitation`: one of": [*variants_of(Excitation).values(), FreeDecay, Sweep, Series],
     "`ceiling`: one of": list(variants_of(Ceiling).values()),

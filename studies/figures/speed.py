@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_common import output
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_sim.figure_numbers import drawn
 from atpid_sim.simulation.batch import Workers, cores
 from studies.sweep.measure import Sweep, standard_task, sweep
 
@@ -74,7 +74,6 @@ def draw(out: Path) -> list[Path]:
         panels[1].set(xscale="log")
         _curves(panels[2], "workers", list(range(1, cores() + 1)), "workers")
         panels[2].set_xticks(range(1, cores() + 1))
-        light_frames(panels)
     return [file]
 
 

@@ -19,8 +19,10 @@ from studies.tradeoff import measure as study
 
 #: Smallest error drawn, as a share of how well the reference itself is known.
 _DRAWN = 1e-2
-_OWN_STYLE: dict[str, Any] = {"marker": "o", "linestyle": "-", "linewidth": 1.8, "markersize": 6}
-_BASELINE_STYLE: dict[str, Any] = {"marker": "s", "linestyle": "--", "linewidth": 1.0, "markersize": 4}
+_OWN_STYLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.8, "markersize": 6}
+_BASELINE_STYLE: dict[str, Any] = {"linestyle": "--", "linewidth": 1.0, "markersize": 5}
+#: A marker for each method, since there are more of them than colours.
+_MARKERS = "oooos^vDPX*<>dph"
 _RING: dict[str, Any] = {"markersize": 13, "fillstyle": "none", "linestyle": "none"}
 #: The two LSODA as the tables name them.
 _NAMES = {"lsoda": "scipy LSODA", "odeint": "odeint"}
@@ -151,9 +153,9 @@ def _draw(name: str, reference: study.Reference, points: list[study.Point], path
         for number, method in enumerate(dict.fromkeys(p.method for p in shown)):
             chosen = [p for p in shown if p.method == method]
             style = _OWN_STYLE if method in study.OURS else _BASELINE_STYLE
-            colour = f"C{number}" if number < 10 else "k"
+            style = {**style, "color": f"C{number % 10}", "marker": _MARKERS[number]}
             times = [1e3 * p.time_s for p in chosen]
-            axes.plot(times, [errors[p] for p in chosen], **style, color=colour, label=method)
+            axes.plot(times, [errors[p] for p in chosen], **style, label=method)
         if reference.spread is None:
             front = sorted((p for p in shown if p.front), key=lambda p: p.time_s)
             times = [1e3 * p.time_s for p in front]
@@ -161,8 +163,7 @@ def _draw(name: str, reference: study.Reference, points: list[study.Point], path
         axes.axhspan(bottom, known, color="0.9", zorder=0, label=band)
         axes.set(xscale="log", yscale="log", xlabel="time of one run [ms]", ylabel=off, title=title)
         axes.set_ylim(bottom=bottom)
-        axes.grid(visible=True, which="major", alpha=0.3)
-        figure.legend(fontsize=8, ncols=5, loc="outside lower center")
+        figure.legend(ncols=5, loc="outside lower center")
 
 
 def _known(reference: study.Reference) -> float:

@@ -9,9 +9,10 @@ import pytest
 
 from atpid_sim.figure_numbers import numbers_in
 from atpid_sim.scene import load_scene
-from studies.baselines import run_baseline
-from studies.tradeoff.command import _answer, _draw, _markdown, _steady
+from studies.baselines import BASELINES, run_baseline
+from studies.tradeoff.command import _MARKERS, _answer, _draw, _markdown, _steady
 from studies.tradeoff.measure import (
+    OURS,
     REFERENCE,
     STEADY_ERROR,
     Point,
@@ -92,6 +93,11 @@ def test_an_exact_hit_does_not_stretch_the_axis(reference: Reference, lowest: fl
     _draw("x", reference, [*POINTS, point("rk4", 1e-5, 0.1, 0.0)], tmp_path / "x.png")
     (curves,) = numbers_in(tmp_path / "x.png").values()
     assert min(curve[3] for curve in curves if curve) == pytest.approx(lowest)
+
+
+def test_every_method_has_a_marker_of_its_own_or_a_colour_of_its_own() -> None:
+    methods = [*OURS, *BASELINES]
+    assert len({(_MARKERS[number], number % 10) for number in range(len(methods))}) == len(methods)
 
 
 def test_a_baseline_is_not_charged_for_how_its_motion_is_sampled() -> None:

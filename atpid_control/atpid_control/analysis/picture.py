@@ -7,16 +7,19 @@ from typing import Any
 import numpy as np
 
 from atpid_control.analysis.analyse import Analysis
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_control.analysis.frequency_response import FrequencyResponse
+from atpid_control.analysis.rows import shown_unit
+from atpid_sim.figure_numbers import drawn
 
 #: Points a trace is drawn with at most, and decades of a density shown below its largest.
 _POINTS, _DECADES = 20_000, 1e-10
+#: Standard deviations that noise alone exceeds once in a hundred times.
+_NOISE = 3.0
 
 
 def draw(found: Analysis, path: Path) -> None:
     """Draw the analysis as PNG. Raises OutputError."""
     with drawn(path, "--out", dpi=110, nrows=3, ncols=2, figsize=(13.0, 11.0)) as (_, axes):
-        light_frames(axes.flat)
         _traces(axes[0][0], found)
         _densities(axes[0][1], found)
         _sizes(axes[1][0], found)
@@ -27,23 +30,24 @@ def draw(found: Analysis, path: Path) -> None:
 
 def _traces(ax: Any, found: Analysis) -> None:
     signals = found.signals
+    scale, unit = shown_unit(signals.units[1])
     step = max(1, len(signals.response) // _POINTS)
     for values, name, colour in zip(
         (signals.response, signals.excitation), reversed(signals.names), ("C0", "0.5"), strict=True
     ):
-        ax.plot(signals.time[::step], values[::step], colour, linewidth=0.7, label=name)
-    ax.set(xlabel="time [s]", ylabel=signals.units[1], title="Traces")
-    ax.legend(fontsize=8, loc="upper right")
+        ax.plot(signals.time[::step], scale * values[::step], colour, linewidth=0.7, label=name.replace("_", " "))
+    ax.set(xlabel="time [s]", ylabel=unit, title="Traces")
+    ax.legend(loc="upper right")
 
 
 def _densities(ax: Any, found: Analysis) -> None:
     for one, name, colour in zip(reversed(found.spectra), reversed(found.signals.names), ("C0", "0.5"), strict=True):
-        ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name)
+        ax.semilogy(one.frequency[1:], one.density[1:], colour, linewidth=0.9, label=name.replace("_", " "))
     top = max(float(one.density[1:].max()) for one in found.spectra)
     title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
     ax.set(xlim=(0.0, _highest(found)), ylim=(_DECADES * top, 3.0 * top), title=title)
     ax.set(xlabel="frequency [Hz]", ylabel=f"{found.signals.units[1]}$^2$/Hz")
-    ax.legend(fontsize=8, loc="upper right")
+    ax.legend(loc="upper right")
 
 
 def _highest(found: Analysis) -> float:
@@ -51,6 +55,13 @@ def _highest(found: Analysis) -> float:
     total = np.cumsum(found.spectra[1].density[1:])
     place = int(np.searchsorted(total, 0.5 * total[-1])) + 1
     return float(min(found.spectra[1].frequency[-1], 8.0 * found.spectra[1].frequency[place]))
+
+
+def _excited(response: FrequencyResponse) -> tuple[float, float]:
+    """Return from where to where lines are excited [Hz], with a little room."""
+    lines = response.frequency[response.excited]
+    room = max(0.05 * float(np.ptp(lines)), 2.0 * float(response.frequency[1] - response.frequency[0]))
+    return max(0.0, float(lines.min()) - room), float(lines.max()) + room
 
 
 def _absent(ax: Any, title: str, reason: str) -> None:
@@ -71,8 +82,9 @@ def _sizes(ax: Any, found: Analysis) -> None:
     size = np.abs(response.h1[trusted])
     ax.errorbar(response.frequency[trusted], size, 2.0 * size * response.relative_std[trusted], fmt="C0.", markersize=6,
                 linewidth=0.8, label="H1 trusted, ±2σ")  # fmt: skip
-    ax.set(xlim=(0.0, _highest(found)), xlabel="frequency [Hz]", ylabel="response / excitation", title=title)
-    ax.legend(fontsize=8)
+    alone = " of a tone: known at its line alone" if response.tone else ""
+    ax.set(xlim=_excited(response), xlabel="frequency [Hz]", ylabel="response / excitation", title=title + alone)
+    ax.legend()
 
 
 def _phases(ax: Any, found: Analysis) -> None:
@@ -83,7 +95,7 @@ def _phases(ax: Any, found: Analysis) -> None:
     shown, trusted = response.excited, response.trusted
     for chosen, colour in ((shown, "0.6"), (trusted, "C0")):
         ax.plot(response.frequency[chosen], np.degrees(np.angle(response.h1[chosen])), ".", color=colour)
-    ax.set(xlim=(0.0, _highest(found)), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
+    ax.set(xlim=_excited(response), ylim=(-190.0, 190.0), xlabel="frequency [Hz]", ylabel="degrees", title=title)
 
 
 def _coherence(ax: Any, found: Analysis) -> None:
@@ -94,17 +106,24 @@ def _coherence(ax: Any, found: Analysis) -> None:
     shown = response.excited
     ax.plot(response.frequency, response.coherence, "0.8", linewidth=0.8)
     ax.plot(response.frequency[shown], response.coherence[shown], "C0.")
-    ax.set(xlim=(0.0, _highest(found)), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="-",
+    ax.set(xlim=_excited(response), ylim=(0.0, 1.05), xlabel="frequency [Hz]", ylabel="coherence",
            title=f"{title}; dots: excited lines; {response.averages:.3g} averages")  # fmt: skip
 
 
 def _orders(ax: Any, found: Analysis) -> None:
     orders = found.orders
     assert orders is not None
+    scale, unit = shown_unit(found.signals.units[1])
     numbers = np.arange(1, len(orders.amplitude) + 1)
-    ax.bar(numbers, orders.amplitude, color="C0")
+    floor = scale * _NOISE * orders.amplitude_std
+    known = scale * orders.amplitude > floor
+    bottom = 0.3 * min(floor.min(), scale * orders.amplitude[0])
+    ax.bar(numbers[known], scale * orders.amplitude[known] - bottom, bottom=bottom, color="C0")
+    ax.plot(numbers, floor, "_", color="C1", markersize=28, label=f"noise, {_NOISE:g} σ; an order below it has no bar")
     title = f"Orders, {orders.begin:.4g} to {orders.end:.4g} s; distortion {100.0 * orders.distortion:.2g} %"
-    ax.set(yscale="log", xlabel=f"order (1: {orders.frequency:.4g} Hz)", ylabel=found.signals.units[1], title=title)
+    ax.set(yscale="log", xlim=(0.4, len(numbers) + 0.6), ylim=(bottom, None), xticks=numbers)
+    ax.set(xlabel=f"order (1: {orders.frequency:.4g} Hz)", ylabel=unit, title=title)
+    ax.legend(loc="upper right")
 
 
 def _decay(ax: Any, found: Analysis) -> None:
@@ -117,8 +136,10 @@ def _decay(ax: Any, found: Analysis) -> None:
     fall = 2.0 * np.pi * decay.frequency * decay.damping_ratio / np.sqrt(1.0 - decay.damping_ratio**2)
     envelope = decay.amplitude * np.exp(-fall * (time[inside] - decay.begin))
     rest = float(np.nanmean(found.signals.response[inside][len(envelope) // 2 :]))
-    ax.plot(time[inside], found.signals.response[inside] - rest, "0.6", linewidth=0.8, label="from its mean")
-    ax.plot(time[inside], envelope, "C0", label=f"fit: {decay.frequency:.4g} Hz, ζ {100.0 * decay.damping_ratio:.3g} %")
-    ax.plot(time[inside], -envelope, "C0")
-    ax.set(xlabel="time [s]", ylabel=found.signals.units[1], title=title)
-    ax.legend(fontsize=8)
+    scale, unit = shown_unit(found.signals.units[1])
+    ax.plot(time[inside], scale * (found.signals.response[inside] - rest), "0.6", linewidth=0.8, label="from its mean")
+    fit = f"fit: {decay.frequency:.4g} Hz, ζ {100.0 * decay.damping_ratio:.3g} %"
+    ax.plot(time[inside], scale * envelope, "C0", label=fit)
+    ax.plot(time[inside], -scale * envelope, "C0")
+    ax.set(xlabel="time [s]", ylabel=unit, title=title)
+    ax.legend()

@@ -9,6 +9,11 @@ import numpy as np
 from atpid_control.analysis.analyse import Analysis
 
 
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return by what a quantity is multiplied where it is shown, and its unit then: lengths are shown in mm."""
+    return (1e3, "mm") if unit == "m" else (1.0, unit)
+
+
 def rows(found: Analysis) -> Iterator[tuple[str, str]]:
     """Yield (what, its value with unit and error bar), or why it could not be computed."""
     signals = found.signals
@@ -16,8 +21,9 @@ def rows(found: Analysis) -> Iterator[tuple[str, str]]:
         yield "origin of the samples", signals.origin
     yield "part", f"{signals.start:.5g} to {signals.start + signals.duration:.5g} s, {signals.rate:.6g} Hz"
     for name, unit, one in zip(signals.names, signals.units, found.spectra, strict=True):
-        place = int(np.argmax(one.density[1:])) + 1
-        yield f"{name}, root mean square", f"{one.rms:.4g} {unit}; strongest line {one.frequency[place]:.4g} Hz"
+        scale, shown = shown_unit(unit)
+        yield f"{name}, root mean square", f"{scale * one.rms:.4g} {shown}"
+        yield f"{name}, strongest line", f"{one.frequency[int(np.argmax(one.density[1:])) + 1]:.4g} Hz"
     yield "spectra", f"lines {found.spectra[0].resolution:.3g} Hz apart, {found.spectra[0].averages:.3g} averages"
     yield from _response_rows(found)
     yield from _decay_rows(found)
@@ -60,11 +66,12 @@ def _order_rows(found: Analysis) -> Iterator[tuple[str, str]]:
     if orders is None:
         yield "orders", found.skipped["orders"]
         return
-    unit = found.signals.units[1]
-    tone = f"{orders.excitation:.4g} {found.signals.units[0]} at {orders.frequency:.6g} Hz"
+    scale, unit = shown_unit(found.signals.units[1])
+    given, given_unit = shown_unit(found.signals.units[0])
+    tone = f"{given * orders.excitation:.4g} {given_unit} at {orders.frequency:.6g} Hz"
     yield "excitation", f"{tone}, {orders.begin:.4g} to {orders.end:.4g} s"
     found_orders = zip(orders.amplitude, orders.amplitude_std, orders.phase, strict=True)
     for number, (amplitude, error, phase) in enumerate(found_orders, 1):
-        text = f"{amplitude:.4g} ± {error:.1g} {unit}, {math.degrees(phase):.4g} degrees"
+        text = f"{scale * amplitude:.4g} ± {scale * error:.1g} {unit}, {math.degrees(phase):.4g} degrees"
         yield f"order {number}", text
     yield "distortion (THD)", f"{100.0 * orders.distortion:.3g} %"

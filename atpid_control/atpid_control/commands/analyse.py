@@ -58,4 +58,4 @@ def run(args: argparse.Namespace) -> int:
     faults = run.faults(*ends)
     numbers = {"bag": str(args.bag), **found.to_json(), "missing": missing, "faults": faults}
     notes = [f"not to be trusted: {line}" for line in (*found.doubts, *faults)]
-    return give(args, numbers, file, Shown(two_columns(rows(found)), notes, picture))
+    return give(args, numbers, file, Shown(f"Analysis of {args.bag}", two_columns(rows(found)), notes, picture))

@@ -39,21 +39,32 @@ def run(args: argparse.Namespace) -> int:
         draw(found, picture)
     origins = " and ".join(placed.signals.origin for placed in found.runs)
     notes = [f"samples of: {origins}", *(f"note: {line}" for line in found.doubts)]
-    return give(args, found.to_json(), file, Shown(table(found), notes, picture))
+    title = f"{' beside '.join(placed.label for placed in found.runs)}, aligned by {found.aligned_by}"
+    return give(args, found.to_json(), file, Shown(title, table(found), notes, picture))
 
 
 def table(found: Compared) -> Table:
-    """Return the differences as a table."""
+    """Return the differences as a table, lengths in mm; ±: half the spread of single runs of an irregular motion."""
     shown = Table(box=SIMPLE_HEAD, pad_edge=False)
-    shown.add_column("")
+    shown.add_column("quantity")
     for name in ("first", "second", "difference", "relative"):
         shown.add_column(name, justify="right", no_wrap=True)
     for row in found.rows:
-        unit = f" [{row.unit}]" if row.unit else ""
-        shown.add_row(f"{row.name}{unit}", *_cells(row))
+        scale, unit = (1e3, "mm") if row.unit == "m" else (1.0, row.unit)
+        shown.add_row(f"{row.name}{unit and f' [{unit}]'}", *_cells(row, scale))
     return shown
 
 
-def _cells(row: Row) -> list[str]:
-    values = [f"{value:.5g}" if math.isfinite(value) else "–" for value in (row.first, row.second, row.difference)]
-    return [*values, f"{100.0 * row.relative:+.2f} %" if math.isfinite(row.relative) else ""]
+def _cells(row: Row, scale: float) -> list[str]:
+    values = zip((row.first, row.second, row.difference), (*row.spreads, math.hypot(*row.spreads)), strict=True)
+    relative = f"{100.0 * row.relative:+.2f} %" if math.isfinite(row.relative) else ""
+    return [*(_value(scale * value, scale * spread) for value, spread in values), relative]
+
+
+def _value(value: float, spread: float) -> str:
+    if not math.isfinite(value):
+        return "–"
+    if not spread:
+        return f"{value:.5g}"
+    digits = max(0, 1 - math.floor(math.log10(spread)))  # two of the spread
+    return f"{value:.{digits}f} ± {spread:.{digits}f}"

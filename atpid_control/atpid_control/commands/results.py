@@ -4,7 +4,8 @@
 import argparse
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -14,16 +15,18 @@ from rich.table import Table
 
 from atpid_common import output
 from atpid_common.arguments import file_path, positive, real
+from atpid_control.views.static_page import document, png_address, table, warnings
 from atpid_sim.simulation.simulate import finite
 
 _WIDTH = 110
 
 
 class Shown(NamedTuple):
-    """What a command shows of its results."""
+    """What a command shows of its results, on the screen and as a page."""
 
+    title: str
     table: Table
-    notes: Iterable[str]  # a line each
+    notes: Sequence[str]  # a line each
     picture: Path
 
 
@@ -57,19 +60,31 @@ def two_columns(rows: Iterable[tuple[str, str]]) -> Table:
 
 
 def claim(args: argparse.Namespace, *names: str) -> list[Path]:
-    """Return the files of these names in `--out`, before the work. Raises OutputError: they cannot be written."""
+    """Return the files of these names in `--out`, before the work. Raises OutputError: they cannot be written.
+
+    The page of a picture is claimed with it.
+    """
     output.folder(args.out)
-    return [output.file(args.out / name, replace=args.force) for name in names]
+    pages = [_page_of(Path(name)).name for name in names if name.endswith(".png")]
+    return [output.file(args.out / name, replace=args.force) for name in (*names, *pages)][: len(names)]
+
+
+def _page_of(picture: Path) -> Path:
+    return picture.with_suffix(".html")
 
 
 def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown: Shown) -> int:
-    """Write the numbers, NaN as null, and print them or the table with its notes; return 0. Raises OutputError.
+    """Write the numbers, NaN as null, and the page, and print them or the table with its notes; return 0.
+
+    Raises OutputError.
 
     What is `missing` in the numbers is printed after the notes.
     """
     plain = finite(dict(numbers))
     with output.writing(file):
         file.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        page = _page_of(shown.picture)
+        page.write_text(_page(shown, numbers["missing"]), encoding="utf-8")
     if args.json:
         print(json.dumps(plain, allow_nan=False))
         return 0
@@ -77,8 +92,22 @@ def give(args: argparse.Namespace, numbers: Mapping[str, Any], file: Path, shown
     for line in shown.notes:
         print(line)
     print_missing(numbers["missing"])
-    print(shown.picture)
+    print(page)
     return 0
+
+
+def _page(shown: Shown, missing: Iterable[str]) -> str:
+    """Return the results as a page: the picture, the table, the notes."""
+    heads = [str(column.header) for column in shown.table.columns]
+    rows = zip(*([str(cell) for cell in column.cells] for column in shown.table.columns), strict=True)
+    address = png_address(shown.picture.read_bytes())
+    parts = (
+        f"<h1>{escape(shown.title)}</h1>",
+        f'<figure><img src="{address}" alt="{escape(shown.title)}"></figure>',
+        table(shown.title, heads, rows),
+        warnings([*shown.notes, *(f"missing: {line}" for line in missing)]),
+    )
+    return document(shown.title, parts, "ol.events li{grid-template-columns:10px 1fr} td{white-space:normal}")
 
 
 def print_missing(lines: Iterable[str], file: TextIO | None = None) -> None:

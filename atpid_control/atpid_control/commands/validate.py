@@ -69,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
         "without_gap": measured.chosen, "missing": list(measured.missing), "faults": faults,
     }  # fmt: skip
     notes = [f"not to be trusted: {line}" for line in faults]
-    return give(args, numbers, file, Shown(_table(found, measured), notes, picture))
+    title = f"{args.recording} beside its simulation"
+    return give(args, numbers, file, Shown(title, _table(found, measured), notes, picture))
 
 
 def _write_series(measured: Measured, path: Path) -> None:

@@ -13,8 +13,8 @@ from atpid_control.design.make import Design
 from atpid_control.design.page import page
 from atpid_control.design.picture import draw
 from atpid_control.design.problem import RTOL, Problem, mapping_of, time_constant
-from atpid_control.views.report.picture import LIGHT
 from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_style import LIGHT
 from atpid_sim.maps import HeightMap
 from atpid_sim.maps.identity import identity_of
 from atpid_sim.scene import Scene, load_scene, scene_from_mapping
@@ -90,6 +90,7 @@ def scene_mapping(made: Design) -> dict[str, Any]:
         first, last = problem.excitation_frequency
         mapping["excitation"]["frequency"] = first if first == last else [[0.0, first], [duration, last]]
     return mapping | {
+        "container": {"side_friction": problem.side_friction, "slope": problem.slope},
         "ceiling": {
             "closed": diameter,
             "range": [diameter, _above(1.02 * max(one.height for one in (*made.points, *made.beyond)), 3)],

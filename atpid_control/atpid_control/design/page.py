@@ -1,39 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a design: self-contained HTML in the style of the reports, light or dark by the reader's setting."""
 
-import base64
 import io
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from html import escape
-from importlib.resources import files
+
+from matplotlib.figure import Figure
 
 from atpid_control.design import motor
 from atpid_control.design.beside_tuned_mass import MassRow
 from atpid_control.design.make import Design
-from atpid_control.design.picture import draw
+from atpid_control.design.picture import draw_each
 from atpid_control.design.problem import STANDARD_GRAVITY, Uncertainty
 from atpid_control.design.sketch import sketch
 from atpid_control.design.worst_case import Interval, Point
-from atpid_control.views.report.picture import DARK, LIGHT, Palette
+from atpid_control.views.report.stages import per_cent
+from atpid_control.views.static_page import Cell, document, facts, png_address, table, warnings
+from atpid_sim.figure_style import DARK, LIGHT
+
+_CSS = """
+h1 { max-width: 32em; } .tiles { grid-template-columns: repeat(auto-fit, minmax(280px, 1fr)); }
+.panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); gap: 18px 24px; }
+ol.events li { grid-template-columns: 10px 1fr; } th, td { padding-left: 12px; }
+"""
 
 
 def page(made: Design) -> str:
     """Return the whole page."""
-    colours = f":root{{{_colours(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{_colours(DARK)}}}}}\n"
-    css = files("atpid_control.views.report").joinpath("data", "page.css").read_text(encoding="utf-8")
-    title = escape(headline(made))
-    parts = (_header, _tiles, _warnings, _picture, _promise, _grains, _motor, _tuned_mass, _assumed, _next)
-    return "\n".join([
-        "<!doctype html>",
-        f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<style>{colours}{css}img {{ width: 100%; height: auto; }}</style></head><body><main>",
-        *(part(made) for part in parts),
-        f"<footer>Made by <code>atpid design</code> in {made.wall_s:.0f} s. All numbers are in "
-        "design.json. The rules and their limits: docs/design.md.</footer></main></body></html>\n",
-    ])  # fmt: skip
+    parts = (_header, _tiles, _warnings, _pictures, _promise, _grains, _motor, _tuned_mass, _assumed, _next, _footer)
+    return document(headline(made), (part(made) for part in parts), _CSS)
 
 
 def headline(made: Design) -> str:
@@ -41,11 +37,10 @@ def headline(made: Design) -> str:
     last = made.points[-1]
     left = f"±{1e3 * last.beam_amplitude.high:.3g} mm, {acceleration(last, last.beam_amplitude.high):.2g} g"
     today = f"today ±{1e3 * max(tone.bare for tone in last.over_frequency):.3g} mm"
-    low, high, *others = (100.0 * value for value in (*made.reduction, *made.efficiency))
     return (
         f"With a grain of {mass(made.grain_mass)} the structure moves by at most {left}, {today}, at a support of "
-        f"±{1e3 * last.amplitude:.3g} mm and {tone(made)}; reduction {low:.0f} to {high:.0f} %, efficiency "
-        f"{others[0]:.0f} to {others[1]:.0f} % over all amplitudes"
+        f"±{1e3 * last.amplitude:.3g} mm and {tone(made)}; reduction {per_cent(made.reduction)}, efficiency "
+        f"{per_cent(made.efficiency)} over all amplitudes"
     )
 
 
@@ -63,10 +58,6 @@ def acceleration(one: Point, amplitude: float) -> float:
 def mass(value: float) -> str:
     """Return a mass [kg] in words."""
     return f"{value:.3g} kg" if value >= 1.0 else f"{1e3 * value:.3g} g"
-
-
-def _colours(palette: Palette) -> str:
-    return "".join(f"--{name}:{value};" for name, value in asdict(palette).items())
 
 
 def _header(made: Design) -> str:
@@ -98,8 +89,8 @@ def _tiles(made: Design) -> str:
     shown = (
         (f"±{1e3 * last.beam_amplitude.high:.3g} mm", "structure, at most",
          f"{acceleration(last, last.beam_amplitude.high):.2g} g at ±{1e3 * last.amplitude:.3g} mm"),
-        (f"{100 * made.reduction[0]:.0f} %", "reduction, at least",
-         f"at most {100 * made.reduction[1]:.0f} %; efficiency at least {100 * made.efficiency[0]:.0f} %"),
+        (per_cent(made.reduction[:1] * 2), "reduction, at least",
+         f"at most {per_cent(made.reduction[1:] * 2)}; efficiency at least {per_cent(made.efficiency[:1] * 2)}"),
         (mass(made.grain_mass), f"grain, {100 * made.mass_fraction:.3g} % of all", f"⌀ {2e3 * made.radius:.1f} mm"),
         (f"{1e3 * low:.0f}–{1e3 * high:.0f} mm", "heights of the ceiling", f"closed: {2e3 * made.radius:.1f} mm"),
         (f"{1e3 * drive.speed:.3g} mm/s", "speed of the ceiling", f"{1e3 * drive.travel:.0f} mm of travel"),
@@ -114,42 +105,26 @@ def _tiles(made: Design) -> str:
 
 
 def _warnings(made: Design) -> str:
-    if not made.warnings:
-        return "<h2>Limits</h2><p>None of the limits in docs/design.md is met.</p>"
-    lines = "".join(
-        f'<li class="warning"><time></time><i></i><span>{escape(line)}</span></li>' for line in made.warnings
-    )
-    return f'<h2>Limits</h2><ol class="events">{lines}</ol>'
+    return f"<h2>Limits</h2>{warnings(made.warnings) or '<p>None of the limits in docs/design.md is met.</p>'}"
 
 
-def _picture(made: Design) -> str:
-    light, dark = (_embedded(made, palette) for palette in (LIGHT, DARK))
+def _pictures(made: Design) -> str:
+    """Return the panels, each a picture of its own, so that a narrow screen shows one below the other."""
+    pairs = zip(draw_each(made, LIGHT), draw_each(made, DARK), strict=True)
+    return f'<figure class="panels">{"".join(_picture(*pair) for pair in pairs)}</figure>'
+
+
+def _picture(light: Figure, dark: Figure) -> str:
     return (
-        f'<figure><picture><source media="(prefers-color-scheme: dark)" srcset="{dark}">'
-        f'<img src="{light}" alt="Amplitude, reduction, grain, efficiency, heights, cliff, force, a tuned mass">'
-        "</picture></figure>"
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{_address(dark)}">'
+        f'<img src="{_address(light)}" alt="{escape(light.axes[0].get_title(loc="left"))}"></picture>'
     )
 
 
-def _embedded(made: Design, palette: Palette) -> str:
+def _address(figure: Figure) -> str:
     buffer = io.BytesIO()
-    draw(made, palette).savefig(buffer, format="png", dpi=120)
-    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
-
-
-def _table(name: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(text)}</th>" for text in heads)
-    body = "".join(f"<tr>{_cells(heads, row)}</tr>" for row in rows)
-    # a region that scrolls sideways is reached by the keyboard too
-    return (
-        f'<div class="scroll" role="region" tabindex="0" aria-label="{escape(name)}"><table><thead><tr>{head}</tr>'
-        f"</thead><tbody>{body}</tbody></table></div>"
-    )
-
-
-def _cells(heads: Sequence[str], row: Sequence[str]) -> str:
-    named = zip(heads, row, strict=True)
-    return "".join(f'<td data-name="{escape(name)}">{escape(cell)}</td>' for name, cell in named)
+    figure.savefig(buffer, format="png", dpi=130)
+    return png_address(buffer.getvalue())
 
 
 def _promise(made: Design) -> str:
@@ -157,32 +132,42 @@ def _promise(made: Design) -> str:
              "efficiency [%]", "force, ceiling [N]", "force, floor [N]", "overlap / r")  # fmt: skip
     rows = [
         (
-            f"±{1e3 * one.amplitude:.3g}", f"{1e3 * one.height:.1f}", span(one.beam_amplitude, 1e3, ".3g"),
-            span(one.beam_amplitude, acceleration(one, 1.0), ".2g"), span(one.bare_amplitude, 1e3, ".3g"),
-            span(one.reduction, 100.0, ".1f"), span(one.efficiency, 100.0, ".1f"),
-            span(one.ceiling_force, 1.0, ".3g"), f"{one.floor_force:.3g}", f"{one.overlap:.3f}",
+            f"±{1e3 * one.amplitude:.3g}", f"{1e3 * one.height:.1f}", _bounds(one.beam_amplitude, 1e3, ".3g"),
+            _bounds(one.beam_amplitude, acceleration(one, 1.0), ".2g"), _bounds(one.bare_amplitude, 1e3, ".3g"),
+            _bounds(one.reduction, 100.0, ".1f"), _bounds(one.efficiency, 100.0, ".1f"),
+            _bounds(one.ceiling_force, 1.0, ".3g"), _plain(f"{one.floor_force:.3g}"), f"{one.overlap:.3f}",
         )
         for one in made.points
     ]  # fmt: skip
     note = (
-        "Each: what is expected of the given structure, in brackets the least and the largest of all cases. Structure: "
+        "Each: what is expected of the given structure, beneath it the least and the largest of all cases. Structure: "
         "its amplitude and acceleration with the damper; today: its amplitude without. Force on the floor: largest. "
         "Overlap / r: how deep the grain is pressed into a wall, over its radius; Hertz's law is for up to 0.1."
     )
-    shown = _table("Over the amplitudes", heads, rows)
+    shown = table("Over the amplitudes", heads, rows)
     return f'<h2>Over the amplitudes</h2>{shown}<p class="note">{note}</p>'
 
 
 def span(one: Interval, scale: float, form: str) -> str:
     """Return an interval in words, multiplied by a scale."""
+    return "{} ({})".format(*_bounds(one, scale, form))
+
+
+def _bounds(one: Interval, scale: float, form: str) -> tuple[str, str]:
+    """Return what is expected, and the least and the largest."""
     expected, low, high = (f"{scale * value:{form}}" for value in one)
-    return f"{expected} ({low} to {high})"
+    return _plain(expected), f"{_plain(low)} to {_plain(high)}"
+
+
+def _plain(text: str) -> str:
+    """Return a number without a power of ten where it has at most six digits."""
+    return f"{float(text):g}" if "e" in text else text
 
 
 def _grains(made: Design) -> str:
     heads = ("grain", "share", "diameter", "reduction [%]", "efficiency [%]", "heights", "force on the ceiling",
              "remark")  # fmt: skip
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for one in made.candidates:
         about = mass(one.grain_mass), f"{100 * one.mass_fraction:.3g} %", f"{2e3 * one.radius:.1f} mm"
         mark = "chosen" if one.mass_fraction == made.mass_fraction else ""
@@ -191,12 +176,12 @@ def _grains(made: Design) -> str:
             continue
         heights = f"{1e3 * one.heights[0]:.0f}–{1e3 * one.heights[1]:.0f} mm"
         rows.append(
-            (*about, span(one.reduction, 100.0, ".1f"), span(one.efficiency, 100.0, ".1f"), heights,
-             f"{one.ceiling_force:.3g} N", mark)
+            (*about, _bounds(one.reduction, 100.0, ".1f"), _bounds(one.efficiency, 100.0, ".1f"), heights,
+             _plain(f"{one.ceiling_force:.3g}") + " N", mark)
         )  # fmt: skip
     return (
-        f"<h2>The choice of the grain</h2>{_table('The choice of the grain', heads, rows)}"
-        '<p class="note">The least expected, in brackets least and largest, over three amplitudes and the corners of '
+        f"<h2>The choice of the grain</h2>{table('The choice of the grain', heads, rows)}"
+        '<p class="note">The least expected, beneath it least and largest, over three amplitudes and the corners of '
         "the box of uncertainties; the rule of the choice: docs/design.md. The promise of the chosen grain is over "
         "more of both. Force: of the given structure.</p>"
     )
@@ -206,7 +191,7 @@ def _motor(made: Design) -> str:
     drive = made.motor
     given = made.problem.yield_strength
     bears = "" if given is None else f"; given {1e-6 * given:.4g} MPa"
-    facts = {
+    listed = {
         "speed": f"{1e3 * drive.speed:.4g} mm/s: over the whole range of amplitudes, or from closed, within the time "
         f"constant of the closed damper, {drive.time_constant:.3g} s",
         "travel": f"{1e3 * drive.travel:.4g} mm over the amplitudes, {drive.travel_time:.3g} s at that speed; duty: "
@@ -235,7 +220,7 @@ def _motor(made: Design) -> str:
         "nothing here describes; measure it",
         "speed over that of impacts": f"{drive.speed_ratio:.2g}, allowed {motor.FAST:g}",
     }
-    return f"<h2>Motor and container</h2><figure>{sketch(made)}</figure><dl>{_facts(facts)}</dl>"
+    return f"<h2>Motor and container</h2><figure>{sketch(made)}</figure>{facts(listed)}"
 
 
 def _tuned_mass(made: Design) -> str:
@@ -257,7 +242,7 @@ def _tuned_mass(made: Design) -> str:
     )
     return (
         f"<h2>Beside a tuned mass</h2><p>{escape(verdict(one.rows))}</p>"
-        f"{_table('Beside a tuned mass', heads, rows)}"
+        f"{table('Beside a tuned mass', heads, rows)}"
         f'<p class="note">A mass of {mass(one.mass)} on a spring of its own, {one.frequency:.4g} Hz, damping ratio '
         f"{one.damping_ratio:.3g} ({one.damping:.3g} N s/m), the best {band}; it swings by ±{1e3 * one.stroke:.3g} mm "
         "against the structure at the largest amplitude. It is ideal: linear, its spring without mass. In other "
@@ -282,13 +267,9 @@ def verdict(rows: Sequence[MassRow]) -> str:
     )
 
 
-def _facts(facts: dict[str, str]) -> str:
-    return "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in facts.items())
-
-
 def _assumed(made: Design) -> str:
     p = made.problem
-    facts = {
+    listed = {
         "excitation": f"a tone at {tone(made)}"
         + (", the resonance of each structure with the closed damper" if p.excitation_frequency is None else ""),
         "gravity": f"{p.gravity:g} m/s² along the motion"
@@ -302,8 +283,8 @@ def _assumed(made: Design) -> str:
     for name, field in Uncertainty.model_fields.items():
         value = getattr(p.uncertainty, name)
         shown = f"± {1e3 * value:g} mm" if name == "height" else f"± {100 * value:g} %"
-        facts[f"± {name.replace('_', ' ')}"] = f"{shown}, {(field.description or '').rpartition(' [')[0]}"
-    return f"<h2>What is assumed</h2><dl>{_facts(facts)}</dl>"
+        listed[f"± {name.replace('_', ' ')}"] = f"{shown}, {(field.description or '').rpartition(' [')[0]}"
+    return f"<h2>What is assumed</h2>{facts(listed)}"
 
 
 def _next(made: Design) -> str:
@@ -311,4 +292,11 @@ def _next(made: Design) -> str:
     return (
         '<h2>To go on</h2><pre tabindex="0">atpid bench scene.yaml --out run\n'
         f"atpid simulate scene.yaml --height {middle.height:.5g}</pre>"
+    )
+
+
+def _footer(made: Design) -> str:
+    return (
+        f"<footer>Made by <code>atpid design</code> in {made.wall_s:.0f} s. All numbers are in design.json. The rules "
+        "and their limits: docs/design.md.</footer>"
     )

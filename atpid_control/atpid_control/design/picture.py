@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of a design: eight panels from the choice of the grain to a tuned mass of the same weight."""
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import matplotlib
@@ -9,28 +10,38 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from atpid_control.design.make import Design
-from atpid_control.views.report.picture import Palette, style
+from atpid_sim.figure_style import Palette, style
 
 
 def draw(made: Design, palette: Palette) -> Figure:
-    """Draw a design in the colours of a palette."""
+    """Draw a design in the colours of a palette: all panels in one figure."""
     with matplotlib.rc_context(style(palette)):
         figure = Figure(figsize=(11.0, 15.0), layout="constrained")
-        panels = figure.subplots(4, 2).flat
-        drawers = (_beam, _reduction, _grains, _efficiency, _heights, _cliff, _force, _tuned_mass)
-        for axes, drawer in zip(panels, drawers, strict=True):
+        for axes, drawer in zip(figure.subplots(4, 2).flat, _drawers(), strict=True):
             drawer(axes, made, palette)
     return figure
 
 
+def draw_each(made: Design, palette: Palette) -> Iterator[Figure]:
+    """Yield a figure for each panel."""
+    for drawer in _drawers():
+        with matplotlib.rc_context(style(palette)):
+            figure = Figure(figsize=(5.0, 3.6), layout="constrained")
+            drawer(figure.subplots(), made, palette)
+        yield figure
+
+
+def _drawers() -> tuple[Callable[[Any, Design, Palette], None], ...]:
+    return _beam, _reduction, _grains, _efficiency, _heights, _cliff, _force, _tuned_mass
+
+
 def _title(axes: Any, text: str, x: str, y: str) -> None:
-    axes.set_title(text, loc="left", fontsize=10.5, fontweight="bold")
-    axes.set(xlabel=x, ylabel=y)
+    axes.set(title=text, xlabel=x, ylabel=y)
 
 
 def _legend(axes: Any) -> None:
     """Draw the legend below the axes, where it hides no curve."""
-    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
 
 
 def _band(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from atpid_common.output import writing
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_sim.figure_numbers import drawn
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import Trajectory
 
@@ -43,7 +43,6 @@ def draw(scene: Scene, motion: Trajectory, closed: Trajectory, path: Path) -> No
         axes[1].plot(motion.time, motion.ceiling, "C0", linewidth=1.4)
         axes[1].set(xlim=(0.0, scene.duration), ylim=(0.0, None), ylabel="m", xlabel="time [s]", title="Ceiling height")
         _grain(axes[2], scene, motion)
-        light_frames(axes)
 
 
 def _beam(axes: Any, scene: Scene, motion: Trajectory, closed: Trajectory) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.analysis.validation.compare import Agreement
-from atpid_sim.figure_numbers import drawn, light_frames
+from atpid_sim.figure_numbers import drawn
 
 #: Periods shown close up, at the end.
 _CLOSE_UP = 6
@@ -31,7 +31,6 @@ def draw(found: Agreement, path: Path) -> None:
         period = float(np.diff(found.period_time)[0]) if len(found.period_time) > 1 else ends[1] - ends[0]
         _motions(axes[4], found, max(ends[0], ends[1] - _CLOSE_UP * period), ends[1])
         axes[4].set(title=f"The last {_CLOSE_UP} periods")
-        light_frames(axes)
 
 
 def _motions(ax: Any, found: Agreement, begin: float, end: float) -> None:

@@ -3,9 +3,9 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ from atpid_control.analysis.signals import AnalysisError, Signals, signals_of
 from atpid_control.analysis.spectra import Spectrum, spectrum
 from atpid_control.runs.run import open_run
 from atpid_control.views.report.latency import latency_of
-from atpid_control.views.report.view import View, view_of
+from atpid_control.views.report.stages import Stage
+from atpid_control.views.report.view import View, origin_of, view_of
 from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.system import Array
 
@@ -40,6 +41,7 @@ class Row:
     unit: str
     first: float
     second: float
+    spreads: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)  # half the range of single runs
 
     @property
     def difference(self) -> float:
@@ -57,6 +59,7 @@ class RunOnAxis:
     """One of the two runs."""
 
     name: str
+    label: str  # the scene and when it was recorded, else the folder
     view: View
     signals: Signals  # support and beam, NaN where a sample was lost
     shift: float  # to be added to its times [s]
@@ -86,7 +89,7 @@ class Compared:
         """Return the numbers as plain values."""
         rows = [
             {"name": row.name, "unit": row.unit, "first": row.first, "second": row.second,
-             "difference": row.difference, "relative": row.relative}
+             "spreads": list(row.spreads), "difference": row.difference, "relative": row.relative}
             for row in self.rows
         ]  # fmt: skip
         origins = [placed.signals.origin for placed in self.runs]
@@ -103,21 +106,29 @@ def compare_bags(first: Path, second: Path, align: str = START) -> Compared:
     # sensors only, so that a simulated run and a measured one are compared by the same reading
     views = [view_of(replace(open_run(path), prefer="")) for path in (first, second)]
     shifts = _shifts(views, (first, second), align)
-    runs = [_placed(path, view, shift) for path, view, shift in zip((first, second), views, shifts, strict=True)]
+    labels = _labels(views, (first, second))
+    placed = zip((first, second), labels, views, shifts, strict=True)
+    runs = [_placed(*parts) for parts in placed]
     time, difference = _difference(runs, align)
     rows = [*_rows(runs), *_difference_rows(runs, difference)]
     return Compared((runs[0], runs[1]), align, rows, time, difference, tuple(_doubts(runs)),
                     runs[0].missing + runs[1].missing)  # fmt: skip
 
 
-def _placed(path: Path, view: View, shift: float) -> RunOnAxis:
+def _labels(views: list[View], paths: tuple[Path, Path]) -> list[str]:
+    labels = [" · ".join(origin_of(view)[:2]) if "scene" in view.run.about else str(path)
+              for view, path in zip(views, paths, strict=True)]  # fmt: skip
+    return labels if labels[0] != labels[1] else [str(path) for path in paths]
+
+
+def _placed(path: Path, label: str, view: View, shift: float) -> RunOnAxis:
     signals, missing = signals_of(view.run, both=False)
     found: Orders | None = None
     density: Spectrum | None = None
     with suppress(AnalysisError):  # a run too short, or without excitation: its rows are missing in the table
         density = spectrum(signals.response, signals.rate)
         found = orders(steady_part(signals))
-    return RunOnAxis(str(path), view, signals, shift, density, found, tuple(missing))
+    return RunOnAxis(str(path), label, view, signals, shift, density, found, tuple(missing))
 
 
 def _shifts(views: list[View], paths: tuple[Path, Path], align: str) -> list[float]:
@@ -150,20 +161,38 @@ def _difference(runs: list[RunOnAxis], align: str) -> tuple[Array, Array]:
     return common, np.asarray(beams[1] - beams[0])
 
 
+def _amplitude(stage: Stage) -> tuple[float, float]:
+    return stage.amplitude, _half(stage.amplitude_spread or (0.0, 0.0))
+
+
+def _half(limits: tuple[float, float]) -> float:
+    return 0.5 * (limits[1] - limits[0])
+
+
+#: Each quantity of a stage: its name, unit, value and half the range of single runs.
+_STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
+    ("excitation, true", "m", lambda stage: (stage.excitation_amplitude, 0.0)),
+    ("excitation, identified", "m", lambda stage: (stage.identified_amplitude, 0.0)),
+    ("frequency, identified", "Hz", lambda stage: (stage.identified_frequency, 0.0)),
+    ("ceiling height", "m", lambda stage: (stage.height, 0.0)),
+    ("beam amplitude", "m", _amplitude),
+    ("beam, closed damper", "m", lambda stage: (stage.undamped_amplitude, 0.0)),
+    ("efficiency", "-", lambda stage: (stage.efficiency, _half(stage.efficiency_range))),
+    ("beam, without damper", "m", lambda stage: (stage.bare_amplitude, 0.0)),
+    ("reduction", "-", lambda stage: (stage.reduction, _half(stage.reduction_range))),
+)
+
+
 def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
     """Yield what both runs have, side by side."""
     first, second = (placed.view for placed in runs)
     yield Row("duration", "s", first.run.duration, second.run.duration)
     yield Row("beam, half peak-to-peak", "m", half_peak_to_peak(first.beam), half_peak_to_peak(second.beam))
     for number, stages in enumerate(zip_longest(first.stages, second.stages), 1):
-        for name, unit, field in (
-            ("excitation, true", "m", "excitation_amplitude"), ("excitation, identified", "m", "identified_amplitude"),
-            ("frequency, identified", "Hz", "identified_frequency"), ("ceiling height", "m", "height"),
-            ("beam amplitude", "m", "amplitude"), ("beam, closed damper", "m", "undamped_amplitude"),
-            ("efficiency", "-", "efficiency"),
-        ):  # fmt: skip
-            values = [math.nan if stage is None else float(getattr(stage, field)) for stage in stages]
-            yield Row(f"stage {number}: {name}", unit, *values)
+        for name, unit, value in _STAGE:
+            pairs = [(math.nan, 0.0) if stage is None else value(stage) for stage in stages]
+            (one, scatter), (other, others) = pairs
+            yield Row(f"stage {number}: {name}", unit, one, other, spreads=(scatter, others))
     yield from _order_rows(runs)
     if first.decrements or second.decrements:
         yield Row("largest ratio of successive peaks", "-", *(v.decrements[0] if v.decrements else math.nan
@@ -202,7 +231,7 @@ def _doubts(runs: list[RunOnAxis]) -> Iterator[str]:
         if run.lost:
             yield f"{placed.name}: {run.lost} samples lost"
         if any(stage.reproducible is False for stage in placed.view.stages):
-            yield f"{placed.name}: irregular motion: single runs differ, so that a difference may be chance"
+            yield f"{placed.name}: irregular motion: single runs differ (±), so that a difference may be chance"
         if run.result.get("finished") != "yes" and not run.unread:
             yield f"{placed.name}: the recording ended before the run did"
     counts = [len(placed.view.stages) for placed in runs]

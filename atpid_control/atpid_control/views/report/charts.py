@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from atpid_control.analysis.analyse import Analysis
-from atpid_control.views.report.panels import Chart, Panel, extremes
+from atpid_control.views.report.panels import Chart, Panel, anchor, extremes
 from atpid_sim.system import Array
 
 Figure = dict[str, Any]
@@ -14,7 +14,8 @@ Figure = dict[str, Any]
 #: Points a curve is drawn with at most: each bucket keeps its highest and lowest.
 _POINTS = 6000
 _FONT = "Inter, system-ui, -apple-system, Segoe UI, Roboto, Helvetica, Arial, sans-serif"
-_GAP = 0.07
+#: Between two panels, and above and below all of them [px].
+_GAP, _AROUND = 52, 78
 
 
 def thinned(time: Array, value: Array, points: int = _POINTS) -> tuple[list[float], list[float | None]]:
@@ -27,15 +28,16 @@ def thinned(time: Array, value: Array, points: int = _POINTS) -> tuple[list[floa
 def draw(chart: Chart) -> Figure:
     """Return the panels below each other, one time axis for all."""
     total = sum(panel.share for panel in chart.panels)
-    room = 1.0 - _GAP * (len(chart.panels) - 1)
+    gap = _GAP / (chart.height - _AROUND)
+    room = 1.0 - gap * (len(chart.panels) - 1)
     figure: Figure = {"data": [], "layout": _layout(chart.height)}
     top = 1.0
     for number, panel in enumerate(chart.panels, start=1):
         bottom = max(0.0, top - room * panel.share / total)
         axis = "y" if number == 1 else f"y{number}"
         figure["layout"][f"yaxis{axis[1:]}"] = {**_axis(), "domain": [bottom, top]}
-        _panel(figure, panel, axis, top)
-        top = bottom - _GAP
+        _panel(figure, panel, axis, top, chart.end)
+        top = bottom - gap
     time = {"range": [chart.begin, chart.end], "title": {"text": "time, s"}, "minallowed": 0.0}
     figure["layout"]["xaxis"] = {**_axis(), "anchor": axis, **time}
     figure["layout"]["shapes"] = [
@@ -88,13 +90,13 @@ def _note(figure: Figure, **given: Any) -> None:
 
 def _title(figure: Figure, top: float, text: str, unit: str) -> None:
     place = {"xref": "paper", "yref": "paper", "x": 0, "y": top, "yanchor": "bottom", "yshift": 5}
-    _note(figure, **place, xanchor="left", text=f"<b>{text}</b>", font={"color": "@ink", "size": 13.5})
-    _note(figure, **place, xanchor="right", xshift=-6, text=unit)
+    _note(figure, **place, name="title", xanchor="left", text=f"<b>{text}</b>", font={"color": "@ink", "size": 13.5})
+    _note(figure, **place, name="unit", xanchor="right", xshift=-6, text=unit)
 
 
-def _panel(figure: Figure, panel: Panel, axis: str, top: float) -> None:
+def _panel(figure: Figure, panel: Panel, axis: str, top: float, end: float) -> None:
     _title(figure, top, panel.title, panel.unit)
-    hover = f"%{{y:.{4 if panel.unit == 'm' else 3}f}} {panel.unit}"
+    hover = f"%{{y:.4~g}} {panel.unit}"
     for curve in panel.curves:
         x, y = thinned(curve.time, curve.value)
         line = {"color": f"@{curve.colour}", "width": curve.widths[1]} | ({"shape": "hv"} if curve.holds else {})
@@ -107,15 +109,16 @@ def _panel(figure: Figure, panel: Panel, axis: str, top: float) -> None:
             yshift=8.0 * curve.side, text=f"<b>{curve.name}</b>", font={"color": f"@{curve.label_colour}"},
         )  # fmt: skip
     for middle, height, text in panel.efficiencies:
-        place = {"xref": "x", "yref": axis, "x": middle, "y": height, "yanchor": "top"}
+        place = {"xref": "x", "yref": axis, "x": middle, "y": height, "xanchor": anchor(middle / end), "yanchor": "top"}
         _note(figure, name="efficiency", text=f"<b>{text}</b>", font={"color": "@own", "size": 19}, **place)
     for middle, height, text in panel.printed:
         figure["data"].append(
-            {"type": "scatter", "mode": "markers+text", "x": [middle], "y": [height],
-             "text": [text], "textposition": "bottom center",
-             "textfont": {"color": "@accent"}, "yaxis": axis, "name": "thesis", "hoverinfo": "skip",
+            {"type": "scatter", "mode": "markers", "x": [middle], "y": [height], "yaxis": axis, "name": "thesis",
+             "hoverinfo": "skip",
              "marker": {"symbol": "diamond", "size": 9, "color": "@accent", "line": {"color": "@paper", "width": 1}}}
         )  # fmt: skip
+        place = {"xref": "x", "yref": axis, "x": middle, "y": height, "xanchor": anchor(middle / end), "yanchor": "top"}
+        _note(figure, name="printed", text=text, font={"color": "@accent"}, yshift=-5, **place)
     scale = figure["layout"][f"yaxis{axis[1:]}"]
     scale |= {"rangemode": "tozero"} if panel.limits[0] == 0.0 else {"range": list(panel.limits)}
     if panel.errors is not None:

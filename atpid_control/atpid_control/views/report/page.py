@@ -4,7 +4,6 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from importlib.resources import files
 from typing import Any
 
@@ -17,9 +16,9 @@ from atpid_control.analysis.signals import AnalysisError, signals_of
 from atpid_control.runs.run import Run
 from atpid_control.views.report import charts, panels
 from atpid_control.views.report.latency import latency_of
-from atpid_control.views.report.picture import DARK, LIGHT, Palette
 from atpid_control.views.report.stages import Printed, Stage, measured_decrement
-from atpid_control.views.report.view import View, headline, not_arrived
+from atpid_control.views.report.view import View, headline, not_arrived, origin_of
+from atpid_control.views.static_page import colours, style_sheet
 from atpid_sim.simulation.energy import Ledger
 
 _COLUMNS = (
@@ -34,10 +33,9 @@ def page(view: View) -> str:
     drawn = {"overview": panels.overview(view), "grain": panels.grain(view)}
     shown = {name: charts.draw(chart) for name, chart in drawn.items() if chart is not None}
     shown |= {"spectra": charts.spectra(analysis)} if analysis is not None else {}
-    colours = f":root{{{_colours(LIGHT)}}}@media (prefers-color-scheme: dark){{:root{{{_colours(DARK)}}}}}\n"
     # a closing tag inside the text would end the script element
     data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-    code = {"colours": colours, "style": _data("page.css"), "figures": data, "library": get_plotlyjs(),
+    code = {"colours": colours(), "style": style_sheet(), "figures": data, "library": get_plotlyjs(),
             "script": _data("page.js")}  # fmt: skip
     pages = Environment(loader=PackageLoader(__package__, "data"), autoescape=True, undefined=StrictUndefined,
                         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)  # fmt: skip
@@ -48,20 +46,16 @@ def _data(name: str) -> str:
     return files(__package__).joinpath("data", name).read_text(encoding="utf-8")
 
 
-def _colours(palette: Palette) -> str:
-    return "".join(f"--{name}:{value};" for name, value in asdict(palette).items())
-
-
 def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
     """Return the names the template uses, `view` itself among them."""
     real_time = view.run.about.get("clock") == "real time"
     printed: Sequence[Printed | None] = view.printed or [None] * len(view.stages)
     return {
-        "view": view, "headline": headline(view), "origin": _origin(view), "tiles": list(_tiles(view)),
+        "view": view, "headline": headline(view), "origin": origin_of(view), "tiles": list(_tiles(view)),
         "columns": _COLUMNS, "stages": [_cells(*row) for row in zip(view.stages, printed, strict=True)],
         "irregular": any(stage.amplitude_spread for stage in view.stages), "not_arrived": not_arrived(view),
         "energy": _energy(view.run), "latency": latency_of(view.run) if real_time else None, "analysis": analysis,
-        "analysis_rows": list(rows(analysis)) if analysis else [],
+        "analysis_rows": [(name.replace("_", " "), value) for name, value in rows(analysis)] if analysis else [],
         "doubts": [*analysis.doubts, *view.run.faults(-math.inf, math.inf)] if analysis else [], "facts": _facts(view),
     }  # fmt: skip
 
@@ -74,16 +68,6 @@ def analysis_of(run: Run) -> Analysis | None:
         return None
 
 
-def _origin(view: View) -> list[str]:
-    about = view.run.about
-    parts = (
-        about.get("scene", "no scene"),
-        about.get("created", "")[:16].replace("T", " "),
-        f"{view.run.duration:.4g} s",
-    )
-    return [part for part in parts if part]
-
-
 def _tiles(view: View) -> Iterator[dict[str, Any]]:
     """Yield the main results: one a stage, or the decrements of a free decay."""
     scene = view.run.scene
@@ -94,8 +78,8 @@ def _tiles(view: View) -> Iterator[dict[str, Any]]:
             if math.isfinite(stage.efficiency):
                 what = f"reduction, support ±{1e3 * stage.excitation_amplitude:.4g} mm"
                 below = (
-                    f"without the damper ±{stage.bare_amplitude:.3f} m → {_beam_amplitude(stage)}; "
-                    f"closed ±{stage.undamped_amplitude:.3f} m, efficiency {stage.efficiency_text()}"
+                    f"without the damper ±{1e3 * stage.bare_amplitude:.3g} mm → {_beam_amplitude(stage)}; "
+                    f"closed ±{1e3 * stage.undamped_amplitude:.3g} mm, efficiency {stage.efficiency_text()}"
                 )
                 yield _tile(stage.reduction_text(), what, below)
     elif scene is not None:
@@ -108,9 +92,9 @@ def _tiles(view: View) -> Iterator[dict[str, Any]]:
 
 def _beam_amplitude(stage: Stage) -> str:
     if stage.amplitude_spread is None:
-        return f"±{stage.amplitude:.3f} m"
-    least, largest = stage.amplitude_spread
-    return f"±{least:.3f} to {largest:.3f} m: irregular; this run: ±{stage.amplitude:.3f} m"
+        return f"±{1e3 * stage.amplitude:.3g} mm"
+    least, largest = (1e3 * value for value in stage.amplitude_spread)
+    return f"±{least:.3g} to {largest:.3g} mm: irregular; this run: ±{1e3 * stage.amplitude:.3g} mm"
 
 
 def _tile(
@@ -176,10 +160,13 @@ def _cells(stage: Stage, printed: Printed | None) -> list[dict[str, str]]:
     best = dict(thesis)
     if printed is not None:
         thesis = {
-            "height": f"{printed.height_sign}{printed.height:.2f} m", "closed": f"{printed.closed:.2f} m",
-            "beam": f"{printed.amplitude:.2f} m", "efficiency": f"{100.0 * printed.efficiency:.0f} %",
+            "height": f"{printed.height_sign}{1e3 * printed.height:.0f} mm", "closed": f"{1e3 * printed.closed:.0f} mm",
+            "beam": f"{1e3 * printed.amplitude:.0f} mm", "efficiency": f"{100.0 * printed.efficiency:.0f} %",
         }  # fmt: skip
-        best |= {"height": f"{printed.best_height:.2f} m", "efficiency": f"{100.0 * printed.best_efficiency:.0f} %"}
+        best |= {
+            "height": f"{1e3 * printed.best_height:.0f} mm",
+            "efficiency": f"{100.0 * printed.best_efficiency:.0f} %",
+        }
     efficiency = stage.efficiency_text() if stage.amplitude_spread else number(100.0 * stage.efficiency, ".1f", "%")
     reduction = stage.reduction_text() if stage.amplitude_spread else number(100.0 * stage.reduction, ".1f", "%")
     cells = [
@@ -188,11 +175,11 @@ def _cells(stage: Stage, printed: Printed | None) -> list[dict[str, str]]:
         (number(1e3 * stage.identified_amplitude, ".3f", "mm"), ""),
         (number(error, "+.3f", "%"), ""),
         (number(stage.identified_frequency, ".3f", "Hz"), ""),
-        (number(stage.height, ".3f", "m") + ("" if stage.arrived else " *"), "height"),
-        (number(stage.undamped_amplitude, ".3f", "m"), "closed"),
-        (number(stage.amplitude, ".3f", "m"), "beam"),
+        (number(1e3 * stage.height, ".4g", "mm") + ("" if stage.arrived else " *"), "height"),
+        (number(1e3 * stage.undamped_amplitude, ".4g", "mm"), "closed"),
+        (number(1e3 * stage.amplitude, ".4g", "mm"), "beam"),
         (efficiency, "efficiency"),
-        (number(stage.bare_amplitude, ".3f", "m"), ""),
+        (number(1e3 * stage.bare_amplitude, ".4g", "mm"), ""),
         (reduction, ""),
     ]
     return [{"text": text, "thesis": thesis.get(name, ""), "best": best.get(name, "")} for text, name in cells]

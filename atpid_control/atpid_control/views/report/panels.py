@@ -16,6 +16,10 @@ from atpid_sim.system import Array
 #: Widths of a line: in the picture [points], on the page [px].
 _THIN, _LINE, _BROAD = (0.7, 1.1), (1.6, 1.8), (4.0, 4.5)
 _REFERENCE, _WALL, _GRAIN = (0.6, 1.0), (1.4, 1.6), (2.0, 2.4)
+#: Least error that is shown [%]; least change of the frequency, relative [-].
+_SEEN, _CHANGED = 0.02, 0.005
+#: Share of the time axis at its begin in which a centred text covers the ticks [-].
+_EDGE = 0.035
 #: A text centred at a time [s] and a height in the panel's unit.
 Text = tuple[float, float, str]
 
@@ -70,29 +74,29 @@ class Chart:
 def overview(view: View) -> Chart:
     """Return top to bottom: the beam, its excitation, the error of its identification, the ceiling."""
     panels = [_beam(view)]
-    panels += [_excitation(view), _error(view)] if view.stages else []
+    panels += [_excitation(view), *_error(view), *_frequency(view)] if view.stages else []
     panels += [_ceiling(view)] if view.moving else []
-    return Chart(panels, 0.0, view.run.duration, 800 if view.stages else 520, view.windows)
+    return Chart(panels, 0.0, view.run.duration, 280 + 130 * len(panels), view.windows)
 
 
 def _beam(view: View) -> Panel:
-    time, reach = view.run.motion.time, view.reach
-    closed = None if view.always_closed else view.closed
+    time, reach, beam = view.run.motion.time, 1e3 * view.reach, 1e3 * view.beam
+    closed = None if view.always_closed or view.closed is None else 1e3 * view.closed
     late = time > 0.9 * time[-1]
-    top = float(np.nanmax(view.beam[late]))
+    top = float(np.nanmax(beam[late]))
     curves = []
     if closed is not None:
         label = max(float(np.nanmax(closed[late])), top + 0.16 * reach)
         curves.append(Curve("closed", time, closed, "given", _REFERENCE, label))
-    curves.append(Curve(view.own_name, time, view.beam, "own", _THIN, 0.0 if closed is None else 0.5 * top))
+    curves.append(Curve(view.own_name, time, beam, "own", _THIN, 0.0 if closed is None else 0.5 * top))
     efficiencies = [
         (0.5 * (begin + end), 1.3 * reach, stage.efficiency_text())
         for stage, (begin, end) in zip(view.stages, view.windows, strict=True)
         if closed is not None and math.isfinite(stage.efficiency)
     ]
-    title = "Beam displacement from rest" + ("; efficiency" if view.stages and closed is not None else "")
+    title = "Beam from rest" + ("; efficiency" if view.stages and closed is not None else "")
     limits = (-1.08 * reach, 1.34 * reach if view.stages else 1.08 * reach)
-    return Panel(title, "m", 3.4, curves, limits, efficiencies=efficiencies)
+    return Panel(title, "mm", 3.4, curves, limits, efficiencies=efficiencies)
 
 
 def _excitation(view: View) -> Panel:
@@ -110,19 +114,37 @@ def _excitation(view: View) -> Panel:
     return Panel("Support amplitude", "mm", 1.35, curves, (0.0, 1.22 * top or 1.0))
 
 
-def _error(view: View) -> Panel:
-    title, unit, share = "Error of the identified amplitude, ±2σ", "%", 1.0
+def _error(view: View) -> list[Panel]:
+    """Return the panel of the error, none where it is unknown or too small to be seen."""
     if view.true_amplitude is None:
-        return Panel(title, unit, share)
+        return []
     estimates = view.run.estimates
     known = np.interp(estimates.time, view.run.motion.time, view.true_amplitude)
     steady = estimates.steady & (known > 0.0) & np.isfinite(estimates.amplitude_std)
-    if not steady.any():
-        return Panel(title, unit, share)
     given = known[steady]
     error, bar = 100.0 * (estimates.amplitude[steady] / given - 1.0), 200.0 * estimates.amplitude_std[steady] / given
-    limit = rounded_up(float(np.nanmax(np.abs(error) + bar)))
-    return Panel(title, unit, share, limits=(-limit, limit), errors=(estimates.time[steady], error, bar))
+    largest = float(np.nanmax(np.abs(error) + bar, initial=0.0))
+    if largest < _SEEN:
+        return []
+    limit = rounded_up(largest)
+    title, errors = "Error of the identified amplitude, ±2σ", (estimates.time[steady], error, bar)
+    return [Panel(title, "%", 1.0, limits=(-limit, limit), errors=errors)]
+
+
+def _frequency(view: View) -> list[Panel]:
+    """Return the panel of the excitation's frequency, none where it does not change."""
+    estimates, true = view.run.estimates, view.true_frequency
+    found = np.where(estimates.steady, estimates.frequency, np.nan)
+    values = np.concatenate(([] if true is None else [true]) or [found])
+    low, high = float(np.nanmin(values, initial=np.inf)), float(np.nanmax(values, initial=-np.inf))
+    if not high - low > _CHANGED * high:
+        return []
+    curves = [] if true is None else [Curve("true", view.run.motion.time, true, "given", _BROAD, float(true[-1]), 1)]
+    if estimates.steady.any():
+        last = float(found[estimates.steady][-1])
+        curves.append(Curve("identified", estimates.time, found, "own", _LINE, last, -1))
+    room = 0.15 * (high - low)
+    return [Panel("Frequency of the excitation", "Hz", 1.35, curves, (low - room, high + room))]
 
 
 def rounded_up(value: float) -> float:
@@ -138,28 +160,29 @@ def rounded_up(value: float) -> float:
 
 def _ceiling(view: View) -> Panel:
     sent, curves = view.run.commands, []
-    known = np.isfinite(sent.height)
+    heights_sent = 1e3 * sent.height
+    known = np.isfinite(heights_sent)
     commanded = bool(known.any()) and view.own_name == "adaptive"
     if commanded:
-        time, height = sent.time[known], sent.height[known]
+        time, height = sent.time[known], heights_sent[known]
         curves.append(Curve("commanded", time, height, "given", _BROAD, float(height[-1]), 1, holds=True))
     motion, motor = view.run.motion, view.run.ceiling
     # the plant's own where it is known
-    time, moved = (motion.time, motion.ceiling) if view.drawn_truth else (motor.time, motor.height)
+    time, moved = (motion.time, 1e3 * motion.ceiling) if view.drawn_truth else (motor.time, 1e3 * motor.height)
     if len(moved):
         curves.append(Curve("moved", time, moved, "own", _LINE, float(moved[-1]), -1 if commanded else 0))
-    top = float(np.nanmax(np.append(moved, sent.height)))
+    top = float(np.nanmax(np.append(moved, heights_sent)))
     heights: list[Text] = []
     printed: list[Text] = []
     for number, (stage, (begin, end)) in enumerate(zip(view.stages, view.windows, strict=True)):
         middle = 0.5 * (begin + end)
         if view.own_name == "adaptive" and math.isfinite(stage.height):
-            heights.append((middle, stage.height + 0.06 * top, f"{stage.height:.3f}"))
+            heights.append((middle, 1e3 * stage.height + 0.06 * top, f"{1e3 * stage.height:.3g}"))
         if view.printed:
             its = view.printed[number]
-            printed.append((middle, its.height, f"thesis {its.height_sign}{its.height:.2g}"))
-            top = max(top, its.height)
-    return Panel("Ceiling height", "m", 1.5, curves, (0.0, 1.28 * top), heights=heights, printed=printed)
+            printed.append((middle, 1e3 * its.height, f"thesis {its.height_sign}{1e3 * its.height:.0f}"))
+            top = max(top, 1e3 * its.height)
+    return Panel("Ceiling height", "mm", 1.5, curves, (0.0, 1.28 * top), heights=heights, printed=printed)
 
 
 def grain(view: View) -> Chart | None:
@@ -172,9 +195,9 @@ def grain(view: View) -> Chart | None:
         return None
     begin, end = view.grain_window
     inside = (motion.time >= begin) & (motion.time <= end)
-    floor = (motion.beam + scene.static_deflection)[inside]
-    ceiling = floor + motion.ceiling[inside] - 2.0 * scene.grain.radius
-    lines = [floor, (motion.grain + scene.static_deflection)[inside], ceiling]
+    floor = 1e3 * (motion.beam + scene.static_deflection)[inside]
+    ceiling = floor + 1e3 * (motion.ceiling[inside] - 2.0 * scene.grain.radius)
+    lines = [floor, 1e3 * (motion.grain + scene.static_deflection)[inside], ceiling]
     low, high = float(np.nanmin(floor)), float(np.nanmax(ceiling))
     labels = apart([float(line[-1]) for line in lines], 0.07 * (high - low))
     looks = (("floor", "given_text", _WALL), ("grain", "own", _GRAIN), ("ceiling", "given_text", _WALL))
@@ -182,11 +205,16 @@ def grain(view: View) -> Chart | None:
         Curve(name, motion.time[inside], line, colour, widths, label)
         for (name, colour, widths), line, label in zip(looks, lines, labels, strict=True)
     ]
-    space = 0.08 * (high - low) + 1e-6
+    space = 0.08 * (high - low) + 1e-3
     limits = (low - space, high + space)
     return Chart(
-        [Panel("The grain between floor and ceiling", "m", 2.261, curves, limits, walls=True)], begin, end, 360
+        [Panel("The grain between floor and ceiling", "mm", 2.261, curves, limits, walls=True)], begin, end, 360
     )
+
+
+def anchor(share: float) -> str:
+    """Return how a text at a share of the time axis [-] is aligned: at its begin it covers no tick beside it."""
+    return "left" if share < _EDGE else "center"
 
 
 def apart(heights: list[float], least: float) -> list[float]:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures as PNG, for README and papers; the page draws the same panels."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,43 +8,15 @@ import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from atpid_control.views.report.panels import Chart, Curve, Panel, extremes, grain, overview
+from atpid_control.views.report.panels import Chart, Curve, Panel, anchor, extremes, grain, overview
 from atpid_control.views.report.view import View
 from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_style import DARK, LIGHT, SIZE, Palette, style
 
-
-@dataclass(frozen=True)
-class Palette:
-    """Colours of one scheme: grey for the given excitation and the closed damper, blue for the damper.
-
-    Orange is kept for the thesis's printed figures and for warnings. The contrast of text is at least 4.5 to 1.
-    """
-
-    paper: str
-    ink: str
-    muted: str  # axes, captions
-    grid: str
-    given: str  # the closed damper, the true excitation, the command
-    given_text: str  # the same where it is text
-    own: str  # the damper, the estimate, the ceiling
-    soft: str  # the same, as an area
-    accent: str  # the thesis's figures, warnings
-    window: str  # where a stage is measured
-
-
-LIGHT = Palette(
-    paper="#ffffff", ink="#1a1d21", muted="#5f6770", grid="#e7e9ec", given="#b4bac1", given_text="#6b727a",
-    own="#0f6aa3", soft="#cfe3f0", accent="#b4540a", window="#f2f5f8",
-)  # fmt: skip
-DARK = Palette(
-    paper="#14171b", ink="#e9ebee", muted="#9aa2ab", grid="#2a2f36", given="#5b646e", given_text="#98a1ab",
-    own="#62b2e6", soft="#1d3b50", accent="#eb9b57", window="#1b2026",
-)  # fmt: skip
 SCHEMES = {"light": LIGHT, "dark": DARK}
 
 
 _DPI = 160
-_SIZE = 9.5
 #: A curve longer than this is drawn with so many of its points.
 _LONG, _POINTS = 200_000, 20_000
 
@@ -61,18 +32,6 @@ def save_pictures(view: View, folder: Path) -> list[Path]:
                 figure.savefig(path, dpi=_DPI, metadata=metadata_of(figure))
                 written.append(path)
     return written
-
-
-def style(palette: Palette) -> Any:
-    """Return matplotlib's settings for a palette."""
-    return {
-        "font.family": "DejaVu Sans", "font.size": _SIZE, "axes.edgecolor": palette.grid, "axes.linewidth": 0.8,
-        "axes.facecolor": palette.paper, "figure.facecolor": palette.paper, "savefig.facecolor": palette.paper,
-        "axes.labelcolor": palette.muted, "text.color": palette.ink, "xtick.color": palette.muted,
-        "ytick.color": palette.muted, "xtick.major.size": 0.0, "ytick.major.size": 0.0, "axes.grid": True,
-        "grid.color": palette.grid, "grid.linewidth": 0.8, "axes.axisbelow": True, "axes.spines.top": False,
-        "axes.spines.right": False, "axes.spines.left": False, "lines.solid_capstyle": "round",
-    }  # fmt: skip
 
 
 def draw(chart: Chart, palette: Palette) -> Figure:
@@ -100,7 +59,7 @@ def draw(chart: Chart, palette: Palette) -> Figure:
 
 
 def _panel(axes: Any, panel: Panel, start: float, palette: Palette) -> None:
-    axes.set_title(panel.title, loc="left", fontsize=_SIZE + 0.5, fontweight="bold", color=palette.ink, pad=7)
+    axes.set_title(panel.title, pad=7)
     axes.annotate(
         panel.unit, (0.0, 1.0), xytext=(-4, 7), xycoords="axes fraction", textcoords="offset points", ha="right",
         va="bottom", color=palette.muted,
@@ -114,15 +73,16 @@ def _panel(axes: Any, panel: Panel, start: float, palette: Palette) -> None:
         axes.plot(time, error, ".", color=palette.own, ms=3.0, mew=0.0)
         axes.axhline(0.0, color=palette.given, lw=0.8, zorder=1)
         axes.set_yticks([panel.limits[0], 0.0, panel.limits[1]])
+    end = axes.get_xlim()[1]
     for middle, height, text in panel.efficiencies:
-        large = {"fontsize": _SIZE + 5.5, "fontweight": "bold"}
-        axes.text(middle, height, text, ha="center", va="top", color=palette.own, **large)
+        large = {"fontsize": SIZE + 5.5, "fontweight": "bold"}
+        axes.text(middle, height, text, ha=anchor(middle / end), va="top", color=palette.own, **large)
     for middle, height, text in panel.heights:
-        axes.text(middle, height, text, ha="center", va="bottom", color=palette.own)
+        axes.text(middle, height, text, ha=anchor(middle / end), va="bottom", color=palette.own)
     for middle, height, text in panel.printed:
         axes.plot(middle, height, "D", color=palette.accent, ms=4.5, mec=palette.paper, mew=0.8, zorder=5)
-        axes.annotate(text, (middle, height), xytext=(0, -7), textcoords="offset points", ha="center", va="top",
-                      color=palette.accent)  # fmt: skip
+        axes.annotate(text, (middle, height), xytext=(0, -7), textcoords="offset points", va="top",
+                      ha=anchor(middle / end), color=palette.accent)  # fmt: skip
     axes.set_ylim(*panel.limits)
     if panel.walls:
         for curve, outside in zip((panel.curves[0], panel.curves[-1]), panel.limits, strict=True):

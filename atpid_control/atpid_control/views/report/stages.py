@@ -2,6 +2,7 @@
 """The stages of a run, intervals of constant excitation: what was measured at the ends, and what the thesis prints."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -104,10 +105,19 @@ def measure(run: Run, closed: Array | None) -> list[Stage]:
 
 def true_amplitude(run: Run) -> Array | None:
     """Return the excitation's true amplitude (n,) [m] at the motion's times, None where it is unknown."""
-    if run.scene is None or run.scene.excitation.kind in ("free", "series"):
+    return None if run.scene is None else _true(run, run.scene, run.scene.excitation.amplitude_points)
+
+
+def true_frequency(run: Run) -> Array | None:
+    """Return the true frequency (n,) [Hz] of a tone at the motion's times, None where it is unknown."""
+    known = run.scene is not None and run.scene.excitation.is_tone
+    return _true(run, run.scene, frequency_points(run.scene)) if known and run.scene is not None else None
+
+
+def _true(run: Run, scene: Scene, points: Sequence[tuple[float, float]]) -> Array | None:
+    if scene.excitation.kind in ("free", "series"):
         return None
-    points = run.scene.excitation.amplitude_points
-    return np.interp(run.motion.time, [t for t, _ in points], [amplitude for _, amplitude in points])
+    return np.interp(run.motion.time, [t for t, _ in points], [value for _, value in points])
 
 
 def intervals(run: Run) -> list[tuple[float, float]]:

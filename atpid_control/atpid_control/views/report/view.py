@@ -10,7 +10,16 @@ import numpy as np
 from atpid_control.runs.run import Run, open_run
 from atpid_control.runs.tables import TRUTH
 from atpid_control.views.report.comparison import Closed, closed_height, closed_motion
-from atpid_control.views.report.stages import Printed, Stage, beside, measure, per_cent, true_amplitude, window_of
+from atpid_control.views.report.stages import (
+    Printed,
+    Stage,
+    beside,
+    measure,
+    per_cent,
+    true_amplitude,
+    true_frequency,
+    window_of,
+)
 from atpid_sim.simulation.quantities import largest_decrement
 from atpid_sim.system import Array
 
@@ -26,6 +35,7 @@ class View:
     beam: Array  # (n,) displacement from rest [m]
     closed: Array | None  # (n,) the same with the damper closed [m]
     true_amplitude: Array | None  # (n,) [m]
+    true_frequency: Array | None  # (n,) [Hz]
     stages: list[Stage]
     windows: list[tuple[float, float]]  # where each stage is measured [s]
     printed: list[Printed] | None  # the thesis's stages, where this is its bench
@@ -97,6 +107,7 @@ def view_of(source: Path | Run, closed: Closed | None = None) -> View:
         beam=beam,
         closed=still,
         true_amplitude=true_amplitude(run),
+        true_frequency=true_frequency(run),
         stages=stages,
         windows=[window_of(run, stage.t0, stage.t1) for stage in stages],
         printed=beside(run, stages),
@@ -104,10 +115,21 @@ def view_of(source: Path | Run, closed: Closed | None = None) -> View:
     )
 
 
+def origin_of(view: View) -> list[str]:
+    """Return the scene of a run, when it was recorded, and how long it took, as far as they are known."""
+    about = view.run.about
+    parts = (
+        about.get("scene", "no scene"),
+        about.get("created", "")[:16].replace("T", " "),
+        f"{view.run.duration:.4g} s",
+    )
+    return [part for part in parts if part]
+
+
 def headline(view: View) -> str:
     """Return the run's result in one sentence."""
     if view.always_closed:
-        return "The closed damper: the beam as it is without an impact damper."
+        return "The damper stays closed: beam and grain move as one mass."
     if view.decrements is not None:
         fall = "After the release successive peaks fall by a factor of up to {:.2f}; with the damper closed by {:.2f}."
         return fall.format(*view.decrements)
@@ -132,10 +154,10 @@ def headline(view: View) -> str:
 def not_arrived(view: View) -> list[str]:
     """Return one sentence for each stage in which the ceiling was not where it had been commanded to."""
     scene = view.run.scene
-    speed = f" (speed {scene.ceiling.speed:g} m/s)" if scene is not None and scene.ceiling.controlled else ""
+    speed = f" (speed {1e3 * scene.ceiling.speed:g} mm/s)" if scene is not None and scene.ceiling.controlled else ""
     return [
-        f"{stage.t0:g} to {stage.t1:g} s: {stage.commanded_height:.4f} m was commanded and not reached; "
-        f"the ceiling was at {stage.height:.4f} m{speed}"
+        f"{stage.t0:g} to {stage.t1:g} s: {1e3 * stage.commanded_height:.4g} mm was commanded and not reached; "
+        f"the ceiling was at {1e3 * stage.height:.4g} mm{speed}"
         for stage in view.stages
         if not stage.arrived
     ]  # fmt: skip

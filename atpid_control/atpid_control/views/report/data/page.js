@@ -9,22 +9,30 @@
     return part;
   };
   const narrow = matchMedia("(max-width: 640px)");
-  // no space beside the chart: the lines' labels go inside it, on the paper's colour
-  const compact = (layout, paper) => {
-    let stage = 0;
-    const annotations = layout.annotations.map((note) => {
-      if (note.name === "label") return { ...note, xanchor: "right", xshift: -2, bgcolor: paper, opacity: 0.85, borderpad: 1 };
-      if (note.name !== "efficiency") return note;
-      const end = layout.shapes[stage++].x1; // of the stage's shaded window
-      return { ...note, x: end, xanchor: "right", font: { ...note.font, size: 12 } };
+  // no space beside the chart: units stand after the titles, the lines' labels below them
+  const compact = (layout) => {
+    const { range } = layout.xaxis;
+    const side = (x) => {
+      const share = (x - range[0]) / (range[1] - range[0]);
+      return share > 0.7 ? "right" : share < 0.3 ? "left" : "center";
+    };
+    const begun = {}; // of each axis: where its next label begins [px]
+    const annotations = layout.annotations.flatMap((note, place) => {
+      if (note.name === "unit") return [];
+      if (note.name === "title") return [{ ...note, text: `${note.text}, ${layout.annotations[place + 1].text}`, xshift: -40, yshift: note.yshift + 17 }];
+      if (note.name === "efficiency") return [{ ...note, xanchor: side(note.x), font: { ...note.font, size: 12 } }];
+      if (note.name === "printed") return [{ ...note, xanchor: side(note.x) }];
+      const [x, top] = [begun[note.yref] || 0, layout["yaxis" + note.yref.slice(1)].domain[1]];
+      begun[note.yref] = x + 9 * (note.text.length - 7) + 12; // without <b> and </b>
+      return [{ ...note, yref: "paper", x: 0, xanchor: "left", xshift: x - 40, y: top, yanchor: "bottom", yshift: 3 }];
     });
-    return { ...layout, margin: { ...layout.margin, l: 40, r: 10 }, annotations };
+    return { ...layout, margin: { ...layout.margin, l: 46, r: 10, t: 52 }, annotations };
   };
   const draw = () => {
     const css = style();
     for (const [name, figure] of Object.entries(figures)) {
       const filled = coloured(figure, css);
-      if (narrow.matches) filled.layout = compact(filled.layout, coloured("@paper", css));
+      if (narrow.matches) filled.layout = compact(filled.layout);
       Plotly.react(name, filled.data, filled.layout, { responsive: true, displayModeBar: false });
     }
   };

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Opens pages with Chromium and prints what is wrong with them, as JSON: a program, so that no browser is left behind.
+
+python tests/page_visit.py CHROMIUM PAGE...; each is looked at on a desktop and on a phone, light and dark.
+"""
+
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+SCREENS: Any = {"desktop": {"width": 1280, "height": 900}, "phone": {"width": 390, "height": 844}}
+#: Texts of the charts that leave the screen, and names of curves that stand within the panels.
+MISPLACED = """() => {
+  const box = (item) => item.getBoundingClientRect();
+  const shown = [...document.querySelectorAll(".annotation-text, .xtick text, .ytick text")];
+  const outside = shown.filter((item) => box(item).left < 0 || box(item).right > innerWidth);
+  const panels = [...document.querySelectorAll(".bglayer .bg")].map(box);
+  const meet = (a, b) => a.left < b.right && a.right > b.left && a.top < b.bottom && a.bottom > b.top;
+  const names = ["closed", "adaptive", "true", "identified", "commanded", "moved", "floor", "grain", "ceiling"];
+  const named = shown.filter((item) => names.includes(item.textContent));
+  const covering = named.filter((item) => panels.some((panel) => meet(box(item), panel)));
+  return [...outside, ...covering].map((item) => item.textContent);
+}"""
+
+
+def visited(*pages: Path) -> dict[str, list[str]]:
+    """Return what is wrong with each page, `PAGE SCREEN SCHEME` -> findings; skips the test without a browser."""
+    import pytest
+
+    chromium = shutil.which("chromium")
+    if chromium is None or importlib.util.find_spec("playwright") is None:
+        pytest.skip("left out: a browser draws the page; Chromium or playwright is missing: sudo make browser")
+    command = [sys.executable, __file__, chromium, *map(str, pages)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300.0)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, list[str]] = json.loads(done.stdout)
+    return found
+
+
+def main(chromium: str, *pages: str) -> None:
+    """Print what is wrong with each page."""
+    from axe_playwright_python.sync_playwright import Axe
+    from playwright.sync_api import sync_playwright
+
+    found = {}
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        for name in pages:
+            for screen, size in SCREENS.items():
+                for scheme in ("light", "dark"):
+                    page = browser.new_page(viewport=size, color_scheme=scheme)
+                    page.goto(Path(name).resolve().as_uri())
+                    wrong = [one["id"] for one in Axe().run(page).response["violations"]]
+                    if page.evaluate("document.documentElement.scrollWidth") > size["width"]:
+                        wrong.append("scrolls sideways")
+                    found[f"{Path(name).name} {screen} {scheme}"] = wrong + page.evaluate(MISPLACED)
+                    page.close()
+        browser.close()
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
