@@ -37,6 +37,7 @@ def on_the_other(*words: str) -> "subprocess.CompletedProcess[str]":
     )  # fmt: skip
 
 
+@pytest.mark.skipif(os.environ.get("NUMBA_CPU_NAME") == OTHER, reason="this is the other processor already")
 def test_it_rounds_otherwise() -> None:
     """Otherwise the tests below try nothing."""
     code = "import numpy as np; t = np.linspace(0.0, 9.0, 1000); print((t @ t).hex(), np.sin(t).sum().hex())"

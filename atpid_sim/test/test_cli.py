@@ -2,6 +2,7 @@
 """The commands as a user calls them: output, exit status, errors in one line."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -92,8 +93,12 @@ def test_a_failure_names_what_is_unusual_in_its_one_line(tmp_path: Path, capsys:
 def test_a_chaotic_run_shows_its_spread(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", str(SCENES / "irregular.yaml")]) == 0
     text = capsys.readouterr().out
-    assert "0.06971 to 0.09532, median 0.08224" in text
-    assert "not reproducible: single runs give an efficiency of 57 to 69 %" in text
+    (spread,) = [line for line in text.splitlines() if "spread" in line]
+    least, most, median = map(float, re.findall(r"0\.\d+", spread))
+    assert least < median < most
+    assert median == pytest.approx(0.082, rel=0.05)  # of 32 runs, which other processors round to others
+    assert 0.1 * median < most - least < 0.5 * median
+    assert re.search(r"not reproducible: single runs give an efficiency of 5\d to 6\d %", text)
 
 
 def test_a_free_decay_is_measured_by_its_decrement(capsys: pytest.CaptureFixture[str]) -> None:
