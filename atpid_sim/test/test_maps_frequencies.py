@@ -13,6 +13,7 @@ from atpid_sim.commands.map import ratios_of
 from atpid_sim.maps import DamperResponse, Failure, HeightMap, MapError, Timing, build_map, header_text
 from atpid_sim.maps.response import LEAST_USE
 from atpid_sim.scene import Scene, standard_bench
+from atpid_sim.simulation.integration import amplitude_without_damper
 
 SHIPPED = Path(__file__).parents[2] / "atpid_control" / "config" / "maps" / "standard.npz"
 RATIOS = [0.5, 0.98, 1.0, 1.3]
@@ -142,3 +143,16 @@ def test_the_command_takes_ratios_from_half_to_twice_the_natural_frequency() -> 
     for text in ("0.4:1:3", "0.5:2.1:3", "1:1:2", "0.5:1", "a:b:c"):
         with pytest.raises(argparse.ArgumentTypeError, match="R0:R1:N"):
             ratios_of(text)
+
+
+@pytest.mark.parametrize("over_frequencies", [True, False])
+def test_reductions_are_against_the_structure_without_the_damper(
+    made: Path, tmp_path: Path, over_frequencies: bool
+) -> None:
+    heights = HeightMap.load(made) if over_frequencies else build_map(SCENE, AMPLITUDES, [0.1, 0.2], tmp_path / "m.npz")
+    for place, value in np.ndenumerate(heights.reductions):
+        fraction, amplitude = heights.mass_fractions[place[-2]], heights.amplitudes[place[-1]]
+        ratio = RATIOS[place[0]] if over_frequencies else 1.0
+        scene = at(ratio, SCENE.with_(mass_fraction=float(fraction)))
+        bare = amplitude_without_damper(scene) * amplitude / 0.015
+        assert value == pytest.approx(1.0 - heights.beam_amplitudes[place] / bare, rel=1e-9)

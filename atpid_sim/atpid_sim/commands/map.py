@@ -136,6 +136,7 @@ def _print_summary(made: HeightMap, out: Path) -> None:
     print(
         f"{out}: {computed} best heights, {np.nanmin(made.heights):.4f} to {np.nanmax(made.heights):.4f} m, "
         f"efficiency {100 * np.nanmin(made.efficiencies):.1f} to {100 * np.nanmax(made.efficiencies):.1f} %, "
+        f"reduction {100 * np.nanmin(made.reductions):.1f} to {100 * np.nanmax(made.reductions):.1f} %, "
         f"{irregular} not reproducible{_of_no_use(made)}"
     )
     if made.failures:

@@ -20,6 +20,7 @@ from atpid_common.output import writing
 from atpid_sim.maps.curves import MapCurve, unbroken
 from atpid_sim.maps.identity import FREQUENCY, Identity, difference, identity_of
 from atpid_sim.scene import Scene
+from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.system import Array
 
 #: Versions of the file and of what it calls the best height (docs/selection.md): for one frequency, and over ratios.
@@ -88,6 +89,18 @@ class HeightMap:
     source: str = "the map"  # its name in messages
     failures: tuple[Failure, ...] = ()  # points that could not be computed
     frequency_ratios: Array | None = None  # (k,) frequency over the natural one, rising [-]; None: for one frequency
+
+    @property
+    def reductions(self) -> Array:
+        """1 - amplitude / amplitude of the structure without the damper [-], in the shape of the grids."""
+        beam = [self.identity[f"beam.{key}"] for key in ("mass", "stiffness", "damping")]
+        natural = np.sqrt(beam[1] * (1.0 - self.mass_fractions) / beam[0]) / (2.0 * math.pi)
+        given = self.identity.get(FREQUENCY, "resonance")
+        frequencies = natural if given == "resonance" else np.full_like(natural, given)
+        if self.frequency_ratios is not None:
+            frequencies = np.multiply.outer(self.frequency_ratios, natural)
+        bare = [bare_amplitude(*beam, 1.0, frequency) for frequency in frequencies.ravel()]
+        return np.asarray(1.0 - self.beam_amplitudes / (np.reshape(bare, (*frequencies.shape, 1)) * self.amplitudes))
 
     def lookup(self, amplitude: float, mass_fraction: float, frequency_ratio: float = 1.0) -> MapEntry:
         """Return height, beam amplitude and efficiency at a support amplitude [m] and a mass fraction [-].
