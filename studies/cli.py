@@ -15,6 +15,7 @@ COMMANDS: Commands = {
         "seeds": ("studies.seeds.command", "scenes through the loop with many noises, without the node graph"),
         "atlas": ("studies.atlas.command", "types of motion, best heights, their stability and the cliff"),
         "designs": ("studies.designs", "promises of designs against an integration of its own"),
+        "planar": ("studies.planar.command", "friction on a side wall and the slope of the tip, in the plane"),
         "selection-speed": ("studies.selection_speed", "how fast `direct` is and how good, on systems held out"),
     },
     "The arithmetic": {

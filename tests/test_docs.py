@@ -55,6 +55,9 @@ RUN = {
     "tests/of_studies/test_analysis_coverage.py": {
         r"python -m studies\.identification\.analysis_coverage": "test_the_command_prints_its_table"
     },
+    "tests/of_studies/test_identification_coverage.py": {
+        r"python -m studies identification ": "test_the_command_puts_its_table_into_a_page"
+    },
     "tests/of_studies/test_designs.py": {r"python -m studies designs": "test_the_command_prints_its_tables"},
     "tests/test_emulated_stand.py": {
         r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
@@ -97,6 +100,9 @@ RUN = {
     },
     "tests/test_methods_page.py": {
         r"python -m studies methods( |$)": "test_the_table_shows_what_is_computed_now",
+    },
+    "tests/of_studies/test_planar.py": {
+        r"python -m studies planar ": "test_the_study_puts_its_table_into_a_page",
     },
     "tests/of_studies/test_steady.py": {
         r"python -m studies steady ": "test_the_study_puts_its_table_into_a_page",
@@ -229,7 +235,8 @@ MADE_OR_GIVEN = {
     "design.html", "design.json", "design.png", "heights.npz",
     "scene.yaml", "stdint.h", "bench.yaml", "proportional_height.py", "test_proportional_height.py",
     "load_cell.py", "test_load_cell.py", "force.yaml", "node.yaml", "soak.json", "soak.png", "FAULTS.yaml",
-    "run.csv", "run.mat", "run.uff", "run.TOPIC.csv", "analysis.png", "analysis.json",
+    "run.csv", "run.mat", "run.uff", "run.TOPIC.csv", "analysis.png", "analysis.json", "analysis.html",
+    "bags.html",
 }  # fmt: skip
 _FILE = re.compile(
     r"(?<![\w/$.~-])[\w*./-]*\w\.(?:py|md|yaml|npz|cpp|h|toml|msg|srv|action|png|json|csv|html|mcap)(?![\w.(])"

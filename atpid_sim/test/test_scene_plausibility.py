@@ -42,12 +42,31 @@ def test_the_shipped_scenes_are_usual_but_for_the_heavy_grains(name: str) -> Non
         ({"sensors": {"laser": {"rate": 40.0}}}, "sensors.laser.rate, samples a period: 7.313"),
         ({"sensors": {"laser": {"noise": 0.02}}}, "sensors.laser.noise over the amplitude: 2 is"),
         ({"excitation": {"free": {"deflection": -20.0}}}, "excitation.free.deflection: 20 m"),
+        (
+            # 0.3 x 9.80665 over omega^2 X = 262.7 m/s^2
+            {"container": {"side_friction": 0.3}, "gravity": 0.0},
+            "container.side_friction, deceleration over the closed damper's acceleration: 0.0112 is unusual (usual: at",
+        ),
+        (
+            # a beam of 0.4 m: 1.5 / 0.4 x 0.2224 m
+            {"container": {"slope": 3.75}},
+            "container.slope, rotation at the closed damper's amplitude: 0.834 rad is unusual (usual: at most 0.03 rad",
+        ),
     ],
 )
 def test_an_unusual_value_is_named(changes: dict[str, Any], line: str) -> None:
     warnings = STANDARD.with_(**changes).warnings()
     assert [warning for warning in warnings if warning.startswith(line)], warnings
     assert all("\n" not in warning for warning in warnings)
+
+
+def test_friction_counts_with_what_of_gravity_is_not_along_the_motion() -> None:
+    rubs = {"side_friction": 0.3}
+    assert STANDARD.with_(container=rubs).warnings() == []
+    assert len(STANDARD.with_(container=rubs, gravity=5.0).warnings()) == 1
+    # at three times the amplitude a third of the acceleration; at the least amplitude of a profile it is largest
+    assert STANDARD.with_(container=rubs, gravity=0.0, amplitude=0.03).warnings() == []
+    assert len(STANDARD.with_(container=rubs, gravity=0.0, amplitude=[[0.0, 0.01], [1.0, 0.03]]).warnings()) == 1
 
 
 def test_a_ceiling_that_a_controller_moves_too_fast(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from atpid_control.design.motor import FAST, YIELD_BEGINS, Motor
 from atpid_control.design.problem import STANDARD_GRAVITY, Problem, scene_of
 from atpid_control.design.worst_case import Point
 from atpid_sim.contact.materials import mismatch
+from atpid_sim.scene.plausibility import FRICTION_LIMIT, SLOPE_LIMIT, friction_number
 
 #: Overlap over the grain's radius up to which Hertz's theory of small contacts holds [-].
 _SHALLOW = 0.1
@@ -38,6 +39,7 @@ def warnings_of(
         *_impossible(fraction, points),
         *_materials(problem),
         *_gravity(problem, points),
+        *_sideways(problem, points),
         *_contact(problem, points, drive),
         *_sensitivity(problem, points, found),
         *_motor(drive),
@@ -130,6 +132,28 @@ def _gravity(problem: Problem, points: Sequence[Point]) -> Iterator[str]:
         yield (
             f"gravity: up to {_mm(idle[-1])} the grain does not reach the ceiling at the best height "
             f"(acceleration of the closed damper {idle[-1].acceleration:.0f} g): the floor alone reduces the motion"
+        )
+
+
+def _sideways(problem: Problem, points: Sequence[Point]) -> Iterator[str]:
+    """Name friction on a side wall and rotation of the container, which are left out, where they matter."""
+    ratios = [
+        friction_number(problem.side_friction, problem.gravity, (2.0 * math.pi * p.frequency) ** 2 * p.closed_amplitude)
+        for p in points
+    ]
+    if (most := max(ratios)) > FRICTION_LIMIT:
+        beyond = [one for one, ratio in zip(points, ratios, strict=True) if ratio > FRICTION_LIMIT]
+        yield (
+            f"side wall: at {_mm(*beyond)} friction decelerates the grain by up to {most:.2g} of the closed damper's "
+            f"acceleration (limit {FRICTION_LIMIT:g}); sliding and rolling are left out and change the amplitude: "
+            "smoother walls (--side-friction), larger amplitudes, or find the height on the stand (docs/horizontal.md)"
+        )
+    angle = problem.slope * max(one.closed_amplitude for one in points)
+    if angle > SLOPE_LIMIT:
+        yield (
+            f"slope: the closed damper would turn the container by {angle:.2g} rad (limit {SLOPE_LIMIT:g}); impacts on "
+            "side walls are left out: a longer beam or two in parallel (--slope), or smaller amplitudes "
+            "(docs/horizontal.md)"
         )
 
 

@@ -93,13 +93,13 @@ class HeightMap:
     @property
     def reductions(self) -> Array:
         """1 - amplitude / amplitude of the structure without the damper [-], in the shape of the grids."""
-        beam = [self.identity[f"beam.{key}"] for key in ("mass", "stiffness", "damping")]
-        natural = np.sqrt(beam[1] * (1.0 - self.mass_fractions) / beam[0]) / (2.0 * math.pi)
+        mass, stiffness, damping = (self.identity[f"beam.{key}"] for key in ("mass", "stiffness", "damping"))
+        natural = np.sqrt(stiffness * (1.0 - self.mass_fractions) / mass) / (2.0 * math.pi)
         given = self.identity.get(FREQUENCY, "resonance")
         frequencies = natural if given == "resonance" else np.full_like(natural, given)
         if self.frequency_ratios is not None:
             frequencies = np.multiply.outer(self.frequency_ratios, natural)
-        bare = [bare_amplitude(*beam, 1.0, frequency) for frequency in frequencies.ravel()]
+        bare = [bare_amplitude(mass, stiffness, damping, 1.0, frequency) for frequency in frequencies.ravel()]
         return np.asarray(1.0 - self.beam_amplitudes / (np.reshape(bare, (*frequencies.shape, 1)) * self.amplitudes))
 
     def lookup(self, amplitude: float, mass_fraction: float, frequency_ratio: float = 1.0) -> MapEntry:

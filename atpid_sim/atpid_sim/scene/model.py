@@ -22,7 +22,7 @@ from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation
 from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.sensors import Recording, Sensors
-from atpid_sim.scene.structure import Beam, Grain, Initial
+from atpid_sim.scene.structure import Beam, Container, Grain, Initial
 from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
@@ -60,6 +60,10 @@ class SceneValues(SceneBlock):
 
     beam: Beam = Field(description="the beam reduced to one mass")
     grain: Grain = Field(description="the grain")
+    container: Container = Field(
+        default=Container(),
+        description="friction and rotation of the container, checked against limits (docs/horizontal.md)",
+    )
     contact: ContactBlock = Field(description="the contact law between grain and walls")
     excitation: Excitation = Field(description="what the support does")
     ceiling: Ceiling = Field(description="what the ceiling does")

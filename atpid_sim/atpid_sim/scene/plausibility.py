@@ -13,6 +13,12 @@ from atpid_sim.scene.model import SceneValues
 #: Largest support amplitude in use [m]: the thesis goes to 0.08 m.
 LARGEST_AMPLITUDE = 0.2
 
+#: Acceleration of gravity [m/s^2]; what of it is not along the motion presses the grain on a side wall.
+STANDARD_GRAVITY = 9.80665
+#: Limits of the straight motion that is computed: deceleration by friction on a side wall over the acceleration of the
+#: closed damper [-], and rotation of the container at its amplitude [rad] (docs/horizontal.md).
+FRICTION_LIMIT, SLOPE_LIMIT = 0.005, 0.03
+
 _MILLIMETRES = "lengths are in metres"
 
 
@@ -45,7 +51,8 @@ def _shown(value: float) -> str:
 
 def warnings_of(scene: SceneValues) -> list[str]:
     """Return one line for each unusual value of the scene: key, value, usual range."""
-    quantities = (*_structure(scene), *_contact(scene), *_excitation(scene), *_ceiling(scene), *_measurement(scene))
+    parts = (_structure, _contact, _excitation, _sideways, _ceiling, _measurement)
+    quantities = (quantity for part in parts for quantity in part(scene))
     lines = [line for quantity in quantities if (line := quantity.warning()) is not None]
     if isinstance(scene.contact, ElasticSpec):
         other = mismatch(grain_density(scene), scene.contact.young_modulus)
@@ -105,6 +112,32 @@ def closed_amplitude(scene: SceneValues, amplitude: float, frequency: float = ma
     beam, damping = scene.beam, scene.beam.damping * omega
     resistance = complex(beam.stiffness - scene.total_mass * omega**2, damping)
     return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
+
+
+def friction_number(friction: float, gravity: float, acceleration: float) -> float:
+    """Return the deceleration of a grain that slides on a side wall over an acceleration [m/s^2] of the beam [-].
+
+    gravity: along the motion [m/s^2]; the rest of the standard gravity acts on the side wall.
+    """
+    return friction * math.sqrt(max(STANDARD_GRAVITY**2 - gravity**2, 0.0)) / max(acceleration, 1e-300)
+
+
+def _sideways(scene: SceneValues) -> Iterator[Quantity]:
+    points = scene.excitation.amplitude_points if scene.excitation.is_tone else ()
+    sizes = [closed_amplitude(scene, amplitude) for _, amplitude in points if amplitude > 0.0]
+    if not sizes:
+        return
+    least = (2.0 * math.pi * scene.frequency_hz) ** 2 * min(sizes)
+    slides = friction_number(scene.container.side_friction or 0.0, scene.gravity, least)
+    turns = (scene.container.slope or 0.0) * max(sizes)
+    yield Quantity(
+        "container.side_friction, deceleration over the closed damper's acceleration", slides, 0.0, FRICTION_LIMIT, "",
+        "sliding and rolling are left out: smoother walls, larger amplitudes, or measure (docs/horizontal.md)",
+    )  # fmt: skip
+    yield Quantity(
+        "container.slope, rotation at the closed damper's amplitude", turns, 0.0, SLOPE_LIMIT, "rad",
+        "impacts on side walls are left out: a longer beam, or two in parallel (docs/horizontal.md)",
+    )  # fmt: skip
 
 
 def _ceiling(scene: SceneValues) -> Iterator[Quantity]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Beam and grain, and how they begin where they are not at rest."""
+"""Beam, grain and container, and how they begin where they are not at rest."""
 
 from __future__ import annotations
 
@@ -76,6 +76,19 @@ class Grain(SceneBlock):
 
     mass_fraction: Fraction = Field(description="grain mass over the mass of beam and grain together [-]")
     radius: Length = Field(description="grain radius [m]")
+
+
+class Container(SceneBlock):
+    """What the container does sideways: left out of every run, and named where it matters."""
+
+    side_friction: Annotated[Number, within(0.0, 10.0)] | None = Field(
+        default=None, description="friction coefficient of the grain on a side wall [-]; default: not checked"
+    )
+    slope: Annotated[Number, within(0.0, 1e6)] | None = Field(
+        default=None,
+        description="rotation over the beam's displacement, of a cantilever with its load at the tip 1.5 over the "
+        "length [rad/m]; default: not checked",
+    )
 
 
 _Displacement = Annotated[Number, within(-1e3, 1e3)]  # [m]

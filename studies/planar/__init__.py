@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ball in a container that moves, turns and rubs, in the plane: what the straight model leaves out."""
