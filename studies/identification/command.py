@@ -3,10 +3,13 @@
 
 import argparse
 
-from atpid_common.arguments import whole
+from atpid_common.arguments import file_path, whole
 from atpid_sim.display import counting
 from studies.identification.coverage import CASES, table
+from studies.selection_speed import into
 
+#: Lines of the page between which the table stands.
+_BEGIN, _END = "<!-- made by python -m studies identification -->", "<!-- end -->"
 #: Arguments of the example in the help.
 EXAMPLE = "--signals 200 --seed 1"
 
@@ -15,10 +18,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--signals", type=whole(1, 100_000), default=200, help="random tones of each kind")
     parser.add_argument("--seed", type=whole(0, 1_000_000), default=1, help="of the random numbers")
+    parser.add_argument("--page", type=file_path, metavar="FILE", help="page whose table is made anew")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the table of docs/identification.md."""
+    """Print the table of docs/identification.md, and put it into a page."""
     with counting("kinds", len(CASES)) as count:
-        print("\n".join(table(args.signals, args.seed, count)))
+        text = "\n".join(table(args.signals, args.seed, count))
+    print(text)
+    if args.page is not None:
+        into(args.page, text, _BEGIN, _END)
     return 0

@@ -114,6 +114,8 @@ CASES: dict[str, Make] = {
     "white noise, 0.1 %": _coloured(0.0, 0.001),
     "white noise, 1 %": _coloured(0.0, 0.01),
     "white noise, 10 %": _coloured(0.0, 0.1),
+    "AR(0.5), 1 %": _coloured(0.5, 0.01),
+    "AR(0.9), 0.1 %": _coloured(0.9, 0.001),
     "AR(0.9), 1 %": _coloured(0.9, 0.01),
     "AR(0.99), 1 %": _coloured(0.99, 0.01),
     "AR(0.99), 0.5 %, and white, 0.5 %": _coloured(0.99, 0.005, 0.005),
@@ -177,7 +179,7 @@ def coverage(name: str, signals: int, seed: int) -> Coverage:
 def table(signals: int, seed: int, count: Callable[[int], object] | None = None) -> list[str]:
     """Return the lines of the page's table; `count` is told how many kinds are done."""
     lines = [
-        f"Tones of each kind: {signals}, seed {seed}. Shares are of the steady estimates.",
+        f"Tones of each kind: {signals}, seed {seed}; shares of the steady whose 95 % interval holds the truth.",
         "",
         "| besides the tone | steady | amplitude | frequency | phase |",
         "|---|---|---|---|---|",
@@ -185,7 +187,7 @@ def table(signals: int, seed: int, count: Callable[[int], object] | None = None)
     for done, name in enumerate(CASES, 1):
         one = coverage(name, signals, seed)
         held = (one.amplitude, one.frequency, one.phase)
-        shares = [f"{100.0 * number / one.steady:.0f} %" if one.steady else "-" for number in held]
+        shares = [f"{100.0 * number / one.steady:.1f} %" if one.steady else "-" for number in held]
         lines.append(f"| {name} | {one.steady} | {' | '.join(shares)} |")
         if count is not None:
             count(done)

@@ -25,17 +25,10 @@ HARMONICS_FROM = 1.5
 @compiled
 def chosen_columns(active: Flags) -> NDArray[np.int64]:
     """Return the columns of the base and of the groups that joined."""
-    chosen = np.empty(col.COUNT, dtype=np.int64)
-    n = 0
-    for i in range(col.BASE):
-        chosen[n] = i
-        n += 1
+    chosen = np.arange(col.COUNT) < col.BASE
     for g in range(len(col.GROUPS)):
-        if active[g]:
-            for i in range(col.GROUPS[g][0], col.GROUPS[g][1]):
-                chosen[n] = i
-                n += 1
-    return chosen[:n]
+        chosen[col.GROUPS[g][0] : col.GROUPS[g][1]] |= active[g]
+    return np.flatnonzero(chosen)
 
 
 @compiled
@@ -82,6 +75,7 @@ def _allowed(active: Flags, omega: float, hum: float, scale: float, step: float)
     allowed[1] &= periods >= HARMONICS_FROM and col.HIGHEST_HARMONIC * omega * step < 0.9 * np.pi
     nearest = abs(hum / omega - min(max(np.round(hum / omega), 1.0), float(col.HIGHEST_HARMONIC))) * periods
     allowed[2] &= hum > 0.0 and hum * step < 0.9 * np.pi and nearest > 1.0
+    allowed[col.CURVED] = False
     for group in col.LONG_GROUPS:
         allowed[group] &= periods >= HARMONICS_FROM
     return allowed
@@ -120,3 +114,47 @@ def best_group(
         if gain > highest:
             best, highest = g, gain
     return best, highest
+
+
+@compiled
+def foreign_residual(
+    columns: Array, t: Array, y: Array, tone: Array, scale: float, active: Flags, gain: float
+) -> float:
+    """Return what a subharmonic, or crests that a sensor cut off, leave of `y` [m] if they describe it best, else inf.
+
+    Harmonics, drift and changes take most of either. gain: of the change that was found, 0: none, as `best_group`
+    returns it. Columns of changes are overwritten.
+    """
+    amplitude = np.hypot(tone[2], tone[3])
+    unit = (tone[2] * columns[col.COSINE] + tone[3] * columns[col.SINE]) / amplitude
+    highest, least = _described(columns, y, amplitude, active)[0] + gain + PENALTY, np.inf
+    for cut in range(0, 50, 5):  # half of the time a crest is cut off, in degrees of the tone; 0: the subharmonic
+        trial = active.copy()
+        trial[col.FIRST_RECENT] = True
+        if cut > 0:
+            trial[1], level = False, np.cos(np.radians(cut))
+            columns[col.RECENT], columns[col.RECENT + 1] = np.maximum(unit, level), np.minimum(unit, -level)
+        elif tone[1] * scale >= np.pi * HARMONICS_FROM:
+            trial[0] = trial[col.CURVED] = False  # much like half a cycle of it
+            columns[col.RECENT], columns[col.RECENT + 1] = np.cos(0.5 * tone[1] * t), np.sin(0.5 * tone[1] * t)
+        else:
+            continue
+        score, left = _described(columns, y, amplitude, trial)
+        if score > highest:
+            highest, least = score, left
+    return least
+
+
+@compiled
+def _described(columns: Array, y: Array, amplitude: float, active: Flags) -> tuple[float, float]:
+    """Return the log-likelihood of the active columns, less the penalty for each, and the residual they leave [m]."""
+    chosen, vector = chosen_columns(active), np.zeros(col.COUNT)
+    matrix, lower = np.zeros((col.COUNT, col.COUNT)), np.zeros((col.COUNT, col.COUNT))
+    gram(columns, chosen, matrix)
+    project(columns, chosen, y, vector)
+    free = y.size - chosen.size
+    if free <= 0 or not factor(matrix, chosen, lower):
+        return -np.inf, np.inf
+    left = max(dot(y, y) - explained(lower, vector, chosen), 0.0)
+    score = -0.5 * free * np.log(left + y.size * (FLOOR * amplitude) ** 2) - PENALTY * chosen.size
+    return score, np.sqrt(left / free)

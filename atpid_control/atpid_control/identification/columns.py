@@ -18,17 +18,21 @@ HUM = 13
 SLOPE = 15  # amplitude and frequency changing at a constant rate
 RECENT = 17  # another amplitude and phase in the newest quarter, half and whole period
 OLD = 23  # and in the oldest quarter and half
-COUNT = 27
+CURVE = 27  # of the offset, where it drifts
+COUNT = 28
 #: Groups of columns, (first, one past the last): the first three lie on a steady tone, the others make it unsteady.
 GROUPS = (
     (DRIFT, HARMONICS), (HARMONICS, HUM), (HUM, SLOPE), (SLOPE, RECENT), (RECENT, RECENT + 2), (RECENT + 2, RECENT + 4),
-    (RECENT + 4, OLD), (OLD, OLD + 2), (OLD + 2, COUNT),
+    (RECENT + 4, OLD), (OLD, OLD + 2), (OLD + 2, CURVE), (CURVE, COUNT),
 )  # fmt: skip
 STEADY_GROUPS = 3
+HARMONIC, FIRST_RECENT = 1, 4
 RECENT_PERIODS = (0.25, 0.5, 1.0)
 OLD_PERIODS = (0.25, 0.5)
 #: Groups that only a window longer than one period can distinguish from the others.
 LONG_GROUPS = (6, 7, 8)
+#: The group that joins with the drift, and never by itself.
+CURVED = 9
 
 
 @compiled
@@ -62,6 +66,7 @@ def write_constant(columns: Array, tau: Array, hum: float, scale: float) -> None
     for i in range(tau.size):
         columns[ONE, i] = 1.0
         columns[DRIFT, i] = tau[i] / scale
+        columns[CURVE, i] = columns[DRIFT, i] ** 2 - 1.0 / 3.0
         columns[HUM, i] = np.cos(hum * tau[i])
         columns[HUM + 1, i] = np.sin(hum * tau[i])
 

@@ -8,7 +8,8 @@ and no other excitation either: with the rate in the model the estimate is that 
 import numpy as np
 
 from atpid_control.identification import columns as col
-from atpid_control.identification.choice import Flags, best_group, chosen_columns, residual_of
+from atpid_control.identification.choice import FLOOR, Flags, best_group, chosen_columns, residual_of
+from atpid_control.identification.coloured import widening
 from atpid_control.identification.covariance import (
     A_STD,
     AMPLITUDE,
@@ -54,12 +55,10 @@ def follow_drift(
     project(columns, chosen, residual_of(columns, y, tone, active), vector)
     if t.size <= chosen.size or not factor(matrix, chosen, lower):
         return
-    for i in range(chosen.size):
-        solution[i] = vector[chosen[i]]
+    solution[: chosen.size] = vector[chosen]
     substitute(lower, chosen.size, solution)
     bent = tone.copy()
-    for i in range(chosen.size):
-        bent[2 + chosen[i]] += solution[i]
+    bent[2 + chosen] += solution[: chosen.size]
     a, b = bent[2], bent[3]
     amplitude = np.hypot(a, b)
     if not amplitude > 0.0:
@@ -76,6 +75,9 @@ def follow_drift(
     variance = dot(left, left) / (t.size - chosen.size)
     gradient = np.zeros(col.COUNT)
     gradient[0], gradient[1] = a / amplitude, b / amplitude
+    wider = widening(columns, chosen, left, lower, gradient[chosen].reshape(1, -1), 0.0)[0][0]
+    if wider > 1.0 and variance > (FLOOR * amplitude) ** 2:  # a drift cannot be distinguished from such noise
+        return
     out[AMPLITUDE], out[A_STD] = amplitude, np.sqrt(variance * explained(lower, gradient, chosen))
     gradient[:] = 0.0
     gradient[col.PHASE_RATE], gradient[col.SLOPE + 1] = 1.0 / (amplitude * scale), 2.0 / (amplitude * scale)

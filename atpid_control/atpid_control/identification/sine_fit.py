@@ -9,11 +9,11 @@ models (a likelihood ratio), so the plain four parameters are what remains for a
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_control.identification import columns as col
-from atpid_control.identification.choice import Flags, best_group, chosen_columns, without_spikes
-from atpid_control.identification.covariance import CHANGE, DRIFT, OK, RESULTS, USED, report
+from atpid_control.identification.choice import HARMONICS_FROM, Flags, best_group, chosen_columns, without_spikes
+from atpid_control.identification.choice import foreign_residual as foreign
+from atpid_control.identification.covariance import CHANGE, FOREIGN, OK, RESULTS, USED, WIDENED, report
 from atpid_control.identification.drifting import follow_drift
 from atpid_control.identification.linear import compiled, factor, gram, project, substitute
 from atpid_sim.system import Array
@@ -44,10 +44,12 @@ class SineFit:
     used: int
     change: float  # log-likelihood by which a changing tone describes the window better; 0: steady, or drifting slowly
     drift: float  # relative rate of a frequency that drifts slowly [1/s]; 0: steady
+    widened: float  # largest factor by which noise that is not white lengthens an error bar [-]; 1: white
+    foreign: float  # residual of what describes the window better than a tone, inf: nothing does [m]
 
 
 #: Fields of a fit in the order the kernel writes them.
-_VALUES = tuple(SineFit.__dataclass_fields__)[: USED - 1]
+_VALUES, _REST = tuple(SineFit.__dataclass_fields__)[: USED - 1], tuple(SineFit.__dataclass_fields__)[USED:]
 
 
 def fit_sine(
@@ -60,10 +62,11 @@ def fit_sine(
     among the samples. None is returned where no tone can be fitted.
     """
     out = _fit(tau, signal, omega, hum, threshold, slow)
-    if out[OK] == 0.0 or not np.all(np.isfinite(out)):
+    if out[OK] == 0.0 or not np.all(np.isfinite(out[:FOREIGN])):
         return None
     values = {name: float(value) for name, value in zip(_VALUES, out[1:USED], strict=True)}
-    return SineFit(**values, used=int(out[USED]), change=float(out[CHANGE]), drift=float(out[DRIFT]))
+    rest = {name: float(value) for name, value in zip(_REST, out[CHANGE:], strict=True)}
+    return SineFit(**values, used=int(out[USED]), **rest)
 
 
 @compiled
@@ -77,10 +80,8 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float, 
     active = np.zeros(len(col.GROUPS), dtype=np.bool_)
     scale = 0.5 * (tau[-1] - tau[0])
     columns = np.zeros((col.COUNT, count))
-    t, y = tau.copy(), signal.copy()
     centre = tau[0] + scale
-    for i in range(count):
-        t[i] -= centre
+    t, y = tau - centre, signal.copy()
     used, best = count, -1
     for turn in range(ROUNDS):
         tone = _converge(columns, t, y, omega, hum, scale, active)
@@ -94,7 +95,7 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float, 
                 fresh = np.ones(count, dtype=np.bool_)
             if not np.array_equal(fresh, keep):
                 keep = fresh
-                t, y = _taken(tau, signal, centre, keep)
+                t, y = tau[keep] - centre, signal[keep]
                 used = t.size
                 columns = np.zeros((col.COUNT, used))
                 continue
@@ -105,7 +106,10 @@ def _fit(tau: Array, signal: Array, omega: float, hum: float, threshold: float, 
             out[CHANGE] = gain
             break
         active[best] = True
+        active[col.CURVED] = active[0] and omega * scale >= np.pi * HARMONICS_FROM
     report(out, columns, y, tone, scale, centre, active)
+    if out[WIDENED] > 1.0 or active.any() or out[CHANGE] > 0.0 or omega * scale < np.pi * HARMONICS_FROM:
+        out[FOREIGN] = min(out[FOREIGN], foreign(columns, t, y, tone, scale, active, out[CHANGE]))
     follow_drift(out, columns, t, y, tone, (hum, scale), active, (slow, threshold), best)
     return out
 
@@ -133,13 +137,12 @@ def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scal
         col.write_tone(columns, t, omega, cosine, sine, scale)
         if active[1]:
             col.write_harmonics(columns)
-        used = _drop(chosen, col.PHASE_RATE) if first else chosen
+        used = chosen[chosen != col.PHASE_RATE] if first else chosen
         gram(columns, used, matrix)
         project(columns, used, y, vector)
         if not factor(matrix, used, lower):
             return tone
-        for i in range(used.size):
-            solution[i] = vector[used[i]]
+        solution[: used.size] = vector[used]
         substitute(lower, used.size, solution)
         cosine, sine = solution[0], solution[1]
         if first:
@@ -154,26 +157,6 @@ def _converge(columns: Array, t: Array, y: Array, omega: float, hum: float, scal
         if abs(step) * scale < CONVERGED:
             break
     tone[0], tone[1] = 1.0, omega
-    for i in range(chosen.size):
-        tone[2 + chosen[i]] = solution[i]
+    tone[2 + chosen] = solution[: chosen.size]
     tone[2 + col.PHASE_RATE] = 0.0
     return tone
-
-
-@compiled
-def _drop(chosen: NDArray[np.int64], column: int) -> NDArray[np.int64]:
-    kept = np.empty(chosen.size - 1, dtype=np.int64)
-    n = 0
-    for value in chosen:
-        if value != column:
-            kept[n] = value
-            n += 1
-    return kept
-
-
-@compiled
-def _taken(tau: Array, signal: Array, centre: float, keep: Flags) -> tuple[Array, Array]:
-    t, y = tau[keep], signal[keep]
-    for i in range(t.size):
-        t[i] -= centre
-    return t, y

@@ -25,6 +25,8 @@ NEAR = 0.15
 HIDDEN_CHANGE = 0.02
 #: With more than this share of the samples lost a change cannot be distinguished from the gaps.
 CHANGE_LOST = 0.25
+#: Over the residual of the newest period alone: what leaves less in the whole window is there, and no change.
+ALL_THERE_IS = 1.2
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,9 @@ class ToneFinder:
         if short is None or short.quality == Quality.POOR:
             return tone
         sure = math.sqrt(2.0 * (self.settings.change_likelihood + 2.0 * PENALTY))
-        hidden = short.fit.slope_std * sure > HIDDEN_CHANGE
+        if tone.fit.foreign <= ALL_THERE_IS * short.fit.residual:
+            return replace(tone, quality=Quality.POOR)
+        hidden = short.fit.slope_std * short.fit.widened * sure > HIDDEN_CHANGE
         return replace(short, quality=Quality.TRANSIENT) if hidden else short
 
     def _count(self, buffer: SampleBuffer, periods: float, frequency: float) -> int:
@@ -123,6 +127,8 @@ class ToneFinder:
             return Quality.POOR
         if fit.change > 0.0:
             return Quality.TRANSIENT
-        if fit.residual > s.poor_residual * fit.amplitude or fit.harmonics > s.poor_harmonics:
+        # impacts bring tones of their own into the beam's motion
+        foreign = self._shorten and math.isfinite(fit.foreign)
+        if foreign or fit.residual > s.poor_residual * fit.amplitude or fit.harmonics > s.poor_harmonics:
             return Quality.POOR
         return Quality.STEADY
