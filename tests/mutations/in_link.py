@@ -190,7 +190,7 @@ MUTATIONS = (
     _in(
         "a lost link is forgotten",
         "dialogue.py",
-        "Fault.LINK_LOST if self.heartbeat else NO_FAULT",
+        "MotorFault.LINK_LOST if self.heartbeat else NO_FAULT",
         "NO_FAULT",
         "when the cable is back it goes on by itself",
         NO_ANSWER,
@@ -198,7 +198,7 @@ MUTATIONS = (
     _in(
         "a restart is forgotten",
         "dialogue.py",
-        "self._latched |= Fault.RESTARTED",
+        "self._latched |= MotorFault.RESTARTED",
         "pass",
         "a board that restarted in motion is not reported",
         SERIAL + "a_reset_in_motion_is_noticed_and_needs_a_person",
