@@ -365,7 +365,8 @@ def tables(kept: list[Kept], compared: Compared, seed: int) -> str:
     rows = [
         f"| {one.name} | {100 * one.promise[0]:.0f} to {100 * one.promise[1]:.0f} % | {100 * one.promise[2]:.0f} to "
         f"{100 * one.promise[3]:.0f} % | {one.kept} of {one.draws} | {100 * max(one.excess, 0.0):.2f} | "
-        f"{100 * one.nominal:.1f} % | {one.force:.2f} | {one.floor:.2f} |"
+        f"{'none regular' if math.isnan(one.nominal) else f'{100 * one.nominal:.1f} %'} | {one.force:.2f} | "
+        f"{one.floor:.2f} |"
         for one in kept
     ]
     worst, within = float(compared.difference.max()), int((compared.difference <= 0.01).sum())
@@ -394,8 +395,8 @@ in the stated range, and run by an integration that shares nothing with the pack
 
 Kept: reduction *and* efficiency lie inside their intervals. Force, given structure: how far the
 largest force on the ceiling is from the expected one, at the worst of the amplitudes at which it
-moves regularly. Drawn /
-stated: the largest force of all draws over that which ceiling or floor is said to bear.
+moves regularly. Drawn / stated: the largest force of all draws over that which ceiling or floor is
+said to bear.
 
 {text}
 """
