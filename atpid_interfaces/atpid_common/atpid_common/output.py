@@ -43,7 +43,7 @@ def file(path: Path, option: str = "--out", *, replace: bool = True) -> Path:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give a file to {option}")
     if not replace and os.path.lexists(path):
-        raise OutputError(f"{path}: exists already; give another file to {option}, or --force to replace it")
+        raise OutputError(f"{path}: exists already; give another {option}, or --force to replace it")
     if path.exists() and not path.is_file():
         raise OutputError(f"{path}: is a pipe or a device; give a file to {option}")
     if path.parent.is_file():

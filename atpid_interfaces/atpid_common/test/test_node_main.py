@@ -113,3 +113,22 @@ def test_simulated_time_with_a_clock_is_taken() -> None:
         process.terminate()
         _, errors = process.communicate()
     assert (process.returncode, errors) == (0, "")
+
+
+#: Leaves as one does whose middleware holds the interpreter's lock and waits for ever.
+STUCK = """
+import ctypes, sys
+from atpid_common.nodes.leaving import leaving
+with leaving(0, limit=5.0):
+    pass
+with leaving(int(sys.argv[1]), limit=0.1):
+    ctypes.PyDLL(None).pause()
+"""
+
+
+@pytest.mark.parametrize("status", [0, 2])
+def test_the_process_ends_where_the_middleware_waits_for_ever(status: int) -> None:
+    done = subprocess.run([sys.executable, "-c", STUCK, str(status)], capture_output=True, text=True, check=False)
+    assert done.returncode == status
+    assert "Timeout" in done.stderr
+    assert 'File "<string>", line 7' in done.stderr

@@ -32,6 +32,8 @@ from atpid_control.stand.errors import BenchError, NodeDiedError, PlantFailedErr
 
 Progress = Callable[[float], None]
 QUIET = ["--ros-args", "--disable-stdout-logs"]
+#: Between the end of a run's source and that of its watch [s]: see atpid_common/nodes/leaving.py.
+_APART = 0.2
 
 #: The handshake takes seconds where discovery is slow; a block takes milliseconds, a selection by simulation more [s].
 HANDSHAKE_TIMEOUT, LOOP_TIMEOUT = 30.0, 60.0
@@ -248,3 +250,4 @@ def watching(
     """Yield the watch and a function that spins it for up to a twentieth of a second: a node that ends is seen then."""
     with command_node(lambda: BenchWatch(report, follow, calls, namespace=namespace), *QUIET) as (watch, executor):
         yield watch, lambda: executor.spin_once(timeout_sec=0.05)
+        time.sleep(_APART)

@@ -77,9 +77,9 @@ def run(given: argparse.Namespace) -> int:
         with announced(f"waiting for the lifecycle services of {name}"):
             lifecycle.wait()
         done, state = lifecycle.change(transition), lifecycle.state()
-    if not done:
-        raise InputError(f"{name} did not {transition} and is {state}; its log has the reason")
-    print(f"{name}: {state}")
+        if not done:
+            raise InputError(f"{name} did not {transition} and is {state}; its log has the reason")
+        print(f"{name}: {state}", flush=True)
     return DONE
 
 

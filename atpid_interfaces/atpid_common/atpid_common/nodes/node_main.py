@@ -27,6 +27,7 @@ from atpid_common.errors import BAD_INPUT, DONE, AtpidError
 from atpid_common.interrupt import Interrupt
 from atpid_common.middleware import confine, named_domain
 from atpid_common.nodes.clock_step import ClockStepWatch
+from atpid_common.nodes.leaving import leaving
 from atpid_common.nodes.parameters import Entry, ParameterError, declare, refuse_undeclared
 from atpid_common.nodes.single_instance import claim
 from atpid_common.nodes.turns import TurnExecutor
@@ -35,6 +36,8 @@ from atpid_common.real_time import LOOP_PRIORITY, request
 N = TypeVar("N", bound=Node)
 #: How soon a signal is noticed at the latest [s].
 TURN = 0.1
+#: Exit status after an error that is not the user's.
+FAILED = 1
 #: How long a node that takes its time from /clock waits for a publisher there, which discovery shows late [s].
 CLOCK_WAIT = 5.0
 _PRIORITY = f"priority of the process, SCHED_FIFO; 0: as any other program; the loop's nodes: {LOOP_PRIORITY}"
@@ -59,6 +62,7 @@ def run_node(
     While the node is being made, the first signal ends the process at once: nothing is open yet.
     """
     node: Node | None = None
+    status = FAILED
     with Interrupt() as interrupt:
         try:
             with _rcl_silent():
@@ -73,23 +77,26 @@ def run_node(
             with claim(node.get_fully_qualified_name()):
                 for line in request(wanted["real_time_priority"], wanted["lock_memory"]):
                     node.get_logger().info(line)
-                return _spin(node, interrupt, gather)
+                status = _spin(node, interrupt, gather)
         except (KeyboardInterrupt, ExternalShutdownException):
-            return DONE
+            status = DONE
         except AtpidError as error:
-            return _refuse(error, error.status)
+            status = _refuse(error, error.status)
         except ParameterException as error:
-            return _refuse(f"parameter: {error}", BAD_INPUT)
+            status = _refuse(f"parameter: {error}", BAD_INPUT)
         except RuntimeError as error:  # arguments rcl cannot use: such as a parameter file that does not exist
             if node is not None or interrupt.received:
                 raise
-            return _refuse(_in_words(error), BAD_INPUT)
+            status = _refuse(_in_words(error), BAD_INPUT)
         finally:
             interrupt.defer()
             if node is not None:
                 getattr(node, "close", lambda: None)()
-                node.destroy_node()
-            rclpy.try_shutdown()
+            with leaving(status):
+                if node is not None:
+                    node.destroy_node()
+                rclpy.try_shutdown()
+    return status
 
 
 def initialise(args: Sequence[str] | None = None, **options: Any) -> None:
@@ -177,6 +184,7 @@ def command_node(make: Callable[[], N], *words: str) -> Iterator[tuple[N, TurnEx
             yield node, executor
         finally:
             executor.shutdown()
-            node.destroy_node()
+            with leaving(FAILED):
+                node.destroy_node()
     finally:
         rclpy.try_shutdown()
