@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`atpid calibrate contact`: a drop test in, restitution, modulus and the scene's `contact:` block out."""
+"""`atpid calibrate contact`: a drop test or a run in, restitution, modulus and the scene's `contact:` block out."""
 
 import argparse
 import json
 import math
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, positive, word
+from atpid_common.arguments import file_path, path_to, positive, real, word
 from atpid_control.analysis.contact.drop import DURATION, IMPACT, ContactFit, fit_drop, impacts_of, read_impacts
 from atpid_control.analysis.contact.estimate import ContactError, ContactEstimate
+from atpid_control.analysis.contact.flights import flights_of
+from atpid_control.analysis.contact.in_run import clearance, fit_run
+from atpid_control.analysis.signals import signals_of
+from atpid_control.commands.results import add_part, print_missing
 from atpid_control.runs.parts import bag_of
-from atpid_control.runs.run import Signal, open_run
+from atpid_control.runs.run import BEAM, Run, Signal, open_run
+from atpid_sim.kernel_inputs import system_of
 
 #: Arguments of the example in the help.
 EXAMPLE = "drop.csv --mass 0.0202 --radius 0.0085 --out contact.yaml"
@@ -30,12 +36,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recording",
         type=file_path,
         help=f"a ball that bounces on a fixed wall: a .csv of {IMPACT} [s], with {DURATION} [s] and drop where known; "
-        "or force or acceleration, a .csv with time [s] or a bag",
+        "or its force or acceleration, a .csv with time [s] or a bag; or the bag of a run of the damper",
     )
-    add("--mass", type=positive("kg"), metavar="KG", help="the ball's mass [kg]; for the modulus")
-    add("--radius", type=positive("m"), metavar="M", help="its radius [m]; for the modulus")
-    add("--gravity", type=positive("m/s^2"), default=9.81, metavar="G", help="gravity [m/s^2]; default: 9.81")
-    add("--channel", type=word, help=f"the channel of force or acceleration; default: {', '.join(_PULSES)}")
+    add("--mass", type=positive("kg"), metavar="KG", help="the ball's mass [kg]; for the modulus of a drop")
+    add("--radius", type=positive("m"), metavar="M", help="its radius [m]; for the modulus of a drop")
+    add("--gravity", type=positive("m/s^2"), default=9.81, metavar="G", help="gravity of a drop [m/s^2]; default: 9.81")
+    height = "standard deviation of the ceiling's height in a run [m]; default: 1e-4"
+    add("--height-std", type=real(1e-9, 1.0, "m"), default=1e-4, metavar="M", help=height)
+    add_part(parser, "begin of the part used of a run")
+    add("--channel", type=word, help=f"the channel of a drop's force or acceleration; default: {', '.join(_PULSES)}")
     add("--out", type=path_to(".yaml", ".yml"), metavar="FILE.yaml", help="write the contact: block here")
     output.add_force(parser)
     add("--json", action="store_true", help="print one JSON object and nothing else")
@@ -48,13 +57,33 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         output.file(args.out, replace=args.force)
     path = bag_of(args.recording)
-    impacts = read_impacts(path) if _is_table(path) else impacts_of(_pulses(path, args.channel))
-    fit = fit_drop(impacts, args.gravity, args.mass, args.radius)
+    fit = _fitted(path, args)
     if args.out is not None:
         with output.writing(args.out):
             args.out.write_text(to_yaml(fit), encoding="utf-8")
     print(json.dumps(_plain(fit)) if args.json else _text(fit))
     return 0
+
+
+def _fitted(path: Path, args: argparse.Namespace) -> ContactFit:
+    """Return what a table of impacts, a run of the damper or a drop's force determines."""
+    if _is_table(path):
+        return fit_drop(read_impacts(path), args.gravity, args.mass, args.radius)
+    recorded = open_run(path)
+    if args.channel is None and recorded.scene is not None and BEAM in _channels(recorded):
+        return _of_run(recorded, args)
+    return fit_drop(impacts_of(_pulses(recorded, args.channel)), args.gravity, args.mass, args.radius)
+
+
+def _of_run(recorded: Run, args: argparse.Namespace) -> ContactFit:
+    """Return what a run of the damper determines, by the scene in its bag."""
+    scene = recorded.scene
+    assert scene is not None
+    signals, missing = signals_of(recorded)
+    print_missing(missing, sys.stderr)
+    system = system_of(scene)
+    flights = flights_of(signals.between(args.begin, args.end), system)
+    return fit_run(flights, clearance(recorded, flights, scene, args.height_std), system, args.height_std)
 
 
 def _is_table(path: Path) -> bool:
@@ -65,25 +94,31 @@ def _is_table(path: Path) -> bool:
         return IMPACT in lines.readline(10_000)
 
 
-def _pulses(path: Path, channel: str | None) -> Signal:
+def _channels(recorded: Run) -> set[str]:
+    return {column.name for table, _ in recorded.streams() for column in table.values}
+
+
+def _pulses(recorded: Run, channel: str | None) -> Signal:
     """Return the recorded force or acceleration. Raises BagError: no such channel; ContactError: none at all."""
-    recorded = open_run(path)
     if channel is not None:
         return recorded.signal(channel)
-    present = {column.name for table, _ in recorded.streams() for column in table.values}
+    present = _channels(recorded)
     for name in _PULSES:
         if name in present:
             return recorded.signal(name)
     raise ContactError(
-        f"{path}: channels {', '.join(sorted(present)) or 'none'}; needed: one of {', '.join(_PULSES)} in which each "
-        f"contact has 8 samples, or a table of {IMPACT}; displacements do not resolve a contact"
+        f"{recorded.path}: channels {', '.join(sorted(present)) or 'none'}; needed: of a drop one of "
+        f"{', '.join(_PULSES)} in which each contact has 8 samples, or a table of {IMPACT}; of a run of the damper a "
+        f"bag with its scene ({recorded.scene_problem or 'there is one'}) and the laser's channels"
     )
 
 
 def to_yaml(fit: ContactFit) -> str:
     """Return a scene's `contact:` block; error bars are in comments, since a scene has values only."""
     e = fit.restitution
-    lines = [f"# restitution {_shown(e)}, at {fit.speeds[0]:.3g} to {fit.speeds[1]:.3g} m/s, on a fixed wall"]
+    lines = [
+        f"# restitution {_shown(e)}, at {fit.speeds[0]:.3g} to {fit.speeds[1]:.3g} m/s, mean {fit.at_speed:.3g} m/s"
+    ]
     if fit.modulus is None:
         return "\n".join([*lines, f"contact: {{law: impact, restitution: {min(e.value, 1.0):.5f}}}", ""])
     modulus = f"{2.0 * (1.0 - _POISSON**2) * fit.modulus.value:.5e}"
@@ -105,7 +140,7 @@ def _plain(fit: ContactFit) -> dict[str, Any]:
 
 
 def _text(fit: ContactFit) -> str:
-    lines = [f"# {fit.restitution.number} impacts between two flights; intervals are of 95 %"]
+    lines = [f"# {fit.restitution.number} impacts or flights; intervals are of 95 %"]
     if fit.contact_time is not None:
         lines.append(f"# contact time at {fit.at_speed:.3g} m/s {_shown(fit.contact_time)} s")
     return "\n".join([*lines, *(f"# not determined: {line}" for line in fit.missing), to_yaml(fit).rstrip()])

@@ -6,7 +6,7 @@ their times. Air and rotation are left out: a dense ball that falls straight.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -44,7 +44,7 @@ class ContactFit:
     restitution: ContactEstimate
     speeds: tuple[float, float]  # of approach, lowest and highest [m/s]
     contact_time: ContactEstimate | None = None  # at the speed below [s]
-    at_speed: float = math.nan  # [m/s]
+    at_speed: float = math.nan  # geometric mean [m/s]
     modulus: ContactEstimate | None = None  # effective: 1/E = (1 - nu^2)/E of grain and of wall [Pa]
     damping_ratio: float = math.nan  # beta of Tsuji's law against a fixed wall
     missing: tuple[str, ...] = ()  # what is not determined, and why, a line each
@@ -126,33 +126,34 @@ def fit_drop(impacts: Impacts, gravity: float, mass: float | None = None, radius
             speeds.append(0.5 * gravity * before)
             touched.append(places[number + 1])
     restitution = mean(np.array(ratios), np.array(timing)).through(np.exp)
-    fit = ContactFit(restitution, (min(speeds), max(speeds)))
-    return _with_modulus(fit, impacts, np.array(touched), np.array(speeds), mass, radius)
-
-
-def _with_modulus(
-    fit: ContactFit, impacts: Impacts, touched: Array, speeds: Array, mass: float | None, radius: float | None
-) -> ContactFit:
-    """Add contact time and modulus of the impacts `touched`, whose speeds [m/s] are known."""
-    measured, kind = (impacts.duration, "duration") if impacts.width is None else (impacts.width, "width")
-    beta = 0.5 * math.sqrt(5.0) * pulse(fit.restitution.value).damping_ratio
-    known = {**vars(fit), "damping_ratio": beta}
-    if measured is None:
-        return ContactFit(**{**known, "missing": (f"contact time and modulus: no column {DURATION}",)})
+    beta = 0.5 * math.sqrt(5.0) * pulse(restitution.value).damping_ratio
     at_speed = float(np.exp(np.log(speeds).mean()))
-    time = mean(np.log(measured[touched]) + 0.2 * np.log(speeds / at_speed)).through(np.exp)
+    fit = ContactFit(restitution, (min(speeds), max(speeds)), at_speed=at_speed, damping_ratio=beta)
+    measured, kind = (impacts.duration, "duration") if impacts.width is None else (impacts.width, "width")
+    if measured is None:
+        return replace(fit, missing=(f"contact time and modulus: no column {DURATION}",))
+    time = mean(np.log(measured[touched]) + 0.2 * np.log(np.array(speeds) / at_speed)).through(np.exp)
+    return with_modulus(fit, time, kind, mass, radius)
+
+
+def with_modulus(
+    fit: ContactFit, time: ContactEstimate, kind: str, mass: float | None, radius: float | None
+) -> ContactFit:
+    """Add contact time and modulus by the `duration`, `width` or `centre` of a pulse [s] at the fit's speed.
+
+    mass: that the relative motion feels [kg]; radius of the ball [m].
+    """
     # a stiffer damper shortens a contact: the restitution's own error is part of the modulus's
-    ends = [pulse(min(e, 1.0)) for e in (fit.restitution.value, fit.restitution.low, fit.restitution.high)]
+    e = fit.restitution
+    ends = [pulse(min(max(one, 1e-3), 1.0)) for one in (e.value, e.low, e.high)]
     scaled = [getattr(end, kind) for end in ends]
-    if kind == "width":
-        factor = ends[0].duration / ends[0].width
-        time = ContactEstimate(time.value * factor, time.low * factor, time.high * factor, time.number)
-        scaled = [one * factor for one in scaled]
-    known |= {"contact_time": time, "at_speed": at_speed}
+    factor = ends[0].duration / scaled[0]
+    time = ContactEstimate(time.value * factor, time.low * factor, time.high * factor, time.number)
+    fit = replace(fit, contact_time=time)
     if mass is None or radius is None:
-        return ContactFit(**{**known, "missing": ("modulus: needs the ball's --mass and --radius",)})
-    moduli = [stiffness(mass, at_speed, time.value, one) * 0.75 / math.sqrt(radius) for one in scaled]
+        return replace(fit, missing=("modulus: needs the ball's --mass and --radius",))
+    moduli = [stiffness(mass, fit.at_speed, time.value, one * factor) * 0.75 / math.sqrt(radius) for one in scaled]
     spread = max(abs(math.log(one / moduli[0])) for one in moduli)
     low, high = (math.hypot(2.5 * math.log(end / time.value), spread) for end in (time.high, time.low))
     modulus = ContactEstimate(moduli[0], moduli[0] * math.exp(-low), moduli[0] * math.exp(high), time.number)
-    return ContactFit(**{**known, "modulus": modulus})
+    return replace(fit, modulus=modulus)

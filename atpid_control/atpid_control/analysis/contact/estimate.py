@@ -58,18 +58,22 @@ def mean(values: Array, timing: Array | None = None) -> ContactEstimate:
     shares = _SHARES if timing is not None else np.zeros(1)
     found = np.array([_given_share(values, (1.0 - share) * own + share * timed) for share in shares])
     middles, errors, likelihoods = found.T
+    likelihoods[0] += math.log(max(len(shares) - 1, 1))
+    return mixture(middles, errors, likelihoods, count - 1, count)
+
+
+def mixture(middles: Array, errors: Array, likelihoods: Array, freedom: float, number: int) -> ContactEstimate:
+    """Return the estimate of a value that has Student's distribution of a middle and an error (k,) each, which of them
+    by the logarithm of its likelihood (k,)."""
     weights = np.exp(likelihoods - likelihoods.max())
-    weights[0] *= max(len(shares) - 1, 1)
     weights /= weights.sum()
-    far = 2.0 * float(stdtrit(count - 1, 0.9999)) * errors
+    far = 2.0 * float(stdtrit(freedom, 0.9999)) * errors
     ends = float((middles - far).min()), float((middles + far).max())
 
     def quantile(probability: float) -> float:
-        return root(
-            lambda x: float(weights @ stdtr(count - 1, (x - middles) / errors)) - probability, *ends, rtol=1e-12
-        )
+        return root(lambda x: float(weights @ stdtr(freedom, (x - middles) / errors)) - probability, *ends, rtol=1e-12)
 
-    return ContactEstimate(float(weights @ middles), quantile(0.025), quantile(0.975), count)
+    return ContactEstimate(float(weights @ middles), quantile(0.025), quantile(0.975), number)
 
 
 def _given_share(values: Array, covariance: Array) -> tuple[float, float, float]:
