@@ -98,7 +98,7 @@ def _printed(stand: WatchedStand, begin: int) -> Answer | None:
 
 
 def _sent(node: str, number: signal.Signals, *, ends: bool = False) -> Act:
-    """Send a signal; nobody is answered, but the run's end is printed, or an alarm published."""
+    """Send a signal; there is no answer, but the run's end is printed, or an alarm published."""
 
     def act(stand: WatchedStand) -> Callable[[], Answer | None]:
         begin, published = len(stand.terminal.printed), len(stand.watch.events)

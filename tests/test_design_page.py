@@ -60,6 +60,7 @@ def test_the_worked_example_is_what_is_computed_now(folder: Path, made: Any) -> 
         f"{made['motor']['force']:.0f} N, {made['motor']['impact_rate']:.1f} times a second; on the floor "
         f"{made['motor']['floor_force']:.0f} N",
         f"{100 * made['reduction']['low']:.0f} to {100 * made['reduction']['high']:.0f} %",
+        f"{made['motor']['sound_power_level']:.0f} dB re 1 pW",
         f"{1e3 * made['points'][-1]['beam_amplitude']['expected']:.1f} mm, at most "
         f"{1e3 * made['points'][-1]['beam_amplitude']['high']:.1f} mm",
         f"today {1e3 * made['points'][-1]['bare_amplitude']['expected']:.1f} mm there, "

@@ -139,6 +139,9 @@ RUN = {
         r"atpid calibrate beam .*--with-added": "test_two_recordings_through_the_command",
         r"atpid calibrate beam ": "test_the_command_writes_a_beam_block_a_scene_takes",
     },
+    "atpid_control/test/test_contact_in_run.py": {
+        r"atpid calibrate contact bags": "test_a_recorded_run_through_the_command",
+    },
     "atpid_control/test/test_contact_calibration.py": {
         r"atpid calibrate contact .*force": "test_a_recorded_force_gives_restitution_and_modulus",
         r"atpid calibrate contact ": "test_the_command_writes_a_contact_block_a_scene_takes",

@@ -160,7 +160,7 @@ def stand(desk: Desk, tmp_path: Path) -> Iterator[Stand]:
 
 
 def stays_off(desk: Desk, stand: Stand) -> bool:
-    """Whether nothing arms or moves for a while in which nobody asks for it."""
+    """Whether nothing arms or moves for a while without a request."""
     before, states = stand.board.state(), len(desk.ceiling)
     desk.until(lambda: stand.board.state().ms > before.ms + 1000)
     after = stand.board.state()

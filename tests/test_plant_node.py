@@ -282,9 +282,9 @@ def test_faults_are_injected_into_a_running_plant_by_its_parameter(graph: Start)
     refused = given("motor off 0 9")
     assert not refused.successful
     assert refused.reason == (
-        "faults: given motor; allowed: support_laser, beam_laser, accelerometer, clock, which the plant acts"
+        "faults: given motor; allowed: support_laser, beam_laser, accelerometer, clock, which the plant injects"
     )
-    assert "which the plant acts" in given("recorder off 0 9").reason
+    assert "which the plant injects" in given("recorder off 0 9").reason
     assert "the scene has none" in given("accelerometer off 0 9").reason
     assert given("support_laser off 0 1000").successful
     before = len(peer.blocks)

@@ -6,13 +6,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 import yaml
 from ament_index_python.packages import get_package_prefix
 from atpid_interfaces.msg import CeilingCommand, Event, Excitation, SampleBlock
@@ -20,6 +18,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from test_recording_node import ros as ros
+from test_recording_node import spin_until
 
 from atpid_common.nodes.messages import BLOCKS, EVENTS, STATES
 from atpid_control.identification.linear import LEAST_PIVOT
@@ -68,25 +68,6 @@ def lockstep(scene_file: Path, bag: Path) -> None:
 
     parameters = parameters_for(load_scene(scene_file), scene_file, HEIGHT_MAP, bag, lockstep=True)
     run_lockstep([(part.package, part.name) for part in PARTS], parameters, lambda _: None)
-
-
-@pytest.fixture
-def ros() -> Iterator[SingleThreadedExecutor]:
-    rclpy.init()
-    executor = SingleThreadedExecutor()
-    yield executor
-    for node in executor.get_nodes():
-        getattr(node, "close", lambda: None)()
-        node.destroy_node()
-    executor.shutdown()
-    rclpy.try_shutdown()
-
-
-def spin_until(executor: SingleThreadedExecutor, met: Callable[[], bool], timeout: float = 100.0) -> None:
-    deadline = time.monotonic() + timeout
-    while not met():
-        assert time.monotonic() < deadline, "what the test waits for did not happen"
-        executor.spin_once(timeout_sec=0.05)
 
 
 def replay(executor: SingleThreadedExecutor, bag: Path, scene: Path, out: Path, rate: float) -> ReplayNode:

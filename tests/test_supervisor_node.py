@@ -19,7 +19,7 @@ from atpid_common.nodes.messages import BLOCKS, STATES
 from atpid_control.nodes.supervisor_node import SupervisorNode
 from atpid_driver.nodes.motor_node import MotorNode
 
-#: Longer than this process stands still on a busy machine [s].
+#: Longer than this process is suspended on a busy machine [s].
 PATIENT = 5.0
 #: Of what is waited for [s].
 LIMIT = 40.0

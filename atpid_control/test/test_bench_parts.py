@@ -21,18 +21,9 @@ from atpid_control.stand.errors import BenchError, NodeDiedError
 from atpid_control.stand.parameters import parameters_in, write_parameters
 from atpid_control.stand.processes import Processes
 from atpid_control.stand.summary import real_time_factor
-from atpid_sim.scene import scene_from_mapping
+from atpid_sim.scene import standard_bench
 
-SCENE = {
-    "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
-    "grain": {"mass_fraction": 0.1, "radius": 0.0085},
-    "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
-    "excitation": {"amplitude": 0.01, "frequency": "resonance"},
-    "ceiling": {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"},
-    "gravity": 9.81,
-    "duration": 1.0,
-    "tolerance": 1e-6,
-}
+CONTROLLED = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
 
 
 def test_two_benches_get_different_domains_and_the_environment_is_put_back() -> None:
@@ -122,14 +113,14 @@ def test_a_folder_with_other_files_is_not_changed(tmp_path: Path) -> None:
 def test_the_simulated_ceiling_gets_limits_and_speed_from_the_scene(
     ceiling: dict[str, object], expected: dict[str, float]
 ) -> None:
-    scene = scene_from_mapping(SCENE | ({"ceiling": ceiling} if ceiling else {}))
+    scene = standard_bench(ceiling=ceiling or CONTROLLED, duration=1.0)
     found = parts.ceiling_parameters(scene)
     assert tuple(found.values()) == pytest.approx(expected)
     assert tuple(found) == ("lowest", "highest", "speed", "initial_height")
 
 
 def test_a_closed_damper_gets_a_range_with_some_width() -> None:
-    found = parts.ceiling_parameters(scene_from_mapping(SCENE | {"ceiling": {"height": 0.017}}))
+    found = parts.ceiling_parameters(standard_bench(ceiling={"height": 0.017}))
     assert found["highest"] > found["lowest"]
 
 

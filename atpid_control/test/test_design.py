@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from atpid_control.cli import main
 from atpid_control.design.check import Check, interval_at, widened
-from atpid_control.design.forces import contact_time, forces, law_force
+from atpid_control.design.forces import contact_time, forces, law_force, sound_power
 from atpid_control.design.grain_choice import Candidate, fractions, preferred
 from atpid_control.design.limits import warnings_of
 from atpid_control.design.motor import motor
@@ -57,8 +57,8 @@ def a_point(amplitude: float, height: float, **changes: object) -> Point:
         reduction=Interval(0.5, 0.45, 0.55), beam_amplitude=Interval(0.002, 0.0018, 0.0025),
         bare_amplitude=Interval(0.004, 0.0038, 0.0042), closed_amplitude=0.013, best_height=height,
         best_efficiency=0.87, regular=True, numerical_error=1e-6, ceiling_force=Interval(100.0, 80.0, 120.0),
-        floor_force=150.0, overlap=0.02, speed=1.0, impulse=0.5, rate=13.0, mean_force=6.0, acceleration=9.0,
-        height_error=0.001, structures=70,
+        floor_force=150.0, overlap=0.02, speed=1.0, impulse=0.5, rate=13.0, mean_force=6.0, sound_power=2e-9,
+        acceleration=9.0, height_error=0.001, structures=70,
     )  # fmt: skip
     return replace(made, **changes)  # type: ignore[arg-type]
 
@@ -91,6 +91,31 @@ def test_the_sampled_force_is_that_of_the_law() -> None:
         max(0.0, tsuji.force(x, v, 0.0, parameters)) if x > 0.0 else 0.0 for x, v in zip(overlap, velocity, strict=True)
     ]
     assert law_force(overlap, step, parameters) == pytest.approx(np.array(kernel), abs=1e-4 * max(kernel))
+
+
+@pytest.mark.parametrize("duration", [0.02, 1.0, 3.0, 30.0])
+def test_the_sound_of_an_impact_is_that_of_the_dipole_solution_in_time(duration: float) -> None:
+    # potential cos(theta) d/dr (f(t - r/c) / r) outside a sphere of unit radius, in a fluid of unit density and speed
+    # of sound; the wall's velocity u gives f'' + 2 f' + 2 f = u, and the far field's pressure is cos(theta) f'' / r
+    def velocity(t: float) -> float:
+        return 0.5 - 0.5 * math.cos(math.pi * min(t / duration, 1.0))
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], velocity(t) - 2.0 * y[1] - 2.0 * y[0], (velocity(t) - 2.0 * y[1] - 2.0 * y[0]) ** 2]
+
+    solved = solve_ivp(rates, (0.0, duration + 20.0), [0.0] * 3, rtol=1e-9, atol=1e-14, max_step=duration / 20.0)
+    energy = 4.0 / 3.0 * math.pi * solved.y[2, -1]
+
+    radius, step = 0.025, duration / 100.0
+    pulse = np.zeros(2 * int((duration + 40.0) / step))
+    pulse[:100] = 0.5 * math.pi / duration * np.sin(np.pi * np.arange(100) / 100.0)
+    pulse -= np.roll(pulse, len(pulse) // 2)  # to a velocity and back
+    density, sound = 1.204, 343.2
+    once = sound_power(pulse * sound / radius, step * radius / sound, radius) * len(pulse) / 2 * step * radius / sound
+    assert once / (density * radius**3) == pytest.approx(energy, rel=3e-3)
+    taylor = math.pi / 3.0  # the entrained fluid's 1/2 (1/2 V) at a velocity of one
+    assert energy == pytest.approx(taylor, rel=0.02) if duration < 0.1 else energy < taylor
+    assert duration < 10.0 or energy == pytest.approx(taylor * math.pi**4 / 8.0 / duration**3, rel=0.05)
 
 
 def test_the_largest_force_is_that_of_one_impact_at_the_closing_speed() -> None:

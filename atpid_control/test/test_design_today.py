@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A design against the structure of today: its closed form, the machine's frequency, the motor, what cannot be."""
+"""A design against the structure of today: its closed form, the machine's frequency, the motor, invalid input."""
 
 import math
 from functools import cache
@@ -196,7 +196,7 @@ def test_the_rows_beside_a_tuned_mass() -> None:
     assert row.tuned == pytest.approx(0.002 * float(TunedBeam(made.mass / 38.0, 0.012, detuned).beam(1.0 / factor)))
 
 
-# what cannot be
+# invalid input
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,7 @@ def test_a_stop_without_an_answer_is_not_confirmed_and_answered_once(server: Liv
         await stream.write_message('{"number": 3, "do": "disarm"}')
         answer = await until(stream, "answer")
         assert isinstance(server.act, Operator)
-        server.act.open.pop()((True, "motor off"))  # too late: nobody waits for it
+        server.act.open.pop()((True, "motor off"))  # too late: the request has ended
         await until(stream, "news")
         await leave(stream)
         assert not answer["success"]
@@ -297,7 +297,7 @@ def test_of_tabs_that_all_read_the_first_learns_that_another_has_its_place(serve
     run(look())
 
 
-def test_hundreds_of_idle_connections_lock_nobody_out_and_end_by_themselves(guarded: LiveServer) -> None:
+def test_hundreds_of_idle_connections_block_no_operator_and_end_by_themselves(guarded: LiveServer) -> None:
     """Without a token: each that is one too many ends the oldest of its kind, none that has the page."""
     opener = build_opener(HTTPCookieProcessor())
     with ExitStack() as stack:

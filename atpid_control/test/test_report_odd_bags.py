@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags with messages that cannot be: the report is made of the others, and states what was left out."""
+"""Bags with invalid messages: the report is made of the others, and states what was left out."""
 
 import random
 from collections.abc import Callable

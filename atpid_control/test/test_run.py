@@ -170,7 +170,7 @@ def test_a_bag_in_sqlite3_holds_what_the_other_does(definitions: bool, tmp_path:
     assert check(theirs.path).findings == []
 
 
-def test_a_type_whose_definition_nobody_has_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_type_without_a_definition_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = in_sqlite(tmp_path / "bag", definitions=False)
     with closing(sqlite3.connect(next(folder.glob("*.db3")))) as database:
         database.execute("UPDATE topics SET type = 'lab/msg/Thing' WHERE name = '/ceiling/state'")

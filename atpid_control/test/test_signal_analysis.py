@@ -143,7 +143,7 @@ def test_lines_too_far_apart_for_a_peak_are_named() -> None:
 
 
 def test_no_excitation() -> None:
-    with pytest.raises(AnalysisError, match="no excitation: support_displacement stands still"):
+    with pytest.raises(AnalysisError, match="no excitation: support_displacement is constant"):
         frequency_response(Signals(RATE, np.zeros(5000), noise(5000, 1)))
 
 
@@ -238,7 +238,7 @@ def test_the_command_writes_numbers_and_picture(tmp_path: Path, capsys: pytest.C
     assert found["orders"]["frequency"] == pytest.approx(5.47, abs=0.01)
     assert found["orders"]["excitation"] == pytest.approx(0.025, rel=1e-3)
     assert found["orders"]["amplitude"][0] == pytest.approx(0.109, abs=0.003)
-    assert "stands still" in found["skipped"]["decrement"]
+    assert "at rest" in found["skipped"]["decrement"]
     assert (tmp_path / "analysis.png").stat().st_size > 20_000
 
 
@@ -248,7 +248,7 @@ def test_a_decay_in_a_bag_has_no_excitation_and_is_fitted(tmp_path: Path, capsys
     found = json.loads(capsys.readouterr().out)
     assert found["decrement"]["damping_ratio"] == pytest.approx(0.03, rel=5e-3)
     assert abs(found["decrement"]["damping_ratio"] - 0.03) < 4.0 * found["decrement"]["damping_ratio_std"]
-    assert found["skipped"]["frequency_response"] == "no excitation: the support stands still"
+    assert found["skipped"]["frequency_response"] == "no excitation: the support is at rest"
 
 
 @pytest.mark.parametrize(
@@ -259,7 +259,7 @@ def test_a_decay_in_a_bag_has_no_excitation_and_is_fitted(tmp_path: Path, capsys
             ["{tmp}/other"],
             "no samples of support_displacement and beam_displacement together; channels in it: a, b",
         ),
-        (["{tmp}/still"], "beam_displacement stands still: nothing to analyse"),
+        (["{tmp}/still"], "beam_displacement is constant: nothing to analyse"),
         (["{tmp}/other", "--input", "a", "--output", "b", "--resolution", "0.1"], "needs 10 s without a gap"),
         (["{tmp}/other", "--input", "a", "--output", "b", "--from", "9"], "allowed: rising times from 0 to 3 s"),
     ],
@@ -287,12 +287,17 @@ def test_a_fault_within_the_part_is_named(tmp_path: Path, capsys: pytest.Capture
     assert "trusted: fault" not in capsys.readouterr().out
 
 
-def test_an_earlier_analysis_is_not_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_analysis_replaces_the_first_but_beside_other_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = written(tmp_path / "bag", tone(5.0, 0.01, 4.0), tone(5.0, 0.03, 4.0, 1.0))
-    assert main(["bag", "analyse", str(bag), "--out", str(tmp_path / "out")]) == 0
-    assert main(["bag", "analyse", str(bag), "--out", str(tmp_path / "out")]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert main(["bag", "analyse", str(bag), "--out", str(tmp_path / "out"), "--force"]) == 0
+    command = ["bag", "analyse", str(bag), "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    assert main(command) == 0
+    (tmp_path / "out/mine").write_text("")
+    assert main(command) == 2
+    assert "exists already; give another --out" in capsys.readouterr().err
+    assert main([*command, "--force"]) == 0
 
 
 def test_signals_of_another_unit_and_without_the_excitation() -> None:

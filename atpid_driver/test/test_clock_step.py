@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wall clock set back and forward by an hour under a running node, acted by a preloaded library (clock_step.c)."""
+"""The wall clock set back and forward by an hour under a running node, by a preloaded library (clock_step.c)."""
 
 import os
 import signal

@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 from atpid_common.nodes.messages import STATES
 from atpid_driver.nodes.authority import TOPIC, MotionPermit
 
-#: Of the supervisor; longer than this process stands still on a busy machine [s].
+#: Of the supervisor; longer than this process is suspended on a busy machine [s].
 PATIENT = 5.0
 
 

@@ -93,7 +93,7 @@ def test_faults_are_injected_into_a_running_motor_by_its_parameter(stand: Stand)
     stand.handshake()
     stand.until(lambda: stand.states[-1].height > 0.02, lambda: stand.command(0.9, 1.0))
     refused = given("clock off 0 9")
-    assert refused.reason == "faults: given clock; allowed: height_sensor, motor, which the simulated motor acts"
+    assert refused.reason == "faults: given clock; allowed: height_sensor, motor, which the simulated motor injects"
     assert "one fault of a part at a time" in given("motor off 0 9", "motor stuck 1 2").reason
     assert not truth
     before = stand.states[-1].height

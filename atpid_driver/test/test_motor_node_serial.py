@@ -134,7 +134,7 @@ def test_a_jam_is_reported_and_armed_again_on_request(stand: Stand, tmp_path: Pa
 
 
 def test_a_stop_is_answered_with_the_boards_own_state(stand: Stand, tmp_path: Path) -> None:
-    """Motor off once the answer is there; not confirmed where the board stands still, until it answers again."""
+    """Motor off once the answer is there; not confirmed where the board is halted, until it answers again."""
     with board(tmp_path, height=0.99, bootloader=0.05) as emulator:
         emulator.pace(1.0)
         stand.motor(**parameters(tmp_path))

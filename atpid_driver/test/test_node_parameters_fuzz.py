@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every node of the driver with parameters that cannot be: it starts, or one line names what is wrong."""
+"""Every node of the driver with invalid parameters: it starts, or one line names what is wrong."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

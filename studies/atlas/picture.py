@@ -56,7 +56,7 @@ def draw_atlas(atlas: Atlas, diameter: float, file: Path, thesis: bool) -> None:
         for key, shown in zip("DEF", slices, strict=False):
             _panel(panels[key], atlas, shown, diameter, False)
         for key, axes in panels.items():
-            axes.set_visible(bool(axes.get_title()))
+            axes.set_visible(axes.has_data())
             axes.tick_params(labelsize=10 if key == "M" else 8)
         for key in "AD":
             panels[key].set_ylabel("(h − 2r) / A", fontsize=9)

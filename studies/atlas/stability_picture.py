@@ -79,7 +79,7 @@ def _plane(axes: Any, atlas: Atlas, scene: Scene) -> None:
     circle = np.exp(2j * math.pi * np.linspace(0.0, 1.0, 200))
     axes.plot(circle.real, circle.imag, color="black", linewidth=1.0)
     axes.set(aspect="equal", xlabel="real part", ylabel="imaginary part")
-    title = f"Multipliers across the cliff, A = {1e3 * amplitude:.3g} mm"
+    title = f"Across the cliff, A = {1e3 * amplitude:.3g} mm"
     if math.isfinite(cliff):
         fraction = atlas.plan.mass_fractions[row]
         resonant = scene.with_(mass_fraction=fraction, excitation={"amplitude": amplitude, "frequency": "resonance"})

@@ -71,7 +71,7 @@ class Paced:
 
 @dataclass(frozen=True)
 class PacedRow:
-    """One fault of the matrix, acted in real time, and what it did."""
+    """One fault of the matrix, injected in real time, and what it did."""
 
     part: str
     kind: str
@@ -221,7 +221,7 @@ def _bag_of(path: Path) -> tuple[str, float, tuple[str, ...]]:
 
 
 def _had_effect(fault: Injected, with_fault: Paced, without: Paced, bag: str) -> bool:
-    """Return whether the fault showed outside the part that acts it: at the board, or in the bag's file."""
+    """Return whether the fault showed outside the part that has it: at the board, or in the bag's file."""
     if fault.part in LINK and fault.kind == "wrong":
         return _height_error(fault, with_fault) > 0.5 * abs(fault.value) > 2.0 * _height_error(fault, without)
     if fault.part in LINK:

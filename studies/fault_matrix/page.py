@@ -29,7 +29,7 @@ while the fault is there. Serial link and recorder are run in real time, at 0.03
 {paced:g} to {over:g} s, while the ceiling is on its way: the link on the emulated stand, with the real
 firmware, whose own state is looked at every 20 ms; the recorder as a process, whose file is.
 
-A scene acts faults by its key `faults` ([scenes](scenes.md)):
+A scene injects faults by its key `faults` ([scenes](scenes.md)):
 
 ```yaml
 faults:
@@ -46,9 +46,9 @@ the motor node those of a simulated motor and height sensor, counted from its fi
 
 Faults of the serial link are put in between the emulated board and the motor node, which takes none
 with a serial port; those of the recorder come from the bench, which kills it or starts it on a disk
-that fails. What cannot be acted is refused with the reason: the simulated bench has no serial link,
-in lockstep the recorder is no process, and the stand's scene, whose parts are real, has none. The
-events are
+that fails. What cannot be injected is refused with the reason: the simulated bench has no serial
+link, in lockstep the recorder is no process, and the stand's scene, whose parts are real, has none.
+The events are
 those of `events` in the bag; the state of each channel and clock is in `/diagnostics`
 (`identifier_node: support_displacement`).
 
@@ -73,7 +73,7 @@ _STOPS = """\
 What a stop (`STOP`, or `DISARM`: motor off) does while the line is in such a state, at any instant
 and after any heights, before the real firmware in its own time. A stop is on the wire within 30 ms
 of the call, no height follows it, and the answer to the caller is the board's state. Where no frame
-passes, the firmware's heartbeat switches off; *confirmed*: when the caller knows. Times in ms;
+passes, the firmware's heartbeat switches off; *confirmed*: when the caller has it. Times in ms;
 empty: the motor was off already, or nothing was confirmed within 0.5 s.
 """
 

@@ -136,7 +136,7 @@ def reference_of(part: str) -> tuple[Injected, ...]:
 
 
 def in_lockstep(part: str) -> bool:
-    """Return whether the graph in lockstep can act the faults of a part; others are acted in real time."""
+    """Return whether the graph in lockstep can inject the faults of a part; others are injected in real time."""
     return part in LOCKSTEP
 
 

@@ -3,7 +3,6 @@
 
 import argparse
 from collections.abc import Callable
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -15,18 +14,12 @@ from atpid_common.arguments import file_path
 from atpid_control.identification import Estimate, Quality
 from atpid_sim.display import working
 from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_style import LIGHT, style
 from atpid_sim.system import Array
 from studies.identification import measure as data
 
-INK, GREY = "#1f2a36", "#8a94a0"
-BLUE, ORANGE, RED = "#2166ac", "#e08214", "#b2182b"
-STYLE: Any = {
-    "font.size": 9.5, "axes.edgecolor": GREY, "axes.labelcolor": INK, "text.color": INK, "xtick.color": INK,
-    "ytick.color": INK, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-    "grid.color": "#e6e9ec",
-    "legend.frameon": False, "figure.constrained_layout.use": True, "savefig.dpi": 130, "axes.titlelocation": "left",
-    "axes.titlesize": 10.5, "axes.axisbelow": True,
-}  # fmt: skip
+INK, GREY, BLUE, ORANGE, RED = LIGHT.ink, LIGHT.given_text, LIGHT.own, LIGHT.accent, "#b0304a"
+STYLE = style(LIGHT) | {"figure.constrained_layout.use": True, "savefig.dpi": 130}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,7 +99,7 @@ def draw_spoiled() -> Figure:
     ax = figure.subplots()
     names, plain, ours = data.spoiled_errors()
     y = np.arange(len(names))
-    ax.barh(y + 0.2, 100.0 * plain, height=0.36, color="#c9d1d9", label="four parameters alone")
+    ax.barh(y + 0.2, 100.0 * plain, height=0.36, color=LIGHT.given, label="four parameters alone")
     ax.barh(y - 0.2, 100.0 * ours, height=0.36, color=BLUE, label="with spikes, drift, harmonics and hum told apart")
     ax.axvline(1.0, color=RED, lw=0.9, ls="--")
     ax.text(1.03, -0.85, "1 % allowed", color=RED, va="center")

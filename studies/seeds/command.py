@@ -11,8 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from atpid_common.arguments import file_path, real, whole
-from atpid_sim.commands.options import add_journal, add_workers, workers_of
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
+from studies.journal_option import add_journal
 from studies.seeds.measure import SeedRun, configured, run_all
 
 #: Arguments of the example in the help.

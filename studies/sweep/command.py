@@ -5,11 +5,12 @@ import argparse
 import json
 
 from atpid_common.arguments import real, whole
-from atpid_sim.commands.options import add_journal, add_workers, workers_of
+from atpid_sim.commands.options import add_workers, workers_of
 from atpid_sim.display import counting
 from atpid_sim.simulation.batch import cores
 from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import FIDELITIES
+from studies.journal_option import add_journal
 from studies.sweep.measure import standard_task, sweep
 
 #: Heights at most: their results fill the memory from there on.

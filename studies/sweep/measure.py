@@ -51,7 +51,7 @@ def sweep(
 ) -> Sweep:
     """Simulate a scene at `count` heights [m], each once.
 
-    A ceiling that moves goes to the height in its last ramp, one that stands still stands there. What the runs have in
+    A ceiling that moves goes to the height in its last ramp, a fixed one is put there. What the runs have in
     common before that ramp is integrated once a chunk. `progress` is called with the number done. journal: file of what
     is done, from which the same sweep goes on. Raises SceneError where a controller moves the ceiling, ValueError for
     less than one height, NumericalFailure, ClusterError, JournalError.

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from atpid_common import output
-from atpid_sim.figure_numbers import metadata_of
+from atpid_sim.figure_numbers import drawn
 from studies.thesis.measured import Measured
 from studies.thesis.points import Job, matches
 from studies.thesis.study import Expected, Panel, Study
@@ -17,27 +16,19 @@ _COLUMNS = 3
 
 def draw(study: Study, jobs: Sequence[Job], measured: Sequence[Measured], path: Path) -> None:
     """Draw a study's panels into a PNG that carries its numbers. Raises OutputError."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     columns = 2 if len(study.panels) == 4 else min(_COLUMNS, len(study.panels))
     rows = math.ceil(len(study.panels) / columns)
-    figure, grid = pyplot.subplots(rows, columns, figsize=(4.4 * columns, 3.2 * rows), layout="constrained",
-                                   squeeze=False)  # fmt: skip
-    for axes, panel in zip(grid.flat, study.panels, strict=False):
-        shown = [(job, found) for job, found in zip(jobs, measured, strict=True) if matches(job.point, panel.at)]
-        if panel.curve is not None:
-            _curves(axes, panel, shown)
-        else:
-            _points(axes, panel, shown, study.rows)
-        _finish(axes, panel)
-    for axes in grid.flat[len(study.panels) :]:
-        axes.set_visible(False)
-    with output.writing(path):
-        figure.savefig(path, dpi=80, metadata=metadata_of(figure))
-    pyplot.close(figure)
+    size = (4.4 * columns, 3.2 * rows)
+    with drawn(path, dpi=80, nrows=rows, ncols=columns, figsize=size, squeeze=False) as (_, grid):
+        for axes, panel in zip(grid.flat, study.panels, strict=False):
+            shown = [(job, found) for job, found in zip(jobs, measured, strict=True) if matches(job.point, panel.at)]
+            if panel.curve is not None:
+                _curves(axes, panel, shown)
+            else:
+                _points(axes, panel, shown, study.rows)
+            _finish(axes, panel)
+        for axes in grid.flat[len(study.panels) :]:
+            axes.set_visible(False)
 
 
 def _curves(axes: Any, panel: Panel, shown: list[tuple[Job, Measured]]) -> None:
@@ -79,9 +70,8 @@ def _printed(expected: Expected, jobs: list[Job]) -> list[tuple[Job, float]]:
 def _finish(axes: Any, panel: Panel) -> None:
     axes.set(title=panel.title, xlabel=panel.xlabel, ylabel=panel.ylabel)
     axes.title.set_fontsize(9)
+    axes.locator_params(axis="x", nbins=7)
     if panel.logarithmic:
         axes.set_yscale("log")
-    axes.grid(alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
     if 0 < len(axes.get_legend_handles_labels()[0]) <= 9:
         axes.legend(fontsize=7)

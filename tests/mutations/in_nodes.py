@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mutations of what stands between the graph and the motor: permit, commander, duplicates, supervisor."""
 
-from mutation import Mutation
+from mutation import in_file as _in
 
 NODES = "atpid_driver/atpid_driver/nodes/"
 SUPERVISOR = "atpid_control/atpid_control/nodes/"
@@ -18,11 +18,6 @@ BESIDE = COMMANDER + "beside_an_unauthorised_publisher_nothing_moves_until_it_is
 COUNT = COMMANDER + "a_count_that_goes_back_or_leaps_is_another_publishers_until_the_first_has_left"
 NO_ANSWER = SUPERVISES + "a_node_that_does_not_answer_withdraws_the_permission_until_it_does"
 LEVEL = SUPERVISES + "a_level_that_is_passed_stops_and_is_armed_again_only_below_it"
-
-
-def _in(name: str, file: str, old: str, new: str, why: str, *tests: str) -> Mutation:
-    return Mutation(f"{file.rpartition('/')[2].removesuffix('.py')}: {name}", file, old, new, tests, why)
-
 
 MUTATIONS = (
     _in(
@@ -78,7 +73,7 @@ MUTATIONS = (
         NODES + "authority.py",
         "if len(names) > 1:",
         "if len(names) > 2:",
-        "whoever publishes last moves the ceiling",
+        "the last publisher moves the ceiling",
         BESIDE,
     ),
     _in(
@@ -128,7 +123,7 @@ MUTATIONS = (
         NODES + "authority.py",
         "self.several = bool(problem)",
         "self.several = False",
-        "it goes on to a height that nobody stands for",
+        "it goes on to a height of no single publisher",
         COMMANDER + "it_stops_a_ceiling_on_its_way",
     ),
     _in(
@@ -240,7 +235,7 @@ MUTATIONS = (
         NODES + "motor_node.py",
         "if self._gate.several_senders:",
         "if False:",
-        "it goes on to a height that nobody stands for",
+        "it goes on to a height of no single publisher",
         COMMANDER + "it_stops_a_ceiling_on_its_way",
     ),
     _in(
@@ -260,7 +255,7 @@ MUTATIONS = (
         NO_ANSWER,
     ),
     _in(
-        "asks nobody",
+        "asks no node",
         SUPERVISOR + "supervisor_node.py",
         "self._questions.ask(now)",
         "pass",

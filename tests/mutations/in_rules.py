@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mutations of the pure rules: frames, heights and travels, freshness, answers, limits, states."""
 
-from mutation import Mutation
+from mutation import in_file as _in
 
 MOTOR = "atpid_driver/atpid_driver/motor/"
 RULES = "atpid_control/atpid_control/supervision/"
@@ -22,11 +22,6 @@ LEVELS = SUPERVISION + "levels_that_cannot_be_are_refused"
 OTHERWISE = KNOWN + "what_moves_otherwise_is_named"
 REFUSED = SIMULATED + "heights_outside_the_limits_are_refused_and_nothing_moves"
 INACTIVE = SIMULATED + "does_not_move_before_it_is_activated_nor_after_it_is_deactivated"
-
-
-def _in(name: str, file: str, old: str, new: str, why: str, *tests: str) -> Mutation:
-    return Mutation(f"{file.rpartition('/')[2].removesuffix('.py')}: {name}", file, old, new, tests, why)
-
 
 MUTATIONS = (
     # frames

@@ -38,3 +38,8 @@ class Mutation:
             except SyntaxError as error:
                 raise MutationError(f"{self.name}: {self.file} is no Python any more: {error}") from None
         return changed
+
+
+def in_file(name: str, file: str, old: str, new: str, why: str, *tests: str) -> Mutation:
+    """Return the mutation of a file, named after it."""
+    return Mutation(f"{Path(file).stem}: {name}", file, old, new, tests, why)

@@ -18,7 +18,7 @@ from studies.planar.measure import Compared, System, planar, table
 from studies.planar.motion import LOSS, SIDE_V, SPIN, TIP_V, Planar, Seen, advance, at_rest, seen, steady
 
 ROOT = Path(__file__).parents[2]
-#: The tip stands still (a beam of infinite mass), the ball lies on the left wall of a wide container.
+#: The tip is at rest (a beam of infinite mass), the ball lies on the left wall of a wide container.
 STILL = Planar(
     beam=1e12, ball=0.1, stiffness=0.0, damping=0.0, amplitude=0.0, omega=2.0 * math.pi, gravity=0.0,
     side_gravity=9.81, clearance=100.0, side_clearance=0.01, radius=0.02, restitution=0.3, friction=0.3, slope=0.0,

@@ -9,9 +9,9 @@ import pytest
 from atpid_control.selection.deadline import Deadline
 from atpid_control.selection.direct import guaranteed
 from atpid_control.selection.margin import Robust
-from atpid_sim.maps import DamperResponse
+from atpid_sim.maps import DamperResponse, Timing
 from studies.cli import main
-from studies.random_selection import LAWS, Drawn, Outcome, box_points, draw, measured, scene_of, table
+from studies.random_selection import LAWS, Drawn, Outcome, box_points, draw, measured, scene_of, seen, table
 
 DRAWN = draw(12, 1)
 
@@ -51,6 +51,52 @@ def test_without_gravity_and_with_much_restitution_the_regular_height_is_found()
     assert found.best_regular
     assert found.regular
     assert found.excess <= 0.02
+
+
+# behind a long irregular transient, and at the edge of a cliff: 34 % and 7 % more amplitude by the search of before
+@pytest.mark.parametrize("number", [40, 56])
+def test_late_wells_and_edges_of_cliffs_are_found(number: int) -> None:
+    found = measured(draw(number + 1, 31)[number], "direct")
+    assert found.best_regular
+    assert found.regular
+    assert found.excess <= 0.02
+
+
+def at_share(number: int, share: float) -> tuple[DamperResponse, float, float]:
+    """Return a system of seed 31, its support's amplitude [m], and the height [m] at a share of a clearance."""
+    scene = scene_of(draw(number + 1, 31)[number])
+    damper, amplitude = DamperResponse(scene, 1e-6), float(scene.excitation.amplitude_points[0][1])
+    return damper, amplitude, damper.diameter + share * np.pi * damper.closed_amplitude(amplitude)
+
+
+def test_a_slow_beating_is_not_taken_for_a_regular_motion() -> None:
+    damper, amplitude, height = at_share(16, 0.205)
+    assert seen(damper, amplitude, height, [(0.53, 0.0, 0.5)], 1).regular
+    assert not seen(damper, amplitude, height, [(0.53, 0.0, 0.5)]).regular
+
+
+def test_a_motion_of_three_or_four_periods_is_regular_where_that_is_asked_for() -> None:
+    damper, amplitude, height = at_share(32, 0.1779)
+    state, at_once = damper.closed_state(amplitude), ((0.0, height),)
+    settled = damper.follow_on(amplitude, state, at_once, Timing(600.0, 16.0))
+    later = ((state.time, height),)
+    assert not settled.regular
+    assert not damper.follow_on(amplitude, state.copy(), later, Timing(16.0, 16.0)).regular
+    assert damper.follow_on(amplitude, state.copy(), later, Timing(16.0, 16.0, 4)).regular
+
+
+def test_a_regular_motion_is_followed_to_its_cliff() -> None:
+    damper, amplitude, height = at_share(56, 0.536)
+    state = damper.closed_state(amplitude)
+    settled = damper.follow_on(amplitude, state, ((0.0, height),), Timing(300.0, 16.0))
+    cliff = damper.cliff(amplitude, state, height, 1.2 * height)
+    assert cliff is not None
+    assert cliff.amplitudes[0] == pytest.approx(settled.amplitude, rel=1e-3)
+    assert 0.541 < (cliff.height - damper.diameter) / (np.pi * damper.closed_amplitude(amplitude)) < 0.5425
+    clearance = damper.diameter + 1.01 * (cliff.height - damper.diameter)
+    state = cliff.last.state
+    beyond = damper.follow_on(amplitude, state, ((state.time, clearance),), Timing(300.0, 16.0))
+    assert not beyond.regular
 
 
 @pytest.mark.slow

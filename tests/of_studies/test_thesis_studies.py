@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from atpid_sim.analysis import amplitude_spectrum
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.scene import standard_bench
 from studies.thesis import page, study
 from studies.thesis.measured import Measured
 from studies.thesis.measures import MEASURES
+from studies.thesis.measures.driven import specific_damping
+from studies.thesis.measures.free import dominant_frequency
 from studies.thesis.points import Job, jobs, matches
 from studies.thesis.rows import rows_of, shown
 from studies.thesis.study import Expected, Study, StudyError
@@ -141,3 +144,12 @@ def test_numbers_are_shown_with_their_digits() -> None:
     assert shown(np.float64(1234567.0), 4) == "1.235e+06"
     (row,) = rows({"thesis": 50, "why": "a reason"}, [60.0])
     assert page.cells(row)[2:] == ["60", "50", "+10 **differs**", "a reason"]
+
+
+@pytest.mark.parametrize("ratio", [1.05, 0.95])
+def test_specific_damping_and_frequency_of_a_decay_that_are_known(ratio: float) -> None:
+    time = np.arange(4000) / 1000.0
+    decay = 0.1 * ratio ** (-5.47 * time) * np.cos(2.0 * np.pi * 5.47 * time)
+    assert specific_damping(decay)[3:10] == pytest.approx(1.0 - ratio**-2, abs=1e-3)
+    tone = 0.3 + 0.02 * np.sin(2.0 * np.pi * 5.47 * time)
+    assert dominant_frequency(*amplitude_spectrum(tone, 1000.0)) == pytest.approx(5.47, abs=0.005)

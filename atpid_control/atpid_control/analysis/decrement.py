@@ -11,7 +11,7 @@ from atpid_control.analysis.signals import AnalysisError, runs
 from atpid_sim.analysis import decrements
 from atpid_sim.system import Array
 
-#: The support stands still within this share of the beam's reach [-].
+#: The support is at rest within this share of the beam's reach [-].
 _STILL = 0.01
 #: Periods that a decay needs, and those below which its error bars are doubted.
 _FEWEST, _FEW = 2.0, 4.0
@@ -51,7 +51,7 @@ class Decay:
 
 
 def find_decay(support: Array, beam: Array, rate: float) -> tuple[int, int] | None:
-    """Return (begin, end) of the longest part in which the support (n,) stands still and the beam (n,) decays.
+    """Return (begin, end) of the longest part in which the support (n,) is at rest and the beam (n,) decays.
 
     Begins at the beam's largest displacement there; None where there is none.
     """

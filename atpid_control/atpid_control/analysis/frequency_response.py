@@ -85,7 +85,7 @@ def frequency_response(signals: Signals, resolution: float | None = None, window
     strongest = float(found.first[inside].max())
     if strongest <= 0.0 or float(found.second[inside].max()) <= 0.0:
         still = signals.names[0] if strongest <= 0.0 else signals.names[1]
-        raise AnalysisError(f"no excitation: {still} stands still; record a run with one, or choose another --input")
+        raise AnalysisError(f"no excitation: {still} is constant; record a run with one, or choose another --input")
     excited = np.asarray(inside & (found.first >= _EXCITED * strongest))
     with np.errstate(divide="ignore", invalid="ignore"):
         h1, h2 = found.cross / found.first, found.second / np.conj(found.cross)

@@ -110,7 +110,7 @@ def tone_of(values: Array, rate: float) -> float:
     begin, end = max(runs(np.isfinite(values)), key=lambda part: part[1] - part[0], default=(0, 0))
     part = values[begin:end] - (values[begin:end].mean() if end > begin else 0.0)
     if len(part) < 16 or not float(np.abs(part).max()) > 0.0:
-        raise AnalysisError("no excitation: the signal that should excite stands still; choose another with --input")
+        raise AnalysisError("no excitation: the signal that should excite is constant; choose another with --input")
     lines = np.abs(np.fft.rfft(part * np.hanning(len(part))))
     place = int(np.argmax(lines[1:])) + 1
     step, time = rate / len(part), np.arange(len(part)) / rate

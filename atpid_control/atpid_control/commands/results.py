@@ -62,11 +62,11 @@ def two_columns(rows: Iterable[tuple[str, str]]) -> Table:
 def claim(args: argparse.Namespace, *names: str) -> list[Path]:
     """Return the files of these names in `--out`, before the work. Raises OutputError: they cannot be written.
 
-    The page of a picture is claimed with it.
+    The page of a picture is claimed with it. A folder with an earlier result and nothing else needs no `--force`.
     """
-    output.folder(args.out)
-    pages = [_page_of(Path(name)).name for name in names if name.endswith(".png")]
-    return [output.file(args.out / name, replace=args.force) for name in (*names, *pages)][: len(names)]
+    every = [*names, *(_page_of(Path(name)).name for name in names if name.endswith(".png"))]
+    replace = args.force or {item.name for item in output.folder(args.out).iterdir()} == set(every)
+    return [output.file(args.out / name, replace=replace) for name in every][: len(names)]
 
 
 def _page_of(picture: Path) -> Path:

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SCENE.yaml",
         help="beam, grain and contact; default: the scene kept in the bag",
     )
-    add("--height", type=positive("m"), metavar="H", help="a ceiling that stands still [m]; default: as recorded")
+    add("--height", type=positive("m"), metavar="H", help="a fixed ceiling [m]; default: as recorded")
     add_part(parser, "begin of the part compared")
     add("--fidelity", default="auto", choices=["auto", *FIDELITIES], help="fidelity level; default: auto")
     add_results(parser, "scene, series, picture and numbers")
@@ -51,10 +51,10 @@ def run(args: argparse.Namespace) -> int:
     Raises ValidationError, SceneError, BagError, NumericalFailure, OutputError.
     """
     args.recording = bag_of(args.recording)
+    series, kept, picture, file = claim(args, SERIES, SCENE, PICTURE, NUMBERS)
     recorded = open_run(args.recording)
     measured = read_measured(recorded, args.begin, args.end)
     scene = scene_of(recorded) if args.scene is None else load_scene(args.scene)
-    series, kept, picture, file = claim(args, SERIES, SCENE, PICTURE, NUMBERS)
     _write_series(measured, series)
     driven = driven_scene(scene, measured, series.resolve(), args.height)
     with output.writing(kept):

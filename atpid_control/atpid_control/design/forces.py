@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact forces at the ceiling and the floor in the steady motion, by the contact law along a `soft` run."""
+"""Contact forces at the ceiling and the floor in the steady motion, by the contact law along a `soft` run, and the
+sound that the grain radiates under them."""
 
 import math
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from atpid_sim.system import Array, System, reduced_mass
 _IN_CONTACT, _MOST = 80, 2_000_000
 #: Periods in which forces are taken, and impacts logged at most.
 _PERIODS, _LOG = 8, 4_000
+#: Density [kg/m^3] and speed of sound [m/s] of air at 20 °C.
+_AIR, _SOUND = 1.204, 343.2
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class Forces:
     impulse: float  # mean force on the ceiling over the rate of its impacts [N s]
     rate: float  # impacts on the ceiling [1/s]
     mean: float  # mean force on the ceiling [N]
+    sound_power: float  # of the grain as a sphere in free air [W]
 
 
 def forces(one: Case, amplitude: float, height: float) -> Forces:
@@ -64,6 +68,7 @@ def forces(one: Case, amplitude: float, height: float) -> Forces:
         impulse=mean / rate if rate > 0.0 else 0.0,
         rate=rate,
         mean=mean,
+        sound_power=sound_power((floor - ceiling) / damper.system.grain_mass, step, damper.system.radius),
     )
 
 
@@ -75,6 +80,21 @@ def law_force(overlap: Array, step: float, parameters: Array) -> Array:
     pushed = np.maximum(overlap, 0.0)
     force = parameters[0] * pushed**1.5 + parameters[1] * np.gradient(overlap, step) * pushed**0.25
     return np.asarray(np.maximum(force, 0.0))
+
+
+def sound_power(acceleration: Array, step: float, radius: float) -> float:
+    """Return the mean sound power [W] of a rigid sphere in free air, its acceleration (n,) [m/s^2] known every `step`.
+
+    An oscillating sphere is a dipole with the radiation resistance (4/3) pi r^2 rho c x^4 / (4 + x^4), x = omega r / c
+    (Koss, J. Sound Vib. 36, 1974, 541, for impacts); here over the spectrum of the velocity. A change of velocity dv
+    within less than r / c radiates most, the kinetic energy of the entrained air, 1/4 rho V dv^2 (Taylor 1942;
+    Richards, Westcott and Jeyapalan, J. Sound Vib. 62, 1979).
+    """
+    omega = 2.0 * np.pi * np.fft.rfftfreq(len(acceleration), step)[1:]
+    fourth = (omega * radius / _SOUND) ** 4
+    resistance = 4.0 / 3.0 * np.pi * radius**2 * _AIR * _SOUND * fourth / (4.0 + fourth)
+    velocity = np.fft.rfft(acceleration)[1:] / (omega * len(acceleration))
+    return float(2.0 * np.sum(resistance * np.abs(velocity) ** 2))
 
 
 def contact_time(system: System, stiffness: float, speed: float) -> float:

@@ -9,7 +9,8 @@ drive is that force times its lever. A drive that does not move back under load 
 motor only overcomes the mean force of the impacts while it closes. **Screw**: the smallest usual lead at which a motor
 of the stated speed needs no gear that makes it faster; power is the mean force times the speed over the screw's
 efficiency. **Contact**: the peak pressure of Hertz's contact under the largest force, and the yield strength from which
-nothing yields below the surface (Johnson, Contact Mechanics, 1985, sections 4.2 and 6.1: p_0 = 1.60 Y).
+nothing yields below the surface (Johnson, Contact Mechanics, 1985, sections 4.2 and 6.1: p_0 = 1.60 Y). **Noise**: the
+sound power of the grain alone.
 """
 
 import math
@@ -55,6 +56,7 @@ class Motor:
     pressure: float  # peak of Hertz's contact under the largest force of both walls [Pa]
     yield_strength: float  # from which nothing yields under it [Pa]
     impacts_a_day: float
+    sound_power_level: float  # of the grain in free air, largest over the amplitudes [dB re 1 pW]
 
 
 def motor(problem: Problem, fraction: float, points: Sequence[Point]) -> Motor:
@@ -66,7 +68,7 @@ def motor(problem: Problem, fraction: float, points: Sequence[Point]) -> Motor:
     speed = max(slope * float(amplitudes[-1] - amplitudes[0]), opening) / tau
     force = max(one.ceiling_force.high for one in points)
     closing, mean = (max(getattr(one, name) for one in points) for name in ("speed", "mean_force"))
-    rate, floor = (max(getattr(one, name) for one in points) for name in ("rate", "floor_force"))
+    rate, floor, sound = (max(getattr(one, name) for one in points) for name in ("rate", "floor_force", "sound_power"))
     turns = problem.motor_speed / 60.0
     lead = next((one for one in _LEADS if one * turns >= speed), _LEADS[-1])
     pressure = peak_pressure(problem, max(force, floor), grain_radius(problem, fraction))
@@ -92,6 +94,7 @@ def motor(problem: Problem, fraction: float, points: Sequence[Point]) -> Motor:
         pressure=pressure,
         yield_strength=pressure / YIELD_BEGINS,
         impacts_a_day=_DAY * rate,
+        sound_power_level=10.0 * math.log10(sound / 1e-12) if sound > 0.0 else -math.inf,
     )
 
 

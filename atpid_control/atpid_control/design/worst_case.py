@@ -90,6 +90,7 @@ class Point:
     impulse: float  # of an impact on the ceiling, given structure [N s]
     rate: float  # impacts on the ceiling, given structure [1/s]
     mean_force: float  # on the ceiling, given structure [N]
+    sound_power: float  # of the grain as a sphere in free air, given structure [W]
     acceleration: float  # of the closed damper over gravity, omega^2 X_0 / g; infinite without gravity [-]
     height_error: float  # that costs the given structure `COST` of its reduction; at most a fifth of the clearance [m]
     structures: int  # cases that the intervals are taken over
@@ -285,4 +286,5 @@ def _forces(structures: Structures, amplitude: float, height: float, longer: flo
         "impulse": found[0].impulse,
         "rate": found[0].rate,
         "mean_force": found[0].mean,
+        "sound_power": found[0].sound_power,
     }

@@ -27,7 +27,7 @@ S = TypeVar("S")
 def selector_of(
     value: Value, method: str, scene: Scene, height_map: Path | None, *, lockstep: bool
 ) -> HeightSelector:  # fmt: skip
-    """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where it cannot be.
+    """Return the method called `method`, by selector.yaml. Raises SelectionError or MapError where that fails.
 
     lockstep: the simulation waits for the answer, so a margin has no deadline, and a run is the same on any machine.
     """

@@ -50,7 +50,7 @@ def is_handshake(data: bytes) -> bool:
 
 
 def block_shape(data: bytes) -> BlockShape:
-    """Return which scans an atpid_interfaces/msg/SampleBlock holds; raise MessageError for one that cannot be."""
+    """Return which scans an atpid_interfaces/msg/SampleBlock holds; raise MessageError for an invalid one."""
     block = _decoded(BLOCK, data)
     values, channels = len(block.data), len(block.channels)
     if not channels or values % channels:
@@ -59,13 +59,13 @@ def block_shape(data: bytes) -> BlockShape:
 
 
 def truth_shape(data: bytes) -> BlockShape:
-    """Return which scans an atpid_interfaces/msg/PlantTruth holds; raise MessageError for one that cannot be."""
+    """Return which scans an atpid_interfaces/msg/PlantTruth holds; raise MessageError for an invalid one."""
     truth = _decoded(TRUTH, data)
     return BlockShape(truth.first_index, truth.rate, len(truth.support))
 
 
 def event_kind(data: bytes) -> str:
-    """Return the kind of an atpid_interfaces/msg/Event; raise MessageError for one that cannot be."""
+    """Return the kind of an atpid_interfaces/msg/Event; raise MessageError for an invalid one."""
     return str(_decoded(EVENT, data).kind)
 
 

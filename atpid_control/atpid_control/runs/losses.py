@@ -95,7 +95,7 @@ class Losses:
 
 
 def _first_of(message: Any) -> int | None:
-    """Return the index of the first scan of a block; None: a message of another kind, or one that cannot be."""
+    """Return the index of the first scan of a block; None: a message of another kind, or an invalid one."""
     try:
         scans_of(message)
         return int(message.first_index)

@@ -52,7 +52,7 @@ class Sink:
     """An unbuffered file: what was written survives the process."""
 
     def __init__(self, path: Path) -> None:
-        """Create the file; raise OSError where it cannot be, FileExistsError where it is."""
+        """Create the file; raise OSError where that fails, FileExistsError where it is there."""
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self.size = 0
 

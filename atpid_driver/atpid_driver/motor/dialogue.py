@@ -98,7 +98,7 @@ class Dialogue:
         if self._stop is None or self._stop.word != "DISARM":
             earlier, self._stop = self._stop, Stop("DISARM", None, now)
             if earlier is not None:
-                earlier.confirmed.set_result(None)  # nobody waits for a hold
+                earlier.confirmed.set_result(None)  # no caller waits for a hold
         return self._stop.confirmed
 
     def arm(self, now: float) -> "Future[None]":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How old a command is, by the steady clock: the clock of the wall may be set while a node stands still."""
+"""How old a command is, by the steady clock: the clock of the wall may be set while a node is suspended."""
 
 #: The least lateness seen is forgotten by so much a second, so that a clock that drifts is followed [-].
 _LEAK = 0.01

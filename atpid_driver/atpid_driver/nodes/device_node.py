@@ -38,7 +38,7 @@ class DeviceNode(LifecycleNode):
         return self._transition("configure", self._configure)
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Start it; whoever asked for that, autostart has no more to do, and a second activation would end the node."""
+        """Start it, and end autostart whatever requested this: a second activation would end the node."""
         outcome = self._transition("activate", self._activate)
         if outcome is TransitionCallbackReturn.SUCCESS:
             self._end_starting()

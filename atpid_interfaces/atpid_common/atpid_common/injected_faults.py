@@ -170,12 +170,12 @@ def overlapping(faults: Sequence[Injected]) -> tuple[Injected, Injected] | None:
 def parsed(lines: Sequence[str], parts: Sequence[str], where: str) -> tuple[Injected, ...]:
     """Return the faults in `lines` (`PART KIND FROM TO [VALUE]`), empty lines left out.
 
-    Raises FaultError for what cannot be, and for a part that is not one of `parts`, which `where` acts.
+    Raises FaultError for an invalid fault, and for a part that is not one of `parts`, which `where` injects.
     """
     found = tuple(_of_line(line) for line in lines if line)
     for fault in found:
         if fault.part not in parts:
-            raise FaultError(f"faults: given {fault.part}; allowed: {', '.join(parts)}, which {where} acts")
+            raise FaultError(f"faults: given {fault.part}; allowed: {', '.join(parts)}, which {where} injects")
     return found
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.analysis import specific_damping
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import undamped_amplitude
-from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
+from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak, peaks
 from atpid_sim.simulation.simulate import Trajectory
+from atpid_sim.system import Array
 from studies.theory.energy import contact_force, natural_frequency
 from studies.theory.impacts import CEILING, FLOOR, Visit, motion_type, sticks, visits
 from studies.thesis.measured import Measured, curve
@@ -121,6 +121,15 @@ def _speeds(motion: Trajectory, begin: float, end: float) -> dict[str, float]:
     late = motion.impacts[(motion.impacts[:, 0] >= begin) & (motion.impacts[:, 0] < end)]
     walls = (("floor_speed", FLOOR), ("ceiling_speed", CEILING))
     return {name: float(late[late[:, 1] == wall, 2].max(initial=0.0)) for name, wall in walls}
+
+
+def specific_damping(displacement: Array) -> Array:
+    """Return the specific damping coefficient (k,) [-] between successive upper peaks (Eq. 3.62).
+
+    displacement (n,) [m] is that from rest; the coefficient is negative where the motion grows.
+    """
+    found = peaks(displacement)
+    return np.asarray(1.0 - (found[1:] / found[:-1]) ** 2)
 
 
 def damping(job: Job, options: Mapping[str, Any]) -> Measured:

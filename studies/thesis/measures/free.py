@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from atpid_sim.analysis import amplitude_spectrum, decrements, dominant_frequency
+from atpid_sim.analysis import amplitude_spectrum, decrements
+from atpid_sim.system import Array
 from studies.theory.energy import contact_force, total_energy, work_on_grain
 from studies.theory.impacts import CEILING, FLOOR, visits
 from studies.thesis.measured import Measured, curve
@@ -31,6 +32,15 @@ def decay(job: Job, options: Mapping[str, Any]) -> Measured:
     )
 
 
+def dominant_frequency(frequencies: Array, amplitudes: Array) -> float:
+    """Return the frequency [Hz] of the highest peak of a spectrum (m,), a parabola's vertex."""
+    top = 1 + int(np.argmax(amplitudes[1:-1]))
+    left, middle, right = amplitudes[top - 1 : top + 2]
+    bend = left - 2.0 * middle + right
+    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return float(frequencies[top] + shift * frequencies[1])
+
+
 def spectrum(job: Job, options: Mapping[str, Any]) -> Measured:
     """Return the frequency of a decay, and for how many cycles the grain strikes both walls in turn at first."""
     scene = job.scene
@@ -43,7 +53,7 @@ def spectrum(job: Job, options: Mapping[str, Any]) -> Measured:
     diameter = 2.0 * scene.grain.radius
     return Measured(
         {
-            "frequency": dominant_frequency(rested, rate),
+            "frequency": dominant_frequency(frequencies, amplitudes),
             "natural": scene.natural_frequency_hz,
             "periodic": float(_regular_cycles(motion.impacts, 1.0 / scene.natural_frequency_hz)),
         },

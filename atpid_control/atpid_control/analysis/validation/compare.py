@@ -33,7 +33,7 @@ _FEWEST = 5
 _STILL = 0.05
 #: A ceiling within this of the grain holds it [m].
 _CLOSED = 5e-4
-#: Change of a height below which a motor stands still [m].
+#: Change of a height below which a motor is at rest [m].
 _STANDS = 1e-5
 
 
@@ -85,7 +85,7 @@ class Agreement:
 def driven_scene(scene: Scene, measured: Measured, series: Path, height: float | None) -> Scene:
     """Return the scene driven by the series in the file `series`, begun as measured, under the recorded ceiling.
 
-    `height` [m] replaces the ceiling by one that stands still. Raises ValidationError where the recording has no
+    `height` [m] replaces the ceiling by a fixed one. Raises ValidationError where the recording has no
     ceiling and none is given, SceneError where the scene does not fit.
     """
     period = 1.0 / scene.natural_frequency_hz

@@ -55,7 +55,7 @@ def export(
     output.file(out, replace=replace)
     beside = sorted(out.parent.glob(f"{out.stem}.*{out.suffix}")) if single else []
     if beside and not replace:
-        raise BagError(f"{beside[0]}: exists already; give another file to --out, or --force to replace it")
+        raise BagError(f"{beside[0]}: exists already; give another --out, or --force to replace it")
     source = Source(bag, topics)
     with output.writing(out), tempfile.TemporaryDirectory(prefix=".export-", dir=out.parent) as folder:
         rows = Counter[str]()

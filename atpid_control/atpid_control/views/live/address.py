@@ -79,7 +79,7 @@ def reachable(host: str) -> str:
 
 
 def listening(address: Address) -> socket.socket:
-    """Return a socket that listens there. Raises LiveError, in one line, where that cannot be."""
+    """Return a socket that listens there. Raises LiveError, in one line, where that is not possible."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     made = socket.socket(family, socket.SOCK_STREAM)
     try:

@@ -3,7 +3,7 @@
 
 A browser that reads too slowly, or stops, costs nothing: what it has not taken is not queued, and it is sent
 everything once it takes again. Connections and browsers are bounded, and one too many ends another one: first those
-that have shown no token, or do not read, so that nobody keeps the operator out.
+that have shown no token, or do not read, so that the operator can always connect.
 """
 
 import asyncio

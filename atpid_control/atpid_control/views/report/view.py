@@ -61,7 +61,7 @@ class View:
 
     @property
     def standing(self) -> float | None:
-        """Height of a ceiling that stands still [m]; None where it moves, or its position is unknown."""
+        """Height of a fixed ceiling [m]; None where it moves, or its position is unknown."""
         seen = self.run.motion.ceiling if self.drawn_truth else self.run.ceiling.height
         seen = seen[np.isfinite(seen)]
         return float(seen[-1]) if len(seen) and float(np.ptp(seen)) <= 1e-6 else None

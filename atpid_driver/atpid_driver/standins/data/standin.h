@@ -18,7 +18,7 @@ typedef struct {
     uint32_t plugged;
     uint32_t unplugs; /* counts, so that a pull between two calls is not missed */
     uint32_t serial;
-    uint32_t stalled; /* the transfer to the host stands still, the device keeps sampling */
+    uint32_t stalled; /* the transfer to the host has halted, the device keeps sampling */
     uint64_t drop;    /* scans to lose, total since the start */
     int32_t fail_code; /* error the next read returns, once per count */
     uint32_t fail_count;
