@@ -9,7 +9,7 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -26,6 +26,7 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.robust import with_beam, with_restitution
 from atpid_sim.root import root
 from atpid_sim.scene import Scene, scene_from_mapping
+from atpid_sim.simulation.batch import on_all_cores
 from atpid_sim.simulation.integration import Observation, sample_series
 from atpid_sim.system import Array
 from studies.selection_speed import into
@@ -47,8 +48,10 @@ _CANDIDATES, _WORTH = 24, 1.3
 _IRREGULAR = 1.15
 #: A motion is regular if it repeats within this share of the amplitude after one to four periods.
 _REPEATS, _PERIODS = 0.02, 4
-#: How long a run settles, in time constants and in periods at least, and how long it is watched [periods].
-_CONSTANTS, _LEAST, _WATCHED = 10.0, 120.0, 32
+#: How long a run settles, in time constants and in periods at least, how long it is watched [periods], and how often:
+#: until two windows in a row show the same, since a slow beating passes for a regular motion in one; longer where
+#: heights are compared, since irregular transients may last for thousands of periods.
+_CONSTANTS, _LEAST, _WATCHED, _WINDOWS, _LONGEST = 10.0, 120.0, 32, 4, 30
 #: Paths: start of the opening [periods], its duration [s], and the share of the clearance it starts at.
 _PATHS = ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.5), (0.37, 0.0, 0.5), (0.71, 0.0, 0.25))
 #: Other paths, on which the heights found are compared: among irregular motions a scan chooses the luckiest.
@@ -208,17 +211,25 @@ def _contact(one: Drawn, radius: float, speed: float) -> dict[str, object]:
     return contact | {key: scale * math.exp(root(excess, -6.0, min(4.0, math.log(9e8 / scale)), xtol=1e-9))}
 
 
-def seen(damper: DamperResponse, amplitude: float, height: float, paths: Sequence[tuple[float, float, float]]) -> Seen:
-    """Return what long runs on paths to a height [m] show."""
-    runs = [_run(damper, amplitude, height, path) for path in paths]
+def seen(
+    damper: DamperResponse, amplitude: float, height: float, paths: Sequence[tuple[float, float, float]],
+    windows: int = _WINDOWS,
+) -> Seen:  # fmt: skip
+    """Return what long runs on paths to a height [m] show, in so many windows at most.
+
+    Once one of them stays irregular the others are watched in one window.
+    """
+    runs: list[tuple[float, bool]] = []
+    for path in paths:
+        runs.append(_run(damper, amplitude, height, path, windows if all(one for _, one in runs) else 1))
     sizes = [size for size, _ in runs]
     same = max(sizes) - min(sizes) <= _REPEATS * max(sizes)
     return Seen(max(sizes), same and all(regular for _, regular in runs))
 
 
 def _run(
-    damper: DamperResponse, amplitude: float, height: float, path: tuple[float, float, float]
-) -> tuple[float, bool]:  # fmt: skip
+    damper: DamperResponse, amplitude: float, height: float, path: tuple[float, float, float], windows: int
+) -> tuple[float, bool]:
     """Return amplitude [m] and whether the motion repeats, long after the path's end."""
     later, travel, share = path
     settle = max(min(_CONSTANTS * damper.decay_periods, 800.0), _LEAST)
@@ -226,38 +237,41 @@ def _run(
     start = (later + (0.0 if share == 0.0 else 0.5 * settle)) * damper.period
     reached = start + max(travel, 1e-6 * damper.period)
     way = [(0.0, first), (start, first), (reached, height)] if start > 0.0 else [(0.0, first), (reached, height)]
-    begin = reached + settle * damper.period
-    strobe = sample_series(_WATCHED)
+    begin, strobe, sizes = reached, sample_series(_WATCHED), [0.0]
     state = damper.closed_state(amplitude)
-    watched = Observation((begin, begin + _WATCHED * damper.period), begin, damper.period, strobe)
-    damper.advance(amplitude, state, tuple(way), watched)
-    beam, size = strobe[columns.S_BEAM], state.amplitude
-    changes = [float(np.abs(beam[period:] - beam[:-period]).max()) for period in range(1, _PERIODS + 1)]
-    return size, min(changes) <= _REPEATS * size
+    for _ in range(windows):
+        begin += settle * damper.period
+        end = begin + _WATCHED * damper.period
+        damper.advance(amplitude, state, tuple(way), Observation((begin, end), begin, damper.period, strobe))
+        beam, size, begin = strobe[columns.S_BEAM], state.amplitude, end
+        changes = [float(np.abs(beam[period:] - beam[:-period]).max()) for period in range(1, _PERIODS + 1)]
+        sizes.append(size)
+        same = windows == 1 or abs(size - sizes[-2]) <= _REPEATS * size
+        if same and min(changes) <= _REPEATS * size:
+            return size, True
+    return max(sizes[-2:]), False
 
 
 def brute_force(damper: DamperResponse, amplitude: float) -> tuple[Seen, float]:
     """Return what is seen on other paths at the best height of a fine scan, and that height [m]."""
     unit = math.pi * damper.closed_amplitude(amplitude)
     quick = damper.sufficient(amplitude, 2e-3)
-    first = {damper.diameter + float(s) * unit: 0.0 for s in _SHARES}
-    for height in first:
-        first[height] = seen(quick, amplitude, height, _PATHS[:1]).objective
+
+    def objectives(heights: Iterable[float], level: DamperResponse, paths: int, windows: int) -> dict[float, float]:
+        rated = dict(on_all_cores(lambda h: seen(level, amplitude, h, _PATHS[:paths], windows).objective, heights))
+        return dict(sorted(rated.items(), key=lambda item: item[1]))
+
+    first = objectives([damper.diameter + float(s) * unit for s in _SHARES], quick, 1, 1)
     step = float(_SHARES[1] / _SHARES[0]) - 1.0
-    for height in sorted(first, key=first.__getitem__)[:_AROUND]:
-        for part in _FINE:
-            other = height + part * step * (height - damper.diameter)
-            first[other] = seen(quick, amplitude, other, _PATHS[:1]).objective
+    around = [h + part * step * (h - damper.diameter) for h in list(first)[:_AROUND] for part in _FINE]
+    first |= objectives(around, quick, 1, 1)
     least = min(first.values())
     promising = [height for height in sorted(first, key=first.__getitem__) if first[height] <= _WORTH * least]
     every = len(promising) / _CANDIDATES
     spread = [promising[int(k * every)] for k in range(min(_CANDIDATES, len(promising)))]
-    chosen = {*promising[: _CANDIDATES // 2], *spread}
-    rated = {height: seen(quick, amplitude, height, _PATHS) for height in chosen}
-    best = sorted(chosen, key=lambda height: rated[height].objective)[:3]
-    final = [(seen(damper, amplitude, height, _PATHS), height) for height in best]
-    height = min(final, key=lambda item: item[0].objective)[1]
-    return seen(damper, amplitude, height, _FRESH), height
+    rated = objectives({*promising[: _CANDIDATES // 2], *spread}, quick, len(_PATHS), _WINDOWS)
+    height = next(iter(objectives(list(rated)[:3], damper, len(_PATHS), _WINDOWS)))
+    return seen(damper, amplitude, height, _FRESH, _LONGEST), height
 
 
 def measured(one: Drawn, only: str = "") -> Outcome:
@@ -277,7 +291,7 @@ def _measured(one: Drawn, only: str) -> Outcome:
     begun = time.monotonic()
     bare = selector.select(Excitation(amplitude))
     seconds = time.monotonic() - begun
-    here = seen(damper, amplitude, bare.height, _FRESH)
+    here = seen(damper, amplitude, bare.height, _FRESH, _LONGEST)
     outcome = Outcome(one, closed, regular=here.regular, seconds=seconds)
     if only != "margin":
         best, height = brute_force(damper, amplitude)
@@ -304,10 +318,10 @@ def _with_margin(
     for k, point in enumerate(box_points().tolist()):
         damper, driven = _varied(scene, amplitude, box, point)
         height = max(chosen.height + box.resolution * (k % 3 - 1), damper.diameter)
-        here = seen(damper, driven, height, [_PATHS[k % len(_PATHS)]])
+        here = seen(damper, driven, height, [_PATHS[k % len(_PATHS)]], 1)
         irregular += not here.regular
         broken += guaranteed and 1.0 - here.amplitude / damper.closed_amplitude(driven) < least - _RESOLVED
-    expected = seen(DamperResponse(scene, 1e-6), amplitude, chosen.height, _FRESH)
+    expected = seen(DamperResponse(scene, 1e-6), amplitude, chosen.height, _FRESH, _LONGEST)
     return replace(
         outcome, irregular=irregular, points=len(box_points()), announced="no lower height" in chosen.note,
         broken=broken, guaranteed=guaranteed, price=expected.amplitude / bare.amplitude - 1.0, note=chosen.note,

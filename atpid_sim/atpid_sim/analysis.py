@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quantities of the thesis as pure functions over series, simulated or recorded.
 
-How much a motion is damped: decrements (Eq. 2.1) and specific damping (Eq. 3.62). The spectrum of a displacement and
-the frequency of its highest peak (Figs 3.7 and 3.8). Simulation against measurement: lag and offset by a stated rule,
-then the relative error (Eq. 3.46), which the thesis divides by the measured X_Exp. Its list of symbols calls that an
-amplitude, and a displacement passes zero in every period: so amplitudes of whole periods are compared, half the range
-in each, in which no offset is left and a lag of less than a period changes little.
+How much a motion is damped: decrements (Eq. 2.1). The spectrum of a displacement (Figs 3.7 and 3.8). Simulation against
+measurement: lag and offset by a stated rule, then the relative error (Eq. 3.46), which the thesis divides by the
+measured X_Exp. Its list of symbols calls that an amplitude, and a displacement passes zero in every period: so
+amplitudes of whole periods are compared, half the range in each, in which no offset is left and a lag of less than a
+period changes little.
 """
 
 from itertools import pairwise
@@ -36,15 +36,6 @@ def amplitudes_per_period(displacement: Array, samples: float) -> Array:
     return np.array([half_peak_to_peak(piece) for piece in pieces])
 
 
-def specific_damping(displacement: Array) -> Array:
-    """Return the specific damping coefficient (k,) [-] between successive upper peaks (Eq. 3.62).
-
-    displacement (n,) [m] is that from rest; the coefficient is negative where the motion grows.
-    """
-    found = peaks(displacement)
-    return np.asarray(1.0 - (found[1:] / found[:-1]) ** 2)
-
-
 def amplitude_spectrum(displacement: Array, rate: float) -> tuple[Array, Array]:
     """Return frequencies (m,) [Hz] and amplitudes (m,) [m] of a displacement (n,) [m] sampled at `rate` [Hz].
 
@@ -55,16 +46,6 @@ def amplitude_spectrum(displacement: Array, rate: float) -> tuple[Array, Array]:
     spectrum = np.abs(np.fft.rfft(displacement - displacement.mean(), _PADDING * count))
     frequencies = np.fft.rfftfreq(_PADDING * count, 1.0 / rate)
     return np.asarray(frequencies, dtype=float), 2.0 * spectrum / count
-
-
-def dominant_frequency(displacement: Array, rate: float) -> float:
-    """Return the frequency [Hz] of the highest peak, the vertex of a parabola through its three samples."""
-    frequencies, amplitudes = amplitude_spectrum(displacement, rate)
-    top = 1 + int(np.argmax(amplitudes[1:-1]))
-    left, middle, right = amplitudes[top - 1 : top + 2]
-    bend = left - 2.0 * middle + right
-    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return float(frequencies[top] + shift * frequencies[1])
 
 
 def lag_of(measured: Array, simulated: Array, most: int) -> int:

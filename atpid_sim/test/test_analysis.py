@@ -16,16 +16,13 @@ def decay(ratio: float, frequency: float = 5.0) -> np.ndarray:
     return np.asarray(0.1 * ratio ** (-frequency * TIME) * np.cos(2.0 * np.pi * frequency * TIME))
 
 
-def test_a_decay_has_one_decrement_and_one_specific_damping() -> None:
+def test_a_decay_has_one_decrement() -> None:
     # all but the first: the release is no turning point of a decaying cosine
     assert analysis.decrements(decay(1.31))[1:] == pytest.approx(1.31, rel=2e-4)
-    assert analysis.specific_damping(decay(1.05))[1:10] == pytest.approx(1.0 - 1.05**-2, abs=1e-3)
-    assert analysis.specific_damping(decay(0.95))[3:10] == pytest.approx(1.0 - 0.95**-2, abs=1e-3)
 
 
-def test_a_tone_has_its_frequency_and_amplitude() -> None:
+def test_a_tone_has_its_amplitude() -> None:
     tone = 0.3 + 0.02 * np.sin(2.0 * np.pi * 5.47 * TIME)
-    assert analysis.dominant_frequency(tone, RATE) == pytest.approx(5.47, abs=0.005)
     assert analysis.amplitude_spectrum(tone, RATE)[1].max() == pytest.approx(0.02, rel=0.01)
 
 

@@ -141,7 +141,7 @@ def test_the_motion_is_written_and_can_drive_another_run(tmp_path: Path, capsys:
         ("--series", "run.txt", "ends in .csv or .npz"),
         ("--series", "file/run.csv", "is a file; choose another --series"),
         ("--picture", ".", "a file that ends in .png"),
-        ("--picture", "mine.png", "exists already; give another file to --picture, or --force to replace it"),
+        ("--picture", "mine.png", "exists already; give another --picture, or --force to replace it"),
     ],
 )
 def test_a_file_that_cannot_be_written_is_refused_before_the_run(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes and maps that nobody means well with: one line each, in bounded time."""
+"""Hostile scenes and maps: one line each, in bounded time."""
 
 import json
 from collections.abc import Callable

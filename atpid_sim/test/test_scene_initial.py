@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Initial states: a run that is continued from its own state, a grain that is thrown, and what cannot be."""
+"""Initial states: a run that is continued from its own state, a grain that is thrown, and invalid ones."""
 
 import math
 import re

@@ -20,7 +20,7 @@ ELASTIC = {"young_modulus": 2.1e8, "poisson_ratio": 0.2}
 
 
 def with_(**blocks: Any) -> Scene:
-    """The standard scene for 2 s under a ceiling that stands still; a block is changed where it is given in part."""
+    """The standard scene for 2 s under a fixed ceiling; a block is changed where it is given in part."""
     mapping = copy.deepcopy(STANDARD) | {"duration": 2.0, "steady_window": [1.0, 2.0], "ceiling": {"height": 0.2}}
     for name, value in blocks.items():
         mapping[name] = mapping[name] | value if name in ("beam", "grain", "ceiling") else value

@@ -10,18 +10,9 @@ import numpy as np
 import pytest
 
 from atpid_sim.plant.stream import Stream, StreamBlock, StreamError, common_rate, stamp_ns
-from atpid_sim.scene import scene_from_mapping
+from atpid_sim.scene import standard_bench
 
-SCENE: dict[str, Any] = {
-    "beam": {"mass": 0.3258, "stiffness": 427.6, "damping": 0.56},
-    "grain": {"mass_fraction": 0.1, "radius": 0.0085},
-    "contact": {"law": "tsuji", "young_modulus": 2.1e8, "poisson_ratio": 0.2, "damping_ratio": 1.0},
-    "excitation": {"amplitude": 0.01, "frequency": "resonance"},
-    "ceiling": {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"},
-    "gravity": 9.81,
-    "duration": 0.22,
-    "tolerance": 1e-6,
-}
+CONTROLLED = {"closed": 0.017, "range": [0.017, 1.0], "speed": 0.3, "controller": "lookup"}
 
 
 class Ramp:
@@ -40,7 +31,7 @@ class Ramp:
 
 
 def stream(plant: Ramp | None = None, **changes: Any) -> Stream:
-    return Stream(scene_from_mapping(SCENE | changes), plant or Ramp())
+    return Stream(standard_bench(**({"ceiling": CONTROLLED, "duration": 0.22} | changes)), plant or Ramp())
 
 
 def blocks(source: Stream) -> Iterator[StreamBlock]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The options of every command that runs a batch: workers, a cluster, a journal."""
+"""The options of every command that runs a batch: workers, a cluster."""
 
 import argparse
 
-from atpid_common.arguments import file_path, whole, word
+from atpid_common.arguments import whole, word
 from atpid_sim.simulation.batch import Workers
 
 
@@ -12,12 +12,6 @@ def add_workers(parser: argparse.ArgumentParser, kind: str = "threads") -> None:
     parser.add_argument("--workers", type=whole(1, 1000), default=None, metavar="K", help=f"{kind}; default: all cores")
     cluster = "compute on the Dask cluster of this scheduler (optional extra)"
     parser.add_argument("--cluster", "--scheduler", type=word, metavar="ADDRESS", help=cluster)
-
-
-def add_journal(parser: argparse.ArgumentParser) -> None:
-    """Declare --journal, for a command without a folder or file of its own where a journal could lie."""
-    text = "keep what is done in this file, and go on from it after a kill; removed at the end"
-    parser.add_argument("--journal", type=file_path, metavar="FILE", help=text)
 
 
 def workers_of(args: argparse.Namespace) -> Workers:

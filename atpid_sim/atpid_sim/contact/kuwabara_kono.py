@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from atpid_sim.contact import hertz
+from atpid_sim.contact import hertz, linear
 from atpid_sim.contact.hertz import elastic_force
 from atpid_sim.contact.rebound_series import KUWABARA_KONO, hertz_time, series_rebound
 from atpid_sim.contact.spec import ELASTIC, ElasticSpec
@@ -37,14 +37,7 @@ def force(overlap, velocity, memory, p):
     return elastic_force(overlap, p[0]) + p[1] * velocity * math.sqrt(abs(overlap))
 
 
-@kernel
-def detachment_velocity(overlap, memory, p):
-    """Overlap velocity at which the force vanishes [m/s]."""
-    if p[1] > 0.0:
-        return -p[0] / p[1] * overlap
-    return -math.inf if overlap >= 0.0 else math.inf
-
-
+detachment_velocity = linear.detachment_velocity  # k x^1.5 + c x' x^0.5 and k x + c x' vanish at the same one
 energy = hertz.energy
 
 

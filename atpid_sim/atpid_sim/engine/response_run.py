@@ -44,6 +44,7 @@ class Schedule(NamedTuple):
     window: float  # [periods]
     close: float  # distance from the steady motion, relative, at which a run may end; 0: not before its end
     limit: float  # amplitude [m] above which a run need not be finished
+    repeats: int  # periods after which a motion may repeat itself, at most; at least 2
 
 
 @kernel
@@ -100,8 +101,8 @@ def respond(run, drive, path, schedule, y, n):
     """Advance a state in place along a path (k, 2) of (t [s], h [m]) that begins at its time, and watch it there.
 
     run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`. Returns outcome's value, verdict,
-    amplitude [m], and the largest change of the beam between periods of the same parity [m] in the window; of a run
-    that ended before its window that is no more than what was left of its way.
+    amplitude [m], and the largest change of the beam in the window between periods two apart [m], or as many up to
+    `repeats` as make it least; of a run that ended before its window that is no more than what was left of its way.
     """
     table = np.zeros((1, at.DRIVE_COLUMNS))
     none = np.zeros((at.SAMPLE_ROWS, 0))
@@ -136,9 +137,12 @@ def respond(run, drive, path, schedule, y, n):
     strobe = np.zeros((at.SAMPLE_ROWS, int(schedule.window)))
     y[at.LOWEST], y[at.HIGHEST], n[at.SAMPLE] = math.inf, -math.inf, 0
     outcome = _advance(run, table, drive, begin, begin + schedule.window * period, y, n, (begin, period), strobe, True)
-    change = 0.0
-    for parity in range(2):
-        beam = strobe[at.S_BEAM, parity::2]
-        if beam.size:
-            change = max(change, beam.max() - beam.min())
-    return outcome, WATCHED, 0.5 * (y[at.HIGHEST] - y[at.LOWEST]), change
+    least = math.inf
+    for repeats in range(2, schedule.repeats + 1):
+        change = 0.0
+        for parity in range(repeats):
+            beam = strobe[at.S_BEAM, parity::repeats]
+            if beam.size:
+                change = max(change, beam.max() - beam.min())
+        least = min(least, change)
+    return outcome, WATCHED, 0.5 * (y[at.HIGHEST] - y[at.LOWEST]), least

@@ -59,17 +59,20 @@ def later(approach: Approach, periods: float) -> Approach:
     return path
 
 
-def _jumped(damper: DamperResponse, height: float, rest: float, phase: float) -> Path:
-    """Raise the ceiling quickly from a lower clearance, settled there, in a phase [periods].
+def _jumped(damper: DamperResponse, height: float, rest: float, phase: float, share: float) -> Path:
+    """Raise the ceiling quickly from a share of the clearance, settled there, in a phase [periods].
 
     Not at once: a ceiling of 1e5 m/s that leaves a grain in contact tears it, where the contact is damped.
     """
-    before, begin = damper.diameter + _BELOW * (height - damper.diameter), rest + phase * damper.period
+    before, begin = damper.diameter + share * (height - damper.diameter), rest + phase * damper.period
     return (0.0, before), (begin, before), (begin + _QUICK * damper.period, height)
 
 
-#: Raised quickly, in two phases: after these some motions stay irregular that are regular after all others.
-JUMPS: tuple[Approach, Approach] = (partial(_jumped, phase=0.37), partial(_jumped, phase=0.71))
+#: Raised quickly, in several phases: after these some motions stay irregular that are regular after all others.
+JUMPS: tuple[Approach, ...] = tuple(
+    partial(_jumped, phase=phase, share=share)
+    for phase, share in ((0.37, 0.5), (0.71, 0.5), (0.11, 0.25), (0.62, 0.25), (0.45, 0.1), (0.9, 0.1), (0.27, 0.75))
+)
 #: All: a height that is good after each of them is good from every previous state.
 ALL_APPROACHES: tuple[Approach, ...] = (raised, lowered, opened, at_once)
 #: Approaches of a damper that is closed now.

@@ -99,7 +99,7 @@ class _Plan:
         return {"format": version, "system": self.identity, "tolerance": self.tolerance}
 
     def scene_at(self, fraction: float, ratio: float | None) -> Scene:
-        """Return the scene with a mass fraction [-], at a frequency ratio [-]; raise MapError where it cannot be."""
+        """Return the scene with a mass fraction [-], at a frequency ratio [-]; raise MapError where that fails."""
         try:
             scene = self.scene.with_(mass_fraction=fraction)
             if ratio is None:

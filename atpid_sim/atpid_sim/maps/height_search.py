@@ -3,14 +3,16 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from atpid_sim.engine.state import State
 from atpid_sim.maps.approaches import Approach
 from atpid_sim.maps.ratings import FLAT, Mapper, Ratings
-from atpid_sim.maps.response import DamperResponse, EarlyEnd, Timing
+from atpid_sim.maps.response import REPEATS, DamperResponse, EarlyEnd, Timing
 
 #: Clearances tried first, as shares of the ballistic clearance: in the thesis's range the best lies at 0.44 to 0.82.
 _FIRST, LAST, _STEP = 0.30, 1.02, 0.08
@@ -53,12 +55,24 @@ _LASTING, _BACK, _MOST_BACK = 4.0, 0.005, 6
 WIDE = 0.2
 _WIDE = np.concatenate([np.geomspace(0.02, 0.1, 65)[:-1], np.geomspace(0.1, 1.65, 350)])
 _MINIMA, _MOST_WIDE, _MOST_GIVEN_UP, _LOOKED = 16, 40, 8, 1.4
+#: It goes on so many times as long where the motion is irregular and less than this many times the least amplitude, and
+#: follows regular motions to heights above and below by these shares of the clearance.
+_LONGER, _WORTH_LONGER, _FOLLOWED = 3.0, 1.5, (0.2, -0.05)
 #: How near to the steady motion a first look ends, relative to the amplitude [-].
 _CLOSE = 5e-3
 #: How long a first look takes where the ceiling was raised from the height before.
 _NEXT = Timing(8.0, 6.0)
 
 Rated = tuple[float, float]  # height [m], rating [m]
+
+
+class _Look(NamedTuple):
+    """What is seen at a height."""
+
+    value: float  # amplitude [m], raised where the motion is irregular
+    state: State  # at the end
+    amplitude: float  # [m]
+    regular: bool
 
 
 class HeightSearch:
@@ -79,7 +93,7 @@ class HeightSearch:
         wide: bool = False,
     ) -> None:
         """See `best_height`; wide: where a grain rebounds so far that the best may lie anywhere."""
-        self._damper, self._amplitude, self._map = damper, amplitude, mapper
+        self._damper, self._amplitude, self._map, self._wide = damper, amplitude, mapper, wide
         self.ratings = Ratings(damper, amplitude, approaches, mapper, IRREGULAR if wide else 1.0)
         self._quick = self.ratings.quick
         self.diameter = damper.diameter
@@ -90,8 +104,8 @@ class HeightSearch:
         self._short = Timing(0.8 * damper.settling(), 6.0)
         if wide:
             self._irregular, self._most = _LOOKED, _MOST_WIDE
-            self._short = Timing(damper.settling(), 16.0)
-        self._looked: dict[float, tuple[float, State]] = {}  # height [m]: amplitude [m], last state
+            self._short = Timing(damper.settling(), 16.0, REPEATS)
+        self._looked: dict[float, _Look] = {}  # by height [m]
         self._looks = 0
 
     @property
@@ -112,12 +126,12 @@ class HeightSearch:
         rated = self.ratings.heights
         if height in rated:
             return self.ratings.value(height)
-        seen = self._looked[height][0]
+        seen = self._looked[height].value
         # a height at which the motion lasts was rated without a look
         nearest = min(self._looked.keys() & set(rated), key=lambda other: abs(other - height), default=math.inf)
         if abs(nearest - height) > _NEAR * (height - self.diameter):
             return seen
-        return seen * max(self.expected(nearest) / self._looked[nearest][0], 1.0)
+        return seen * max(self.expected(nearest) / self._looked[nearest].value, 1.0)
 
     def scan(self, unit: float, last: float) -> list[Rated]:
         """Return (height [m], amplitude [m]) over a range that has the least amplitude inside, not at an end.
@@ -131,7 +145,7 @@ class HeightSearch:
             shares = np.arange(first, last + 0.5 * _STEP, _STEP).round(9)  # as those of the narrow wells
             heights = sorted({self._allowed(float(share), unit) for share in shares})
             self._look([(h,) for h in heights if h not in self._looked])
-            values = [self._looked[h][0] for h in heights]
+            values = [self._looked[h].value for h in heights]
             lowest = next(k for k, value in enumerate(values) if value <= min(values) * (1.0 + _NOTABLE))
             if lowest == 0 and first > 2.0 * _LOWEST:
                 first = max(_LOWEST, first - _GROWTH)
@@ -141,7 +155,7 @@ class HeightSearch:
                 break
         narrow = {self._allowed(float(share), unit) for share in np.arange(*_NARROW, _COARSE).round(9)}
         self._look([(h,) for h in sorted(narrow) if h not in self._looked], _WORTH * min(values))
-        heights, values = self.heights, [self._looked[h][0] for h in self.heights]
+        heights, values = self.heights, [self._looked[h].value for h in self.heights]
         limit, flat = _WORTH * min(values), (1.0 + _NOTABLE) * min(values)
         lowest = next(k for k, value in enumerate(values) if value <= flat)
         between = []
@@ -152,25 +166,50 @@ class HeightSearch:
             if (narrowest or min(values[k : k + 2]) <= limit) and not equal:
                 between.append((below, *self._between(below, above, unit)))
         self._look(between, limit)
-        return [(height, self._looked[height][0]) for height in self.heights]
+        return [(height, self._looked[height].value) for height in self.heights]
 
     def scan_widely(self) -> list[list[float]]:
         """Look at the whole range of heights, then closer around the least; return these surroundings [m]."""
         unit = math.pi * self._damper.closed_amplitude(self._amplitude)
         # to the end of each run: a transient may exceed for long what the motion comes to
         self._look([(h,) for h in {self._allowed(float(share), unit) for share in _WIDE}])
-        values = [self._looked[h][0] for h in self.heights]
+        limit = _WORTH_LONGER * min(one.amplitude for one in self._looked.values())
+        self._go_on([h for h, one in self._looked.items() if not one.regular and one.amplitude <= limit])
+        values = [self._looked[h].value for h in self.heights]
         minima = sorted(_minima(values), key=values.__getitem__)[:_MINIMA]
         coarse = list(zip(self.heights, values, strict=True))
         return [self.nearby(coarse, k) for k in minima]
 
+    def _go_on(self, heights: Sequence[float]) -> None:
+        """Look on at heights [m] of irregular motion: many come to a regular one late."""
+        self._looked.update(zip(heights, self._map(self._longer, heights), strict=True))
+        self._looks += len(heights)
+
+    def _longer(self, height: float) -> _Look:
+        after = replace(self._short, settle=_LONGER * self._short.settle)
+        return self._seen(self._looked[height].state.copy(), height, after, EarlyEnd(_CLOSE))
+
+    def _follow(self, height: float) -> None:
+        """Look at what the motion at a height [m] comes to while the ceiling is moved, as far as it stays stable."""
+        settled = self._longer(height)
+        for part in _FOLLOWED if settled.regular else ():
+            end = min(max(height + part * (height - self.diameter), self._limits[0]), self._limits[1])
+            cliff = self._quick.cliff(self._amplitude, settled.state, height, end)
+            for motion in cliff.branch if cliff else ():
+                look = _Look(motion.amplitude, motion.state, motion.amplitude, regular=True)
+                self._looked[motion.conditions.height] = look
+
     def lasting(self) -> float:
         """Return the best height [m] at which long runs come to the same amplitude, or the best with these counted."""
+        tried: list[float] = []
         for _ in range(_MOST_GIVEN_UP):
             height = self.best(self.heights)
-            if self.climbed(height) == height and self.ratings.lasts(height, _LASTING):
-                return height
-        return self.best(self.heights)
+            self._follow(height)
+            if self.climbed(height) == height:
+                tried.append(height)
+                if self.ratings.lasts(height, _LASTING):
+                    break
+        return min(tried or [height], key=self.ratings.value)
 
     def climbed(self, height: float) -> float:
         """Return the best of a height [m] and those a little above it: below resonance it lies at the cliff's edge."""
@@ -232,23 +271,24 @@ class HeightSearch:
             self._looked.update(found)
             self._looks += len(found)
 
-    def _first_looks(self, job: tuple[Sequence[float], EarlyEnd]) -> dict[float, tuple[float, State]]:
+    def _first_looks(self, job: tuple[Sequence[float], EarlyEnd]) -> dict[float, _Look]:
         """Amplitudes [m] and last states, amplitudes raised where the motion is irregular."""
-        found: dict[float, tuple[float, State]] = {}
+        found: dict[float, _Look] = {}
         (first, *others), ending = job
         if first in self._looked:
-            state = self._looked[first][1].copy()
+            state = self._looked[first].state.copy()
         else:
             state = self._quick.closed_state(self._amplitude)
-            found[first] = self._seen(state, first, self._short, ending), state.copy()
+            found[first] = self._seen(state, first, self._short, ending)
         for height in others:
-            found[height] = self._seen(state, height, _NEXT, ending), state.copy()
+            found[height] = self._seen(state, height, _NEXT, ending)
         return found
 
-    def _seen(self, state: State, height: float, timing: Timing, ending: EarlyEnd) -> float:
+    def _seen(self, state: State, height: float, timing: Timing, ending: EarlyEnd) -> _Look:
         path = ((state.time, height),)
         response = self._quick.follow_on(self._amplitude, state, path, timing, ending)
-        return response.amplitude * (1.0 if response.regular else min(1.0 + response.variation, self._irregular))
+        value = response.amplitude * (1.0 if response.regular else min(1.0 + response.variation, self._irregular))
+        return _Look(value, state.copy(), response.amplitude, response.regular)
 
     def _lowest(self, heights: Sequence[float]) -> float:
         """Return the lowest height [m] of those expected to be equally good as the best."""
@@ -274,6 +314,8 @@ class HeightSearch:
         is known is rated next, until none is expected to be notably better than the best that is rated.
         """
         while not self.ratings.complete(height := self._next(heights)):
+            if self._wide and self._looked[height].regular:
+                self.ratings.hopeful.add(height)
             self.ratings.go_on(height)
         return self._first_of_plateau(heights, height)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from atpid_sim.engine.state import State
 from atpid_sim.maps.approaches import JUMPS, Approach, later
-from atpid_sim.maps.response import NEVER, DamperResponse, EarlyEnd, Timing, WindowResponse
+from atpid_sim.maps.response import NEVER, REPEATS, DamperResponse, EarlyEnd, Timing, WindowResponse
 
 #: Heights whose amplitudes differ by less than this share are equally good [-].
 FLAT = 2e-3
@@ -23,11 +23,14 @@ _CLOSE, _CONFIRMED_CLOSE = 5e-4, 5e-3
 #: A rating settles this many times as long as a transient lasts, since close to the cliff an instability grows slowly.
 _PATIENT = 1.5
 #: Where some approach paths end in a regular motion better than any before and others in an irregular one, these are
-#: followed on, so many times as long as before: many come to the regular one as well.
-_LATER = 1.0
+#: followed on, so many times as long as before, or where grains rebound far for so many periods: many come to the
+#: regular one as well.
+_LATER, _LATEST = 1.0, 4000.0
 #: The height that is chosen is confirmed on the approach paths begun so many periods later: what depends on the phase
 #: shows by chance only.
 _PHASES = (0.37, 0.71)
+#: Where grains rebound far, irregular motions come to a regular one after so many periods, or fewer.
+_LONG_WAY = 180.0
 #: Surcharge on an amplitude to which all paths come late: where others settle sooner they are preferred.
 _SLOW = 0.02
 
@@ -50,10 +53,13 @@ class Ratings:
         self._damper, self._amplitude, self._approaches, self._map = damper, amplitude, approaches, mapper
         self.quick = damper.sufficient(amplitude, FLAT)
         self._long = Timing(_PATIENT * damper.settling(), 16.0)
+        if irregular > 1.0:
+            self._long = Timing(max(self._long.settle, _LONG_WAY), 16.0, REPEATS)
         self._rated: dict[float, list[float]] = {}  # height [m]: amplitudes [m], quick
         self._checked: dict[float, list[float]] = {}  # the same, complete
         self._others: dict[float, list[float]] = {}  # the same of the paths in other phases
         self._surcharge, self._irregular = irregular, set[float]()  # heights of irregular motion [m]
+        self.hopeful = set[float]()  # heights at which late paths are followed on in any case [m]
         self._late: dict[float, float] = {}  # height [m]: largest share of paths that come late to a regular motion
         self.evaluations = 0
         self.disagreement = 0.0  # largest between two levels at a height with reproducible motion, relative
@@ -130,15 +136,22 @@ class Ratings:
     def lasts(self, height: float, longer: float) -> bool:
         """Rate a height [m] in runs so many times as long; return whether they come to no more than the usual ones.
 
-        Where an irregular motion has a surcharge, they are made in other phases and after jumps as well.
+        Where an irregular motion has a surcharge, they are made in other phases and after jumps as well, and once more
+        twice as long.
         """
         if height not in self._checked:
             self._checked[height] = self._rate(self._damper, height, NEVER)
         usual = max(self._checked[height])
-        long = Timing(longer * self._damper.settling(), longer * self._long.window)
+        long = replace(self._long, settle=longer * self._long.settle / _PATIENT, window=longer * self._long.window)
         ways = [*self._approaches, *((*self._in_other_phases(), *JUMPS) if self._surcharge > 1.0 else ())]
-        self._checked[height] = self._checked[height] + self._rate(self.quick, height, NEVER, long, ways)
-        return max(self._checked[height]) <= (1.0 + REPRODUCIBLE) * usual
+        found = self._rate(self.quick, height, NEVER, long, ways)
+        if self._surcharge > 1.0:
+            # a slow beating passes for a regular motion in one window; beside a cliff transients are slow as well
+            usual, long = min(usual, max(found)), replace(long, settle=2.0 * long.settle)
+            self._checked[height] = found = self._rate(self.quick, height, NEVER, long, ways)
+        else:
+            self._checked[height] = self._checked[height] + found
+        return max(found) <= (1.0 + REPRODUCIBLE) * usual
 
     def _rate(
         self,
@@ -154,9 +167,10 @@ class Ratings:
         ends = list(self._map(self._approached, jobs))
         least = min((self.value(other) for other in self.heights if other != height), default=math.inf)
         late = [k for k, (response, _) in enumerate(ends) if not response.regular]
-        if late and any(response.regular and response.amplitude < least for response, _ in ends):
+        better = any(response.regular and response.amplitude < least for response, _ in ends)
+        if late and (better or height in self.hopeful):
             self._late[height] = max(self._late.get(height, 0.0), len(late) / len(ends))
-            after = Timing(_LATER * self._long.settle, self._long.window)
+            after = replace(self._long, settle=_LATEST if self._surcharge > 1.0 else _LATER * self._long.settle)
             more = [(damper, height, ends[k][1], replace(ending, limit=math.inf), after) for k in late]
             for k, end in zip(late, self._map(self._continued, more), strict=True):
                 ends[k] = end

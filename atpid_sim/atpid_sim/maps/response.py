@@ -15,6 +15,7 @@ from atpid_sim.engine.response_run import EXCEEDED, Drive, Schedule, respond
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import contact_of, restitution_of
 from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.periodic import Cliff, Conditions, find_cliff, periodic_motion
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity, finite_error
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
@@ -29,6 +30,10 @@ LOWEST_RATIO, HIGHEST_RATIO = 0.5, 2.0
 _UNBOUNDED = 1e-9
 #: Period-to-period variation up to which a motion counts as regular [-].
 _REGULAR = 0.02
+#: Periods after which a regular motion repeats itself, at most, where grains rebound far.
+REPEATS = 4
+#: Tolerance of runs by which a regular motion is followed in height, the first step and the least, over the clearance.
+_FOLLOWED_RTOL, _MOVED, _RESOLVED = 1e-8, 2e-3, 2e-4
 #: Tolerance of runs with contacts from a table: finer ones change the amplitude by less than 2e-5 (docs/tradeoff.md).
 _FINITE_RTOL = 1e-4
 
@@ -39,6 +44,7 @@ class Timing:
 
     settle: float  # from the end of the ceiling's travel to the window [periods]
     window: float  # in which the amplitude is taken [periods]
+    repeats: int = 2  # periods after which a regular motion repeats itself, at most
 
 
 @dataclass(frozen=True)
@@ -57,12 +63,12 @@ class WindowResponse:
     """The beam's motion in a window."""
 
     amplitude: float  # half peak-to-peak [m]; of a run that ended early what it comes to
-    variation: float  # largest change of the beam between periods of the same parity, over the amplitude [-]
+    variation: float  # largest change of the beam between periods of the same place in a cycle, over the amplitude [-]
     exceeded: bool = False  # the run ended early, since its amplitude exceeds the limit
 
     @property
     def regular(self) -> bool:
-        """Whether the motion repeats, each period or each second one."""
+        """Whether the motion repeats: each period, each second one, or as `Timing.repeats` allows."""
         return self.variation <= _REGULAR
 
 
@@ -201,7 +207,7 @@ class DamperResponse:
         One kernel, with no line of Python inside, which ends before its time where `ending` allows that. `follow` is
         the same run through a drive table; where the motion is irregular the two may differ. Raises NumericalFailure.
         """
-        schedule = Schedule(float(timing.settle), float(timing.window), ending.close, ending.limit)
+        schedule = Schedule(float(timing.settle), float(timing.window), ending.close, ending.limit, timing.repeats)
         outcome, verdict, size, change = respond(
             self._run, Drive(float(amplitude), self.frequency), np.array(path, dtype=float), schedule, state.y, state.n
         )
@@ -224,6 +230,19 @@ class DamperResponse:
         outcome = self._integration.advance(state, drive.with_ceiling(rows, path), observation)
         if outcome != Outcome.DONE:
             raise NumericalFailure(f"{outcome.sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
+
+    def cliff(self, amplitude: float, state: State, height: float, end: float) -> Cliff | None:
+        """Return the regular motion near a simulated one, followed while the ceiling is moved to `end` [m] at most.
+
+        state: of the simulated motion at a height [m]. None where no stable motion of at most four periods is near.
+        """
+        integration = self._integration.at_level(self.fidelity, _FOLLOWED_RTOL)
+        conditions, clearance = Conditions(amplitude, self.frequency, height), height - self.diameter
+        for periods in range(1, REPEATS + 1):
+            motion = periodic_motion(integration, conditions, state, state.time * self.frequency % 1.0, periods).motion
+            if motion is not None and motion.stability_margin > 0.0:
+                return find_cliff(integration, motion, end, _MOVED * clearance, _RESOLVED * clearance)
+        return None
 
     def opened(self, amplitude: float, height: float, timing: Timing, travel: float = 0.0) -> WindowResponse:
         """Return the response at a height [m] reached from the closed damper in `travel` seconds (0: at once)."""

@@ -47,8 +47,8 @@ PARAMETERS = (
         live=True,
     ),
 )  # fmt: skip
-#: The parts whose faults the plant acts.
-ACTED = (*SENSORS, "clock")
+#: The parts whose faults the plant injects.
+INJECTED = (*SENSORS, "clock")
 
 
 class PlantNode(Node):
@@ -108,8 +108,8 @@ class PlantNode(Node):
     # faults
 
     def _faults(self, value: Value) -> tuple[Injected, ...]:
-        """Return the faults of scene and parameter. Raises FaultError for what cannot be, or cannot be acted here."""
-        faults = (*self._scene_faults, *parsed(value("faults"), ACTED, "the plant"))
+        """Return the faults of scene and parameter. Raises FaultError for one that is invalid here."""
+        faults = (*self._scene_faults, *parsed(value("faults"), INJECTED, "the plant"))
         devices = [item.device for item in self.stream.instruments]
         if "accelerometer" not in devices and any(fault.part == "accelerometer" for fault in faults):
             raise FaultError("faults: given accelerometer; the scene has none; add sensors.accelerometer to it")

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cliff: the height up to which a periodic motion stays stable while the ceiling is raised, and what ends it."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -39,16 +40,21 @@ class Cliff:
     heights: Array  # (n,) rising [m]
     amplitudes: Array  # (n,) half peak-to-peak of the beam [m]
     largest: Array  # (n,) largest moduli of the multipliers [-]
-    last: PeriodicMotion
+    branch: tuple[PeriodicMotion, ...]  # (n,)
+
+    @property
+    def last(self) -> PeriodicMotion:
+        """The last stable motion."""
+        return self.branch[-1]
 
 
 def find_cliff(
     integration: Integration, motion: PeriodicMotion, highest: float, step: float, resolution: float
 ) -> Cliff:
-    """Follow a stable motion while the ceiling is raised, up to the height `highest` [m] at most.
+    """Follow a stable motion while the ceiling is raised, up to the height `highest` [m] at most, or lowered to it.
 
     step: the first [m]; steps grow while the motion is found and stable, and are halved where it is not or has become
-    another, down to `resolution` [m]. Raises ValueError for a motion that is not stable, or steps that cannot be.
+    another, down to `resolution` [m]. Raises ValueError for a motion that is not stable, or invalid steps.
     """
     if not 0.0 < resolution <= step:
         raise ValueError(f"resolution: given {resolution:g} m; allowed: above 0 and at most the step, {step:g} m")
@@ -56,8 +62,9 @@ def find_cliff(
         raise ValueError(f"motion: given a largest multiplier of {motion.largest_multiplier:.4g}; allowed: below 1")
     branch = [motion]
     beyond: PeriodicMotion | None = None
-    while branch[-1].conditions.height < highest and step >= resolution:
-        height = min(branch[-1].conditions.height + step, highest)
+    way = math.copysign(1.0, highest - motion.conditions.height)
+    while (left := way * (highest - branch[-1].conditions.height)) > 0.0 and step >= resolution:
+        height = branch[-1].conditions.height + step * way if step < left else highest
         found = raised(integration, branch[-1], height)
         if found is None or found.stability_margin <= 0.0:
             beyond = found or beyond
@@ -65,17 +72,17 @@ def find_cliff(
             continue
         branch.append(found)
         step *= _GROWTH
-        if beyond is not None and beyond.conditions.height <= height:  # an island in the range of stability
-            beyond = None
+        if beyond is not None and way * (beyond.conditions.height - height) <= 0.0:
+            beyond = None  # an island in the range of stability
     last = branch[-1]
-    reached = last.conditions.height >= highest
+    reached = last.conditions.height == highest
     return Cliff(
         height=last.conditions.height,
         loss=Loss.NONE if reached else _loss(last, beyond),
         heights=np.array([each.conditions.height for each in branch]),
         amplitudes=np.array([each.amplitude for each in branch]),
         largest=np.array([each.largest_multiplier for each in branch]),
-        last=last,
+        branch=tuple(branch),
     )
 
 

@@ -13,9 +13,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, Slope, passage
+from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, Slope, flying, passage
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
@@ -51,6 +52,13 @@ class PeriodicMotion:
     multiplier_error: float  # of the largest modulus: its change when the differences are twice as wide
     residual: float  # distance between two passages, relative to the motion's size
     iterations: int
+
+    @property
+    def state(self) -> State:
+        """State of the engine as the motion passes the section."""
+        state = flying(self.section)
+        state.y[columns.TIME] = self.phase / self.conditions.frequency
+        return state
 
     @property
     def largest_multiplier(self) -> float:

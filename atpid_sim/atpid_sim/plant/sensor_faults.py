@@ -22,16 +22,16 @@ _BEHIND = 0.5
 
 
 class ChannelFaults:
-    """The faults of one channel, acted on its readings; without one the readings are passed through unchanged."""
+    """The faults of one channel, injected into its readings; without one the readings are passed through unchanged."""
 
     def __init__(self, part: str, rate: float, seed: int) -> None:
         """Take the part (`PART_OF`), the channel's rate [Hz] and the seed of random readings."""
         self.part, self._rate, self._seed = part, rate, seed
         self._past = np.empty(0)  # what the working sensor read, up to `_KEPT`
-        self._last = math.nan  # what was read last with the fault acted: where a stuck sensor stays
+        self._last = math.nan  # what was read last with the fault injected: where a stuck sensor stays
 
     def act(self, faults: Sequence[Injected], first_index: int, readings: Array) -> Array:
-        """Return the readings (n,) that begin at scan `first_index`, with the faults of this part acted."""
+        """Return the readings (n,) that begin at scan `first_index`, with the faults of this part injected."""
         mine = [fault for fault in faults if fault.part == self.part]
         time = (first_index + np.arange(readings.size)) / self._rate
         known = np.concatenate((self._past, readings))

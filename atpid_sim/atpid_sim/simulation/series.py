@@ -40,26 +40,28 @@ def draw(scene: Scene, motion: Trajectory, closed: Trajectory, path: Path) -> No
     """Draw beam, ceiling and the grain's last periods; `closed`: the same beam, damper closed. Raises OutputError."""
     with drawn(path, "--picture", nrows=3, figsize=(10.0, 9.0), height_ratios=(3.0, 1.2, 2.2)) as (_, axes):
         _beam(axes[0], scene, motion, closed)
-        axes[1].plot(motion.time, motion.ceiling, "C0", linewidth=1.4)
-        axes[1].set(xlim=(0.0, scene.duration), ylim=(0.0, None), ylabel="m", xlabel="time [s]", title="Ceiling height")
+        axes[1].plot(motion.time, 1e3 * motion.ceiling, "C0", linewidth=1.4)
+        axes[1].set(xlim=(0.0, scene.duration), ylim=(0.0, None))
+        axes[1].set(ylabel="mm", xlabel="time [s]", title="Ceiling height")
         _grain(axes[2], scene, motion)
 
 
 def _beam(axes: Any, scene: Scene, motion: Trajectory, closed: Trajectory) -> None:
     rest = scene.static_deflection
-    axes.plot(closed.time, closed.beam + rest, "0.7", linewidth=0.7, label="damper closed")
-    axes.plot(motion.time, motion.beam + rest, "C0", linewidth=0.8, label="this scene")
+    axes.plot(closed.time, 1e3 * (closed.beam + rest), "0.7", linewidth=0.7, label="damper closed")
+    axes.plot(motion.time, 1e3 * (motion.beam + rest), "C0", linewidth=0.8, label="this scene")
     axes.axvspan(*scene.steady_window, color="0.93", zorder=0, label="steady window")
-    axes.set(xlim=(0.0, scene.duration), ylabel="m", title="Beam displacement from rest")
+    axes.set(xlim=(0.0, scene.duration), ylabel="mm", title="Beam displacement from rest")
     axes.legend(fontsize=8, loc="upper right")
 
 
 def _grain(axes: Any, scene: Scene, motion: Trajectory) -> None:
-    rest, diameter = scene.static_deflection, 2.0 * scene.grain.radius
     shown = motion.time >= motion.time[-1] - _PERIODS / scene.frequency_hz
-    time, floor, grain = motion.time[shown], motion.beam[shown] + rest, motion.grain[shown] + rest
+    time = motion.time[shown]
+    floor, grain = (1e3 * (one[shown] + scene.static_deflection) for one in (motion.beam, motion.grain))
+    ceiling = floor + 1e3 * (motion.ceiling[shown] - 2.0 * scene.grain.radius)
     axes.plot(time, floor, "0.4", linewidth=1.2, label="floor")
-    axes.plot(time, floor + motion.ceiling[shown] - diameter, "0.4", linewidth=1.2, linestyle="--", label="ceiling")
+    axes.plot(time, ceiling, "0.4", linewidth=1.2, linestyle="--", label="ceiling")
     axes.plot(time, grain, "C0", linewidth=1.8, label="grain")
-    axes.set(xlim=(time[0], time[-1]), xlabel="time [s]", ylabel="m", title="The grain between floor and ceiling")
+    axes.set(xlim=(time[0], time[-1]), xlabel="time [s]", ylabel="mm", title="The grain between floor and ceiling")
     axes.legend(fontsize=8, loc="upper right")
