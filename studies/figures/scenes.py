@@ -7,6 +7,7 @@ python -m studies figures scenes
 from atpid_sim.fields import SceneBlock, variants_of
 from atpid_sim.scene import Scene
 from atpid_sim.scene.ceiling import Ceiling
+from atpid_sim.scene.drives import Random, Shock, Tone
 from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
 from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.model import ContactBlock
@@ -19,7 +20,7 @@ _PARTS: dict[str, list[type[SceneBlock]]] = {
     "`grain`": [Grain],
     "`container`": [Container],
     "`contact`: one of": list(variants_of(ContactBlock).values()),
-    "`excitation`: one of": [*variants_of(Excitation).values(), FreeDecay, Sweep, Series],
+    "`excitation`: one of": [*variants_of(Excitation).values(), FreeDecay, Sweep, Series, Tone, Random, Shock],
     "`ceiling`: one of": list(variants_of(Ceiling).values()),
     "`initial`": [Initial],
     "`sensors`": [Sensors, Sensor],

@@ -55,7 +55,7 @@ class PrescribedCeiling(SceneBlock):
 
 
 class FixedCeiling(PrescribedCeiling):
-    """A ceiling that stands still."""
+    """A fixed ceiling."""
 
     kind: ClassVar[str] = "fixed"
     height: Length = Field(description="height above the floor [m]")

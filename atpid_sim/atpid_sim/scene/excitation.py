@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the support does: a tone, nothing (free decay), a sweep, or a measured series."""
+"""What the support does: tones, nothing (free decay), a sweep, random motion, a shock, or a measured series."""
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, Tag, field_validator
+from pydantic import Field, Tag, field_validator, model_validator
 
 from atpid_sim.fields import (
     Amplitude,
@@ -13,13 +13,14 @@ from atpid_sim.fields import (
     FrequencyPoints,
     Hertz,
     LocatedPath,
-    Number,
     SceneBlock,
+    Words,
     by_key,
     by_type,
     impossible,
-    within,
 )
+from atpid_sim.scene.density import band_power
+from atpid_sim.scene.drives import MOST_PARTS, Displacement, Random, Shock, Tone
 
 Frequency = Annotated[
     Annotated[Hertz, Tag("<number>")]
@@ -27,7 +28,6 @@ Frequency = Annotated[
     | Annotated[FrequencyPoints, Tag("<points>")],
     by_type,
 ]
-Displacement = Annotated[Number, within(-1e3, 1e3)]
 
 
 Points = tuple[tuple[float, float], ...]
@@ -39,6 +39,8 @@ class SupportMotion(SceneBlock):
     kind: ClassVar[str]
     is_tone: ClassVar[bool] = False
     is_free: ClassVar[bool] = False
+    #: Whether it goes on without repeating itself, so that motions are compared by their root mean square.
+    is_stationary: ClassVar[bool] = False
 
     @property
     def amplitude_points(self) -> Points:
@@ -97,7 +99,7 @@ class FreeDecay(SceneBlock):
 
 
 class FreeExcitation(SupportMotion):
-    """The support stands still; the beam is released at rest from a deflection."""
+    """The support is at rest; the beam is released at rest from a deflection."""
 
     kind: ClassVar[str] = "free"
     is_free: ClassVar[bool] = True
@@ -130,8 +132,53 @@ class SweepExcitation(SupportMotion):
         return ((0.0, self.sweep.amplitude),)
 
 
+class UnevenMotion(SupportMotion):
+    """What has no one amplitude."""
+
+    @property
+    def amplitude_points(self) -> Points:
+        """See `SupportMotion`."""
+        return ((0.0, math.nan),)
+
+
+class TonesExcitation(UnevenMotion):
+    """u = sum of A sin(2 pi f t + phase), from time zero on."""
+
+    kind: ClassVar[str] = "tones"
+    is_stationary: ClassVar[bool] = True
+    tones: tuple[Tone, ...] = Field(
+        min_length=1, max_length=MOST_PARTS, description="[{amplitude, frequency, phase}, ...]"
+    )
+
+    @property
+    def largest_amplitude(self) -> float:
+        """Sum of the amplitudes [m]."""
+        return sum(tone.amplitude for tone in self.tones)
+
+
+class RandomExcitation(UnevenMotion):
+    """A stationary random motion of given power spectral density; seed and duration make the realisation."""
+
+    kind: ClassVar[str] = "random"
+    is_stationary: ClassVar[bool] = True
+    random: Random = Field(description="random motion")
+
+    @property
+    def largest_amplitude(self) -> float:
+        """Amplitude of the tone of the same root mean square [m]."""
+        points = self.random.displacement_psd
+        return math.sqrt(2.0 * float(band_power(points, [points[0][0], points[-1][0]])[0]))
+
+
+class ShockExcitation(UnevenMotion):
+    """The support is at rest, makes one pulse of acceleration, and comes to rest elsewhere."""
+
+    kind: ClassVar[str] = "shock"
+    shock: Shock = Field(description="shock")
+
+
 class Series(SceneBlock):
-    """A measured support displacement, in a file."""
+    """A measured displacement or acceleration of the support, in a file."""
 
     file: LocatedPath = Field(description="CSV with a header line, or NPZ; relative to the scene's folder")
     time: str = Field(default="time", description="name of the column or array with the time [s]")
@@ -139,6 +186,16 @@ class Series(SceneBlock):
     offset: Displacement | None = Field(
         default=None,
         description="taken off every displacement [m]; default: the first one, so that the run begins at rest",
+    )
+    acceleration: str | None = Field(
+        default=None,
+        description="name of the one with the acceleration [m/s^2], which is integrated twice; default: none, the "
+        "displacement is read",
+    )
+    high_pass: Hertz | None = Field(
+        default=None,
+        description="frequency below which the integrated motion is left out [Hz]; needed with acceleration; "
+        "default: none",
     )
 
     @field_validator("file")
@@ -148,31 +205,42 @@ class Series(SceneBlock):
             raise impossible("", str(file), "an existing file that ends in .csv or .npz")
         return file
 
+    @model_validator(mode="after")
+    def _either(self) -> Self:
+        if (self.acceleration is None) != (self.high_pass is None):
+            raise impossible("", Words("one of acceleration and high_pass"), "both or neither")
+        if self.acceleration is not None and {"displacement", "offset"} & self.model_fields_set:
+            raise impossible("", Words("displacement or offset beside acceleration"), "acceleration, high_pass alone")
+        return self
 
-class SeriesExcitation(SupportMotion):
+
+class SeriesExcitation(UnevenMotion):
     """u interpolated by a cubic spline through measured points, so that velocity is its exact derivative."""
 
     kind: ClassVar[str] = "series"
+    is_stationary: ClassVar[bool] = True
     series: Series = Field(description="measured series")
-
-    @property
-    def amplitude_points(self) -> Points:
-        """See `SupportMotion`."""
-        return ((0.0, math.nan),)
 
 
 Excitation = Annotated[
     Annotated[HarmonicExcitation, Tag("<harmonic>")]
     | Annotated[FreeExcitation, Tag("<free>")]
     | Annotated[SweepExcitation, Tag("<sweep>")]
-    | Annotated[SeriesExcitation, Tag("<series>")],
+    | Annotated[SeriesExcitation, Tag("<series>")]
+    | Annotated[TonesExcitation, Tag("<tones>")]
+    | Annotated[RandomExcitation, Tag("<random>")]
+    | Annotated[ShockExcitation, Tag("<shock>")],
     by_key(
         {
             "<free>": ("free",),
             "<sweep>": ("sweep",),
             "<series>": ("series",),
+            "<tones>": ("tones",),
+            "<random>": ("random",),
+            "<shock>": ("shock",),
             "<harmonic>": ("amplitude", "frequency"),
         },
-        "one of {amplitude, frequency}, {free: ...}, {sweep: ...}, {series: ...}",
+        "one of {amplitude, frequency}, {free: ...}, {sweep: ...}, {series: ...}, "
+        "{tones: ...}, {random: ...}, {shock: ...}",
     ),
 ]

@@ -131,16 +131,18 @@ def _model_at(location: tuple[int | str, ...]) -> type[SceneBlock] | None:
     """Return the block that the keys of `location` lead to."""
     model: type[SceneBlock] | None = SceneValues
     for part in location:
-        if isinstance(part, str) and part in _VARIANTS:
+        if isinstance(part, int):  # one of a list of blocks
+            continue
+        if part in _VARIANTS:
             model = _VARIANTS[part]
         elif model is not None:
             fields = {field.alias or name: field for name, field in model.model_fields.items()}
-            model = _block_in(fields[str(part)].annotation) if str(part) in fields else None if part else model
+            model = _block_in(fields[part].annotation) if part in fields else None if part else model
     return model
 
 
 def _block_in(annotation: Any) -> type[SceneBlock] | None:
-    choices = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    choices = get_args(annotation) if get_origin(annotation) in (Union, UnionType, tuple) else (annotation,)
     return next((choice for choice in choices if isinstance(choice, type) and issubclass(choice, SceneBlock)), None)
 
 

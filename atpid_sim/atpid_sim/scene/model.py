@@ -81,7 +81,7 @@ class SceneValues(SceneBlock):
     recording: Recording = Field(default=Recording(), description="how the bench records")
     seed: Annotated[int, Strict(), Field(ge=0)] = Field(default=0, description="seed of all noise [-]")
     faults: tuple[Fault, ...] | None = Field(
-        default=None, max_length=_MOST_FAULTS, description="faults acted on the bench (docs/faults.md)"
+        default=None, max_length=_MOST_FAULTS, description="faults injected on the bench (docs/faults.md)"
     )
 
     @model_validator(mode="after")

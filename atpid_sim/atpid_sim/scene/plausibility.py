@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from atpid_sim.contact.materials import mismatch
 from atpid_sim.contact.spec import ElasticSpec
+from atpid_sim.scene.excitation import RandomExcitation, ShockExcitation, TonesExcitation
 from atpid_sim.scene.model import SceneValues
 
 #: Largest support amplitude in use [m]: the thesis goes to 0.08 m.
@@ -90,6 +91,17 @@ def _excitation(scene: SceneValues) -> Iterator[Quantity]:
     excitation = scene.excitation
     if excitation.is_free:
         yield Quantity("excitation.free.deflection", abs(excitation.deflection), 0.0, 1.0, "m", _MILLIMETRES)
+    if isinstance(excitation, ShockExcitation):
+        travel = abs(excitation.shock.travel_of(scene.natural_frequency_hz))
+        hint = "the velocity of the pulse times half the compensation"
+        yield Quantity("excitation.shock, displacement in the end", travel, 0.0, LARGEST_AMPLITUDE, "m", hint)
+    if isinstance(excitation, RandomExcitation):
+        grown = scene.steady_window[0] / excitation.random.rise_in(scene.duration)
+        yield Quantity("steady_window, its begin over the rise of the random motion", grown, 1.0, math.inf, "")
+    if isinstance(excitation, TonesExcitation):
+        for part in excitation.tones:
+            ratio = 1.0 if isinstance(part.frequency, str) else part.frequency / scene.natural_frequency_hz
+            yield Quantity("excitation.tones, frequency over the resonance", ratio, 0.1, 10.0, "")
     amplitude = scene.excitation.largest_amplitude
     if amplitude > 0.0:
         yield Quantity("excitation, amplitude", amplitude, 1e-6, LARGEST_AMPLITUDE, "m", _MILLIMETRES)

@@ -46,7 +46,7 @@ class Scene(SceneValues):
     def with_(self, *, height: float | None = None, mass_fraction: float | None = None, **changes: Any) -> Scene:
         """Return a validated copy with some values changed.
 
-        `height` [m] puts a ceiling that stands still there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
+        `height` [m] puts a fixed ceiling there; `mass_fraction`, and `amplitude` and `frequency` of a tone,
         replace that value in its block; any other name is a key of the scene itself (duration, ceiling={...}, ...).
         Under a closed ceiling the grain begins on the floor, wherever it did before.
         Raises SceneError as loading does.
@@ -68,7 +68,7 @@ class Scene(SceneValues):
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read, check and return the scene in the YAML file `path`; raise SceneError in one line where it cannot be."""
+    """Read, check and return the scene in the YAML file `path`; raise SceneError in one line where that fails."""
     file = Path(path)
     try:
         text = read_text(file, _LARGEST)

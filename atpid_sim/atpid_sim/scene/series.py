@@ -2,6 +2,7 @@
 """Reads a measured series from CSV or NPZ; whatever is wrong with the file is one line that names it."""
 
 import csv
+import math
 from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,25 +32,63 @@ _NPZ = "write it with numpy.savez(file, time=..., support_displacement=...)"
 def read_series(series: Series, duration: float) -> tuple[Array, Array]:
     """Return times from 0 (n,) [s] and displacements less the offset (n,) [m], for a run of `duration` [s].
 
-    Raises SceneError where the file lacks a column, has text, gaps or unordered times, or is shorter than the run.
+    An acceleration is integrated twice (`_integrated`). Raises SceneError where the file lacks a column, has text, gaps
+    or unordered times, or is shorter than the run.
     """
     file = series.file
-    names = (series.time, series.displacement)
+    names = (series.time, series.acceleration or series.displacement)
     times, values = _read_npz(file, names) if file.suffix.lower() == ".npz" else read_columns(file, names).values()
-    _check(file, series, times, values)
+    _check(file, names, times, values)
     times = times - times[0]
     if times[-1] < duration * (1.0 - 1e-9):
         raise SceneError(f"{file}: lasts {times[-1]:g} s, the scene {duration:g} s; shorten the duration")
+    if series.high_pass is not None:
+        times, values = _integrated(times, values, series.high_pass)
+    if np.abs(values).max() > _FARTHEST:
+        raise SceneError(f"{file}: given up to {np.abs(values).max():g} m; allowed: {_FARTHEST:g} m; convert to metres")
     return times, values - (values[0] if series.offset is None else series.offset)
 
 
-def _check(file: Path, series: Series, times: Array, values: Array) -> None:
+def _integrated(times: Array, acceleration: Array, high_pass: float) -> tuple[Array, Array]:
+    """Return even times (n,) [s] and the displacement (n,) [m] of an acceleration (n,) [m/s^2], without slow drift.
+
+    Through uneven times runs a cubic spline first. Less its mean, divided by -(2 pi f)^2 and by 1 + (high_pass / f)^8,
+    which is a Butterworth filter of order 4 forwards and backwards, so without a shift of phase; and grown from rest
+    within two periods of high_pass [Hz], where the filter does not know what was before. Raises SceneError.
+    """
+    from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+    from scipy.interpolate import CubicSpline
+
+    length = float(times[-1])
+    if high_pass * length < 4.0:
+        allowed = f"at least {4.0 / length:.3g} Hz, of which the file has four periods"
+        raise SceneError(f"excitation.series.high_pass: given {high_pass:g}; allowed: {allowed}; a longer file")
+    even = np.linspace(0.0, length, len(times))
+    step = even[1]
+    uneven = np.abs(times - even).max() > 1e-3 * step
+    values = CubicSpline(times, acceleration)(even) if uneven else acceleration
+    count = next_fast_len(len(even) + math.ceil(8.0 / (high_pass * step)), real=True)  # zeros between end and begin
+    f = rfftfreq(count, step)
+    f[0] = 1.0
+    spectrum = -rfft(values - np.mean(values), count) / ((2.0 * np.pi * f) ** 2 * (1.0 + (high_pass / f) ** 8))
+    spectrum[0] = 0.0
+    return even, irfft(spectrum, count)[: len(even)] * smooth_rise(even, 2.0 / high_pass)
+
+
+def smooth_rise(times: Array, rise: float) -> Array:
+    """Return a factor (n,) that grows from 0 to 1 in `rise` [s] at times (n,) [s], its first two derivatives smooth."""
+    s = np.clip(times / rise, 0.0, 1.0)
+    factor: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+    return factor
+
+
+def _check(file: Path, names: Sequence[str], times: Array, values: Array) -> None:
     if len(times) != len(values):
         given = f"{len(times)} times and {len(values)} displacements"
         raise SceneError(f"{file}: given {given}; allowed: as many of one as of the other")
     if len(times) < _FEWEST:
         raise SceneError(f"{file}: given {len(times)} samples; allowed: at least {_FEWEST}")
-    for name, column in ((series.time, times), (series.displacement, values)):
+    for name, column in zip(names, (times, values), strict=True):
         missing = np.flatnonzero(~np.isfinite(column))
         if len(missing):
             where = f"sample {missing[0] + 1} of {shown(name)} is {column[missing[0]]}"
@@ -61,8 +100,6 @@ def _check(file: Path, series: Series, times: Array, values: Array) -> None:
         raise SceneError(
             f"{file}: {order}; allowed: times that rise by {_CLOSEST:g} s or more; sort them, leave out doubles"
         )
-    if np.abs(values).max() > _FARTHEST:
-        raise SceneError(f"{file}: given up to {np.abs(values).max():g} m; allowed: {_FARTHEST:g} m; convert to metres")
 
 
 def _read_npz(file: Path, names: Sequence[str]) -> list[Array]:

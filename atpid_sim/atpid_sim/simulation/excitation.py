@@ -9,15 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_sim.engine import columns, drive
-from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation
-from atpid_sim.scene.excitation import Sweep
+from atpid_sim.scene import FreeExcitation, HarmonicExcitation, Scene, SceneError, SeriesExcitation, SweepExcitation
+from atpid_sim.scene.drives import Random, Shock
+from atpid_sim.scene.excitation import RandomExcitation, ShockExcitation, Sweep, TonesExcitation
 from atpid_sim.scene.series import read_series
+from atpid_sim.simulation import signals
+from atpid_sim.simulation.signals import KNOTS_A_PERIOD, MOST_KNOTS
 from atpid_sim.system import Array
 
-#: Knots a period of a moving frequency: the cubic spline is then within 2.5e-9 of the amplitude ((2 pi / 200)^4 / 384).
-_KNOTS_A_PERIOD = 200
-#: Knots of a moving frequency at most: their table and what is computed from it fill 2 GB.
-_MOST_KNOTS = 5_000_000
+#: Beside the scene's seed: the random stream of the support's motion; sensors and their faults have others.
+_STREAM = 9
 
 
 def support_rows(scene: Scene) -> Array:
@@ -36,6 +37,12 @@ def support_rows(scene: Scene) -> Array:
         rows = drive.spline_rows(times, CubicSpline(times, values).c, duration)
         rows[-1, columns.END] = min(rows[-1, columns.END], duration)
         return rows
+    if isinstance(excitation, TonesExcitation):
+        return signals.tone_rows(_tones(scene, excitation), duration, "excitation.tones")
+    if isinstance(excitation, RandomExcitation):
+        return _random_rows(scene, excitation.random)
+    if isinstance(excitation, ShockExcitation):
+        return _shock_rows(scene, excitation.shock)
     return _sweep_rows(scene, excitation.sweep)
 
 
@@ -45,16 +52,16 @@ def frequency_points(scene: Scene) -> list[tuple[float, float]]:
 
 
 def amplitude_at(scene: Scene, t: float) -> float:
-    """Return the excitation's amplitude at time t [s] in m; NaN for a measured series."""
+    """Return the excitation's amplitude at time t [s] in m; NaN where it has no one amplitude."""
     return _along(scene.excitation.amplitude_points, t)
 
 
 def frequency_at(scene: Scene, t: float) -> float:
-    """Return the excitation's frequency at time t [s] in Hz; NaN for a measured series."""
+    """Return the excitation's frequency at time t [s] in Hz; NaN where it has no one frequency."""
     excitation = scene.excitation
     if isinstance(excitation, HarmonicExcitation | FreeExcitation):
         return _along(frequency_points(scene), t)
-    if isinstance(excitation, SeriesExcitation):
+    if not isinstance(excitation, SweepExcitation):
         return math.nan
     sweep = excitation.sweep
     share = min(1.0, t / (sweep.duration or scene.duration))
@@ -64,6 +71,30 @@ def frequency_at(scene: Scene, t: float) -> float:
 def _along(points: Sequence[tuple[float, float]], t: float) -> float:
     """Return the value at time t [s] along straight ramps between points."""
     return float(np.interp(t, [at for at, _ in points], [value for _, value in points]))
+
+
+def _tones(scene: Scene, excitation: TonesExcitation) -> list[tuple[float, float, float]]:
+    own = scene.natural_frequency_hz
+    return [
+        (tone.amplitude, own if isinstance(tone.frequency, str) else tone.frequency, tone.phase)
+        for tone in excitation.tones
+    ]
+
+
+def _random_rows(scene: Scene, random: Random) -> Array:
+    """Return the rows of a random motion; what is compared with its density is what that is of."""
+    return signals.random_rows(
+        random.displacement_psd, scene.duration, random.rise_in(scene.duration),
+        (scene.seed if random.seed is None else random.seed, _STREAM), "excitation.random",
+        checked_derivative=0 if random.unit == "m^2/Hz" else 2,
+    )  # fmt: skip
+
+
+def _shock_rows(scene: Scene, shock: Shock) -> Array:
+    own = scene.natural_frequency_hz
+    return signals.pulse_rows(
+        shock.peak_of(own), shock.duration, shock.at, shock.compensation_of(own), scene.duration, "excitation.shock"
+    )
 
 
 def _sweep_rows(scene: Scene, sweep: Sweep) -> Array:
@@ -152,12 +183,12 @@ def _knots(first: float, rise: float, length: float, key: str) -> Array:
     """
     first += math.sqrt(3.0 * abs(rise) / (2.0 * math.pi))
     periods = length * (first + 0.5 * rise * length)
-    if periods * _KNOTS_A_PERIOD > _MOST_KNOTS:
+    if periods * KNOTS_A_PERIOD > MOST_KNOTS:
         raise SceneError(
-            f"{key}: given {periods:.0f} periods in {length:g} s; allowed: {_MOST_KNOTS // _KNOTS_A_PERIOD} "
-            f"periods ({_MOST_KNOTS} rows of the drive table); lower or shorter, or in parts"
+            f"{key}: given {periods:.0f} periods in {length:g} s; allowed: {MOST_KNOTS // KNOTS_A_PERIOD} "
+            f"periods ({MOST_KNOTS} rows of the drive table); lower or shorter, or in parts"
         )
-    share = np.linspace(0.0, periods, max(2, math.ceil(_KNOTS_A_PERIOD * periods)) + 1)
+    share = np.linspace(0.0, periods, max(2, math.ceil(KNOTS_A_PERIOD * periods)) + 1)
     times = 2.0 * share / (first + np.sqrt(np.maximum(first**2 + 2.0 * rise * share, 0.0)))
     times[-1] = length
     return times

@@ -29,6 +29,7 @@ from atpid_sim.simulation.integration import (
 )
 from atpid_sim.simulation.quantities import efficiency, largest_decrement, worse_than_without
 from atpid_sim.simulation.reproducibility import UNCHECKED, Verdict, judge
+from atpid_sim.simulation.unrepeated import few_samples, measures_of, observation_of
 from atpid_sim.system import Array
 
 #: Impacts logged of one run.
@@ -41,6 +42,8 @@ _DECAY_SAMPLES = 800.0
 _IRREGULAR = 0.05
 #: Share of a period in contact above which the grain sticks (thesis Eq. 4.5: t_c < gamma T / 2 with gamma = 0.1).
 _STICKING = 0.1
+#: What motions are called whose drive does not repeat itself.
+_NEVER_REPEATING = {"random": "random", "series": "recorded", "tones": "tones", "shock": "shock"}
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ class Result:
     amplitude: float  # half peak-to-peak of the beam in the window [m]
     undamped_amplitude: float  # the same with the damper closed [m]
     efficiency: float  # 1 - amplitude / undamped_amplitude [-]
-    motion: str  # closed, sticking, mixed, optimal, irregular, no_ceiling
+    motion: str  # closed, sticking, mixed, optimal, irregular, no_ceiling; random, tones, recorded, shock: as driven
     impacts: int
     floor_impacts: int
     ceiling_impacts: int
@@ -72,6 +75,21 @@ class Result:
     bare_amplitude: float = math.nan  # amplitude of the structure as it is without the damper [m]
     reduction: float = math.nan  # 1 - amplitude / bare_amplitude [-]; below 0: the damper makes it worse
     reproducible_for: float = math.nan  # relative change of the drive that repeated runs had at most [-]
+    # of a drive that goes on without repeating itself, in the steady window; else NaN
+    rms: float = math.nan  # root mean square of the beam about its mean [m]
+    rms_error: float = math.nan  # its standard error, of a window of finite length [m]
+    undamped_rms: float = math.nan  # the same with the damper closed [m]
+    efficiency_rms: float = math.nan  # 1 - rms / undamped_rms [-]
+    efficiency_rms_error: float = math.nan
+    bare_rms: float = math.nan  # of the structure as it is without the damper [m]
+    reduction_rms: float = math.nan  # 1 - rms / bare_rms [-]
+    reduction_rms_error: float = math.nan
+    independent_samples: float = math.nan  # of the beam's mean square [-]
+    support_rms: float = math.nan  # of the drive about its mean [m]
+    support_acceleration_rms: float = math.nan  # [m/s^2]
+    deflection: float = math.nan  # of a shock: the beam's largest against the support in the steady window [m]
+    undamped_deflection: float = math.nan  # the same with the damper closed [m]
+    bare_deflection: float = math.nan  # and without the damper [m]
     warnings: tuple[str, ...] = ()  # unusual values of the scene, and a damper that makes it worse
 
     def to_json(self) -> dict[str, Any]:
@@ -99,7 +117,7 @@ def simulate(
 ) -> Result:
     """Run a scene and return its result.
 
-    `height` [m] replaces the ceiling by one that stands still there. With `check` the run is repeated with a finer
+    `height` [m] replaces the ceiling by a fixed one. With `check` the run is repeated with a finer
     tolerance and a disturbed start, which gives the error estimate and shows whether the amplitude is reproducible.
     Raises NumericalFailure, naming time and state, where the run does not end as it should, and SceneError where a
     controller moves the ceiling and no height is given.
@@ -115,11 +133,14 @@ def simulate(
     period = 1.0 / (_STROBES * scene.frequency_hz)
     samples = sample_series(min(100_000, int((end - begin) / period)))
     observation = Observation((begin, end), begin, period, samples, impact_log(_LOG))
+    if scene.excitation.kind in _NEVER_REPEATING:
+        observation = observation_of(scene)
     begun = time.perf_counter()
     run = integration.run(observation)
     wall = time.perf_counter() - begun
     amplitude, last = run.last.amplitude, run.last
     reduction = efficiency(amplitude, bare)
+    measures = measures_of(scene, table, run.samples) if scene.excitation.kind in _NEVER_REPEATING else {}
     verdict = _verdict(integration, choice, amplitude, last.steps, undamped) if check else UNCHECKED
     return Result(
         amplitude=amplitude,
@@ -144,9 +165,11 @@ def simulate(
         resonance=scene.natural_frequency_hz,
         bare_amplitude=bare,
         reduction=reduction,
-        warnings=(*scene.warnings(), *worse_than_without(reduction)),
+        warnings=(*scene.warnings(), *worse_than_without(measures.get("reduction_rms", reduction)),
+                  *few_samples(measures)),
+        **measures,
         **_decay(scene, choice.fidelity, integration.rtol),
-    )
+    )  # fmt: skip
 
 
 def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: int, undamped: float) -> Verdict:
@@ -199,13 +222,15 @@ def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
 
 
 def _classify(scene: Scene, state: State, samples: Array, amplitude: float) -> str:
-    """Return closed, no_ceiling, irregular, optimal, sticking or mixed.
+    """Return closed, no_ceiling, irregular, optimal, sticking or mixed; or the kind of a drive that never repeats.
 
     Optimal: every period one impact on the floor and one on the ceiling, and no sticking (criteria 4.3 and 4.5). A free
     decay is never called irregular: its amplitude changes from period to period whatever the grain does.
     """
     if is_closed(scene):
         return "closed"
+    if scene.excitation.kind in _NEVER_REPEATING:
+        return _NEVER_REPEATING[scene.excitation.kind]
     window = scene.steady_window[1] - scene.steady_window[0]
     periods = window * scene.frequency_hz
     driven = not scene.excitation.is_free
