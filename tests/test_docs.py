@@ -125,6 +125,10 @@ RUN = {
     "tests/of_studies/test_atlas.py": {
         r"python -m studies atlas ": "test_the_command_writes_data_tables_and_pictures",
     },
+    "atpid_sim/test/test_basin.py": {
+        r"atpid basin ": "test_the_command_prints_and_writes_heights",
+        r"atpid simulate .*--kick": "test_simulate_states_it_beside_the_multipliers",
+    },
     "atpid_sim/test/test_cli.py": {
         r"atpid simulate .*--series": "test_the_motion_is_written_and_can_drive_another_run",
         r"atpid simulate .*--height": "test_a_controlled_ceiling_is_refused_unless_a_height_is_given",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program `atpid`: every command, by what one wants to do."""
+"""The program `atpid`: every command, by purpose."""
 
 from functools import partial
 
@@ -14,8 +14,13 @@ COMMANDS: Commands = {
         "simulate": (f"{_SIM}.simulate", "run one scene: amplitude, error estimate, energy"),
         "select": (f"{_CONTROL}.select", "select the ceiling height for a scene's excitation"),
         "map": (f"{_SIM}.map", "compute the best height over support amplitudes and grain masses"),
+        "basin": (f"{_SIM}.basin", "the share of kicks or initial states that come to the steady motion"),
         "learn": (f"{_CONTROL}.learn", "train the method `learned` from simulated systems"),
         "design": (f"{_CONTROL}.design", "design a damper for a structure: grain, heights, motor, reduction"),
+    },
+    "Modes of a structure": {
+        "modes cantilever": (f"{_CONTROL}.modes:CANTILEVER", "modes of a beam with the damper at its tip, for a scene"),
+        "modes file": (f"{_CONTROL}.modes:FILE", "the same of modes in a universal file, computed or measured"),
     },
     "Run the nodes": {
         "bench": (f"{_CONTROL}.bench", "run a scene through the whole node graph: bag, summary and report"),
@@ -40,7 +45,10 @@ COMMANDS: Commands = {
         "calibrate sensor": (f"{_DRIVER}.calibration.command", "a calibration file from readings at known positions"),
         "calibrate reading": (f"{_DRIVER}.calibration.reading", "one reading at a known position, a row for `sensor`"),
         "calibrate beam": (f"{_CONTROL}.calibrate_beam", "a beam's stiffness, damping and mass from a recording"),
-        "calibrate contact": (f"{_CONTROL}.calibrate_contact", "restitution and modulus of a contact from a drop test"),
+        "calibrate contact": (
+            f"{_CONTROL}.calibrate_contact",
+            "restitution and modulus of a contact from a drop or run",
+        ),
     },
     "Without hardware, without `ros2`": {
         "emulator": (f"{_DRIVER}.emulator.command", "serve the emulated motor board at a serial port"),

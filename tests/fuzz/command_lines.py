@@ -28,6 +28,10 @@ INPUTS, OUTPUTS = (
 #: A valid line of each command; what would start processes or need a device lacks nothing but its hostile place.
 LINES: dict[str, tuple[Main, str]] = {
     "simulate": (control.main, "simulate SCENE --rtol 1e-4 --height 0.1 --series SERIES --rate 100 --picture PNG"),
+    "basin": (
+        control.main,
+        "basin SCENE --height 0.1 --kick 0.1 --error 0.2 --starts 5 --seed 1 --out SERIES --workers 1",
+    ),
     "map": (
         control.main,
         "map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out MAP --header HEADER --workers 1",
@@ -64,7 +68,8 @@ LINES: dict[str, tuple[Main, str]] = {
     ),
     "calibrate contact": (
         control.main,
-        "calibrate contact CSV --mass 0.02 --radius 0.01 --gravity 9.81 --channel force --out YAML",
+        "calibrate contact CSV --mass 0.02 --radius 0.01 --gravity 9.81 --channel force "
+        "--height-std 1e-4 --from 0 --to 9 --out YAML",
     ),
     "bag validate": (control.main, "bag validate CSV --scene SCENE --height 0.1 --from 0 --to 9 --out DIR"),
     "bag export": (control.main, "bag export BAG --format csv --out SERIES --topic /sensors/laser --from 0 --to 9"),

@@ -77,7 +77,7 @@ def test_types(kind: object, allowed: list[str], impossible: list[str]) -> None:
         ),
         (
             "map", "map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out mine.npz",
-            "mine.npz: exists already; give another file to --out, or --force to replace it",
+            "mine.npz: exists already; give another --out, or --force to replace it",
         ),
         ("map", "map SCENE --amplitudes 0.01:inf:2 --mass-fractions 0.1 --out MAP", "given 0.01:inf:2; allowed: A0:A1"),
         ("simulate", "simulate SCENE --rate 10", "--rate: given 10 without --series"),

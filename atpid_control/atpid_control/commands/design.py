@@ -95,6 +95,7 @@ def _uncertainty(text: str) -> dict[str, float]:
 
 
 def _summary(made: Design) -> Table:
+    from atpid_control.design.kicked import comes_back
     from atpid_control.design.page import headline, mass, tone, verdict
 
     drive, (low, high) = made.motor, made.heights
@@ -114,6 +115,7 @@ def _summary(made: Design) -> Table:
     table.add_row("impacts on the ceiling", f"{drive.impact_rate:.3g} a second, {drive.mean_force:.3g} N on average; "
                   f"peak pressure {1e-6 * drive.pressure:.3g} MPa")  # fmt: skip
     table.add_row("beside a tuned mass", verdict(made.tuned_mass.rows))
+    table.add_row("comes back after", comes_back(made))
     table.add_row("time", f"{made.wall_s:.1f} s")
     return table
 

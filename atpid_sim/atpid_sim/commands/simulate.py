@@ -4,6 +4,7 @@
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from atpid_common import output
@@ -17,15 +18,19 @@ from atpid_sim.simulation.integration import FIDELITIES, amplitude_without_dampe
 from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.simulation.series import draw, write_series
 from atpid_sim.simulation.simulate import Result, Trajectory, finite, simulate, trajectory
+from atpid_sim.simulation.unrepeated import vibration, write_spectrum
 
 if TYPE_CHECKING:
     from atpid_sim.periodic import SteadyState
 
 _UNITS = {
     "amplitude": "m", "undamped_amplitude": "m", "bare_amplitude": "m", "spread": "m", "resonance": "Hz", "wall_s": "s",
-    "followed": "s",
+    "followed": "s", "rms": "m", "undamped_rms": "m", "bare_rms": "m", "support_rms": "m",
+    "support_acceleration_rms": "m/s^2", "deflection": "m", "undamped_deflection": "m", "bare_deflection": "m",
 }  # fmt: skip
 _DRIVEN = (
+    "rms", "undamped_rms", "efficiency_rms", "bare_rms", "reduction_rms", "independent_samples", "support_rms",
+    "support_acceleration_rms", "deflection", "undamped_deflection", "bare_deflection",
     "amplitude", "undamped_amplitude", "efficiency", "bare_amplitude", "reduction", "reproducible", "spread", "motion",
     "impacts", "resonance", "fidelity", "left_out", "error_estimate", "energy_residual", "steps", "wall_s", "result",
 )  # fmt: skip
@@ -54,6 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     help_steady = "solve for the steady motion the run would end in, where it ends in one, with its multipliers"
     parser.add_argument("--steady", action="store_true", help=help_steady)
+    help_kick = "with --steady: the share of kicks of V [m/s] after which that motion comes back, as `atpid basin` does"
+    parser.add_argument("--kick", type=real(0.0, 1e3, "m/s", above=True), metavar="V", help=help_kick)
     parser.add_argument(
         "--series",
         type=path_to(".csv", ".npz"),
@@ -64,6 +71,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=real(1e-3, 1e7, "Hz"), metavar="HZ", help=help_rate)
     help_picture = "draw beam, ceiling and grain here"
     parser.add_argument("--picture", type=path_to(".png"), metavar="FILE.png", help=help_picture)
+    help_spectrum = "write power spectral densities of the beam here, of a drive that does not repeat itself"
+    parser.add_argument("--spectrum", type=path_to(".csv"), metavar="FILE.csv", help=help_spectrum)
     output.add_force(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
 
@@ -74,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     if args.height is not None:
         scene = scene.with_(height=args.height)
     if scene.injected:
-        print("faults: left out, a single run has neither sensors nor a motor; the bench acts them", file=sys.stderr)
+        print("faults: left out, a single run has neither sensors nor a motor; the bench injects them", file=sys.stderr)
     _check_files(args, scene)
     if args.steady and _show_steady(args, scene):
         return 0
@@ -98,9 +107,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
     """Print the steady motion and return True; where there is none, print why to standard error and return False."""
-    if args.series is not None or args.picture is not None:
-        raise output.OutputError("--steady: given with --series or --picture; these need the run itself, leave it out")
+    if any(given is not None for given in (args.series, args.picture, args.spectrum)):
+        raise output.OutputError(
+            "--steady: given with --series, --picture or --spectrum; these need the run itself, leave it out"
+        )
     from atpid_sim.periodic import steady_state
+    from atpid_sim.periodic.basin import Starts, basin
 
     with working("solving (the first time the kernels are compiled, a minute or two)"):
         try:
@@ -113,6 +125,9 @@ def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
         print(f"steady: {search.ending.value}", file=sys.stderr)
         return False
     values = _steady_values(scene, search.state) | {"result": search.ending.value}
+    kicked = None if args.kick is None else basin(scene, Starts(args.kick), fidelity=args.fidelity)
+    if kicked is not None and args.json:
+        values["kicked"] = asdict(kicked)
     if args.json:
         print(json.dumps(finite(values), allow_nan=False))
         return True
@@ -124,6 +139,8 @@ def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
         text = ", ".join(f"{each:.6g}" for each in value) if isinstance(value, list) else _text(key, value)
         table.add_row(key, text, _UNITS.get(key, ""))
     Console(highlight=False, markup=False, soft_wrap=True).print(table)
+    if kicked is not None:
+        print(kicked.sentence(Starts(args.kick)))
     return True
 
 
@@ -150,11 +167,16 @@ def _steady_values(scene: Scene, state: "SteadyState") -> dict[str, Any]:
 
 
 def _check_files(args: argparse.Namespace, scene: Scene) -> None:
+    if args.kick is not None and not args.steady:
+        raise output.OutputError(f"--kick: given {args.kick:g} without --steady, whose motion is kicked; give both")
     if args.series is None and args.rate is not None:
         raise output.OutputError(f"--rate: given {args.rate:g} without --series, whose rate it is; give both")
     if args.series is not None and scene.duration * (args.rate or scene.sensors.laser.rate) > _MOST_SAMPLES:
         raise output.OutputError(f"--rate: more than {_MOST_SAMPLES} samples in {scene.duration:g} s; give a lower one")
-    for option in ("series", "picture"):
+    if args.spectrum is not None and not scene.excitation.is_stationary:
+        given = f"given for an excitation of kind {scene.excitation.kind}"
+        raise output.OutputError(f"--spectrum: {given}; allowed: tones, random, series; leave it out")
+    for option in ("series", "picture", "spectrum"):
         if getattr(args, option) is not None:
             output.file(getattr(args, option), f"--{option}", replace=args.force)
 
@@ -168,6 +190,8 @@ def _write_files(args: argparse.Namespace, scene: Scene) -> None:
     if args.picture is not None:
         rate, diameter = 100.0 * scene.frequency_hz, 2.0 * scene.grain.radius
         draw(scene, motion(rate), motion(rate, "simplified", diameter), args.picture)
+    if args.spectrum is not None:
+        write_spectrum(vibration(scene, args.fidelity, args.rtol), args.spectrum)
 
 
 def _show(name: str, scene: Scene, result: Result) -> None:
@@ -194,7 +218,8 @@ def _shown(key: str, values: dict[str, Any]) -> str:
     """Return the text of a key; whether a run is reproducible with the change of the drive that this holds for."""
     change = values["reproducible_for"] if key == "reproducible" else None
     suffix = "" if change is None else f", under changes of the drive up to {change:.1g} of it"
-    return _text(key, values[key]) + suffix
+    error = values[f"{key}_error"] if key in ("rms", "efficiency_rms", "reduction_rms") else None
+    return _text(key, values[key]) + (suffix if error is None else f" ± {error:.2g}")
 
 
 def _text(key: str, value: Any) -> str:

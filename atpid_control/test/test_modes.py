@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Modes from dimensions and from universal files: closed forms, the thesis's beam, a round trip, what is refused."""
+
+import functools
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import pyuff
+import yaml
+
+from atpid_control.analysis.modes import cantilever
+from atpid_control.analysis.modes.cantilever import Cantilever
+from atpid_control.analysis.modes.structure import Structure, choose, merged
+from atpid_control.cli import main
+from atpid_sim.scene import standard_bench
+
+#: Steel, bare, slender.
+BARE = Cantilever(1.0, 0.03, 0.01, 2.0e11, 7800.0)
+#: Table 2.1 over the clamped 0.4 m, with the modulus that gives 427.6 N/m at the tip, and a container.
+THESIS = Cantilever(0.4, 0.04, 0.008, 427.6 * 0.4**3 / 3.0 * 12.0 / (0.04 * 0.008**3), 2430.6, 0.25)
+LINE = (
+    "modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5.345e9 --density 2431 --tip-mass 0.25 "
+    "--damping-ratio 0.024 --modes 3"
+)
+
+
+def test_a_bare_cantilever_is_that_of_the_books() -> None:
+    """Roots of 1 + cos x cosh x; shape 2 at the tip for a modal mass of the beam's, so a quarter of it there."""
+    structure = cantilever.modes_of(BARE, 3)
+    roots = np.array([1.8751040687, 4.6940911330, 7.8547574382, 10.9955407349])
+    pace = math.sqrt(BARE.bending_stiffness / (BARE.mass * BARE.length**3))
+    # participation 2 sigma / x of a shape of modal mass 1, times the shape at the tip, 2 with alternating sign
+    sigma = (np.sinh(roots) - np.sin(roots)) / (np.cosh(roots) + np.cos(roots))
+    assert [mode.frequency for mode in structure.modes] == pytest.approx(roots**2 * pace / (2.0 * math.pi), rel=1e-6)
+    assert [mode.mass for mode in structure.modes] == pytest.approx([BARE.mass / 4.0] * 4, rel=1e-6)
+    expected = 4.0 * sigma / roots * [1, -1, 1, -1]
+    assert [mode.base for mode in structure.modes] == pytest.approx(expected, rel=1e-4)
+    assert structure.modes[0].base == pytest.approx(1.566, abs=5e-4)
+    assert structure.modes[0].slope == pytest.approx(1.3765 / BARE.length, rel=1e-4)
+
+
+@pytest.mark.parametrize("tip_mass", [0.0, 0.3])
+def test_effective_masses_of_the_base_add_up_to_the_whole(tip_mass: float) -> None:
+    structure = cantilever.modes_of(BARE._replace(tip_mass=tip_mass), 20)
+    effective = np.cumsum([mode.base**2 * mode.mass for mode in structure.modes])
+    whole = BARE.mass + tip_mass
+    assert 0.97 * whole < effective[-1] < whole
+    assert sum(mode.base for mode in structure.modes) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_heavy_tip_mass_is_the_one_mass_of_rayleigh() -> None:
+    beam = BARE._replace(tip_mass=100.0 * BARE.mass)
+    first = cantilever.modes_of(beam, 1).modes[0]
+    mass = beam.tip_mass + 33.0 / 140.0 * beam.mass
+    stiffness = 3.0 * beam.bending_stiffness / beam.length**3
+    assert first.frequency == pytest.approx(math.sqrt(stiffness / mass) / (2.0 * math.pi), rel=1e-5)
+    assert first.mass == pytest.approx(mass, rel=1e-4)
+    assert first.slope == pytest.approx(1.5 / beam.length, rel=1e-2)
+
+
+def test_a_tip_inertia_lowers_the_frequency_as_a_body_that_turns() -> None:
+    """A rigid body at the tip, no mass in the beam: two coordinates, whose flexibility is known."""
+    beam = BARE._replace(density=1e-3, tip_mass=2.0, tip_inertia=0.4)
+    length, stiff = beam.length, beam.bending_stiffness
+    flexible = np.array([[length**3 / 3.0, length**2 / 2.0], [length**2 / 2.0, length]]) / stiff
+    squares = 1.0 / np.linalg.eigvals(flexible @ np.diag([beam.tip_mass, beam.tip_inertia]))
+    expected = np.sort(np.sqrt(squares)) / (2.0 * math.pi)
+    found = [mode.frequency for mode in cantilever.modes_of(beam, 1).modes]
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_thesis_beam_has_the_modes_of_the_estimate() -> None:
+    """5.78, 55.9, 174 Hz; 0.324, 2.39, 6.16 kg; 1.134, -0.177, 0.063, computed elsewhere with 40 elements."""
+    modes = cantilever.modes_of(THESIS, 3).modes[:3]
+    assert [mode.frequency for mode in modes] == pytest.approx([5.78, 55.9, 174.0], rel=1e-3)
+    assert [mode.mass for mode in modes] == pytest.approx([0.324, 2.39, 6.16], rel=2e-3)
+    assert [mode.base for mode in modes] == pytest.approx([1.134, -0.177, 0.063], abs=1e-3)
+    lighter = cantilever.modes_of(THESIS._replace(tip_mass=0.15), 3).modes[:3]
+    assert [mode.frequency for mode in lighter] == pytest.approx([6.95, 57.7, 176.0], rel=2e-3)
+    assert [mode.mass for mode in lighter] == pytest.approx([0.225, 1.07, 2.52], rel=5e-3)
+
+
+def motion(structure: Structure, count: int, frequency: float, force_at: float | None) -> complex:
+    """Return the container's motion that a scene with the blocks has, for a unit of the base's motion or the force."""
+    chosen = choose(structure, count, [0.01], forced=force_at is not None)
+    first, *further = chosen.blocks["beam"], *chosen.blocks.get("further_modes", [])
+    factors = [one["drive_factor"] for one in further]
+    shares = [1.0 if force_at is not None else 1.0 - sum(factors), *factors]
+    omega, answer = 2.0 * math.pi * frequency, 0j
+    for one, share in zip([first, *further], shares, strict=True):
+        own = 2.0 * math.pi * one["frequency"]
+        c = 2.0 * 0.01 * own * one["mass"]
+        drive = 1.0 if force_at is not None else own**2 * one["mass"] + 1j * omega * c
+        answer += share * drive / (own**2 * one["mass"] - omega**2 * one["mass"] + 1j * omega * c)
+    return answer * (chosen.amplitude_factor if force_at is not None else 1.0)
+
+
+@pytest.mark.parametrize("force_at", [None, 0.4, 0.25])
+def test_the_blocks_move_the_container_as_many_modes_do(force_at: float | None) -> None:
+    structure = cantilever.modes_of(THESIS, 20, force_at)
+    for frequency in (2.0, 5.0, 12.0, 30.0):
+        few, many = (motion(structure, count, frequency, force_at) for count in (3, 20))
+        assert abs(few - many) < 2e-3 * abs(many)
+    if force_at is not None:  # at rest: a (3 L - a) a / (6 E I), the beam's own deflection
+        exact = force_at**2 * (3.0 * THESIS.length - force_at) / (6.0 * THESIS.bending_stiffness)
+        assert abs(motion(structure, 20, 1e-6, force_at)) == pytest.approx(exact, rel=1e-4)
+
+
+def test_what_is_left_out_is_stated() -> None:
+    structure = cantilever.modes_of(THESIS, 20)
+    chosen = choose(structure, 2, [0.01], forced=False)
+    assert chosen.left_of_base == pytest.approx(1.0 - sum(mode.base for mode in structure.modes[:2]))
+    assert chosen.left_of_compliance == pytest.approx(
+        sum(1.0 / mode.stiffness for mode in structure.modes[2:]) / structure.compliance, rel=0.01
+    )
+    assert chosen.next_mode == structure.modes[2]
+    assert THESIS.tip_mass < choose(structure, 20, [0.01], forced=False).impulse_mass < chosen.impulse_mass
+
+
+def test_the_command_writes_blocks_that_it_explains(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "beam.yaml"
+    assert main([*LINE.split(), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert out.read_text() == printed
+    blocks = yaml.safe_load(printed)
+    assert blocks["beam"] == pytest.approx({"mass": 0.3243, "frequency": 5.783, "damping_ratio": 0.024}, rel=1e-3)
+    assert [one["drive_factor"] for one in blocks["further_modes"]] == pytest.approx([-0.1768, 0.0427], rel=2e-3)
+    assert "modes left out have -0.02 of the base's motion, added to the last mode" in printed
+    assert "next mode: 359.08 Hz" in printed
+    assert main([*LINE.split(), "--json"]) == 0
+    numbers = json.loads(capsys.readouterr().out)
+    assert numbers["blocks"] == blocks
+    assert numbers["modes"][0]["stiffness"] == pytest.approx(428.2, rel=1e-3)
+
+
+def test_a_force_makes_the_scene_say_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*LINE.split(), "--force-at", "0.3"]) == 0
+    printed = capsys.readouterr().out
+    assert yaml.safe_load(printed)["drive"] == "force"
+    assert "a force of amplitude F has 0.63" in printed
+
+
+def test_a_material_has_its_modulus_and_density(capsys: pytest.CaptureFixture[str]) -> None:
+    line = "modes cantilever --length 1 --width 0.03 --thickness 0.01 --tip-mass 0 --damping-ratio 0.01 --modes 1"
+    assert main(f"{line} --material steel".split()) == 0
+    named = capsys.readouterr().out
+    assert main(f"{line} --modulus 2.07e11 --density 7850".split()) == 0
+    assert capsys.readouterr().out == named
+    assert main(f"{line} --material steel --density 7850".split()) == 2
+    assert "allowed: --material, or --modulus and --density" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("--damping-ratio 0.1 0.2", "--damping-ratio: given 2; allowed: one for all, or 3, one a mode"),
+        ("--force-at 0.5", "--force-at: given 0.5 m; allowed: above 0 to the beam's length, 0.4 m"),
+        ("--force-at 1e-4", "--force-at: the mode at 5.783 Hz is at rest there"),
+        ("--tip-mass 1e6", "at rest at the tip, whose mass is too large"),
+    ],
+)
+def test_dimensions_that_give_no_modes_are_one_line(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*LINE.split(), *words.split()]) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+
+
+def test_a_scene_keeps_its_grain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = standard_bench()
+    (tmp_path / "old.yaml").write_text(scene.to_yaml())
+    words = [*LINE.replace("--modes 3", "--modes 1").split(), "--scene", str(tmp_path / "old.yaml")]
+    assert main([*words, "--out", str(tmp_path / "new.yaml")]) == 0
+    from atpid_sim.scene import load_scene
+
+    changed = load_scene(tmp_path / "new.yaml")
+    assert changed.grain_mass == pytest.approx(scene.grain_mass)
+    assert changed.beam.mass == pytest.approx(0.3243, rel=1e-3)
+    assert changed.ceiling == scene.ceiling
+    assert "next mode" in capsys.readouterr().out
+    assert merged(changed, {"beam": {"mass": 1.0, "stiffness": 1e3, "damping": 1.0}}, "x").beam.stiffness == 1e3
+
+
+@functools.cache
+def shapes(count: int) -> tuple[Structure, Any]:
+    """Return the thesis's beam and its shapes (modes, nodes) of modal mass 1 at 20 nodes beyond the clamp."""
+    structure = cantilever.modes_of(THESIS, count)
+    along = np.linspace(0.0, THESIS.length, 21)[1:]
+    at = [cantilever.modes_of(THESIS, count, float(x)).modes for x in along]
+    return structure, np.array([[one[k].force / math.sqrt(one[k].mass) for one in at] for k in range(count)])
+
+
+def written(path: Path, count: int = 6, scale: float = 1.0, **changes: Any) -> Path:
+    """Write a universal file of the thesis's beam, shapes in z; `scale` multiplies shapes, modal masses its square."""
+    structure, values = shapes(6)
+    for number in range(count):
+        shape = np.asarray(changes.get("turn", 1.0) * scale * values[number])
+        one = {
+            "type": 55, "model_type": 1, "data_ch": 2, "spec_data_type": 8, "load_case": 1, "mode_n": number + 1,
+            "id1": "modes", "id2": "NONE", "id3": "NONE", "id4": "NONE", "id5": "NONE", "n_data_per_node": 3,
+            "node_nums": np.arange(1, values.shape[1] + 1), "analysis_type": 2, "data_type": 2,
+            "freq": structure.modes[number].frequency, "modal_m": scale**2, "modal_damp_vis": 0.01 * (number + 1),
+            "modal_damp_his": 0.0, "r1": 0.0 * shape, "r2": 0.0 * shape, "r3": shape,
+        }  # fmt: skip
+        if "turn" in changes:
+            omega, ratio = 2.0 * math.pi * one["freq"], 0.01 * (number + 1)
+            damped = omega * math.sqrt(1.0 - ratio**2)
+            root = complex(-ratio * omega, damped)
+            a = 2j * damped * scale**2 * np.mean(changes["turn"]) ** 2
+            one |= {"analysis_type": 3, "data_type": 5, "eig": root, "modal_a": a, "modal_b": -root * a}
+        pyuff.UFF(str(path))._write_set(one | changes.get("fields", {}), "add")
+    return path
+
+
+def of_file(path: Path, words: str, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert main(["modes", "file", str(path), *words.split(), "--json"]) == 0
+    numbers: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return numbers
+
+
+@pytest.mark.parametrize("changes", [{}, {"scale": 40.0}, {"turn": np.exp(0.7j)}, {"turn": np.exp(-2j), "scale": 0.1}])
+def test_a_universal_file_gives_the_modes_it_was_written_from(
+    changes: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    numbers = of_file(written(tmp_path / "m.unv", **changes), "--container 20:z --modes 3", capsys)
+    modes = cantilever.modes_of(THESIS, 6).modes
+    for found, mode, ratio in zip(numbers["modes"], modes, (0.01, 0.02, 0.03), strict=False):
+        assert found["frequency"] == pytest.approx(mode.frequency, rel=1e-5)
+        assert found["mass"] == pytest.approx(mode.mass, rel=1e-4)
+        assert found["damping_ratio"] == pytest.approx(ratio, rel=1e-4)
+        assert found["base"] == pytest.approx(mode.base, abs=2e-3)
+    assert numbers["next_mode"]["frequency"] == pytest.approx(modes[3].frequency, rel=1e-5)
+    # 20 nodes lump a beam of 0.311 kg with 0.25 kg at its tip; half an element is at the clamp
+    (note,) = numbers["notes"]
+    assert float(note.split(" are ")[1].split()[0]) == pytest.approx(0.56, rel=0.04)
+
+
+def test_a_force_in_a_file_is_that_of_the_dimensions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    numbers = of_file(written(tmp_path / "m.unv"), "--container 20:z --force-at 15:-z --modes 3", capsys)
+    modes = cantilever.modes_of(THESIS, 3, 0.3).modes
+    assert [one["force"] for one in numbers["modes"]] == pytest.approx([-mode.force for mode in modes[:3]], rel=1e-4)
+    assert numbers["amplitude_factor"] == pytest.approx(-modes[0].force, rel=1e-4)
+    assert numbers["blocks"]["drive"] == "force"
+
+
+def test_units_of_a_file_are_heeded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In mm and N masses are tonnes: a file of the same numbers has masses a thousand times as large."""
+    plain = of_file(written(tmp_path / "si.unv"), "--container 20:z", capsys)
+    path = written(tmp_path / "mm.unv")
+    units = {"type": 164, "units_code": 9, "units_description": "mm N", "temp_mode": 1, "length": 1e3, "force": 1.0}
+    pyuff.UFF(str(path))._write_set(units | {"temp": 1.0, "temp_offset": 273.15}, "add")
+    scaled = of_file(path, "--container 20:z", capsys)
+    for one, other in zip(scaled["modes"], plain["modes"], strict=True):
+        assert one["mass"] == pytest.approx(1e3 * other["mass"])
+        assert one["base"] == pytest.approx(other["base"], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "line"),
+    [
+        ({"fields": {"modal_m": 0.0}}, "--container 20:z", "mode 1: the file has no modal mass"),
+        ({"fields": {"freq": 0.0}}, "--container 20:z", "mode 1: 0 Hz; allowed: above 0"),
+        ({"fields": {"freq": math.nan}}, "--container 20:z", "mode 1: its numbers are not all finite"),
+        ({"fields": {"modal_damp_vis": 0.0}}, "--container 20:z", "no damping is known of the mode at 5.783 Hz"),
+        ({"turn": 1.0, "fields": {"modal_a": 3.0}}, "--container 20:z", "mode 1: complex, 100 % of it out of phase"),
+        ({"turn": np.exp(1j * np.linspace(0, 1, 20))}, "--container 20:z", " % of it out of phase; allowed: at most 10 %"),
+        ({"fields": {"analysis_type": 5, "freq_step_n": 1}}, "--container 20:z", "6 data sets 55, none of them a mode"),
+        ({}, "--container 20:x", "all its modes are at rest at the container"),
+        ({}, "--container 21:z", "given node 21; allowed: one of the file's 20: 1, 2, 3, 4, 5, ..."),
+        ({}, "--container 20:z --modes 7", "--modes: given 7; allowed: at most 6"),
+        ({}, "--container 20:z --force-at 3:x", "--force-at: the mode at 5.783 Hz is at rest there"),
+        ({"count": 2, "fields": {"node_nums": np.zeros(20, int)}}, "--container 1:z", "given node 1"),
+    ],
+)  # fmt: skip
+def test_what_a_scene_cannot_have_is_refused_in_one_line(
+    changes: dict[str, Any], words: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "m.unv", **changes)
+    assert main(["modes", "file", str(path), *words.split()]) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"text", bytes(range(256)) * 40, b"    -1\n    55\nx\n    -1\n"])
+def test_what_is_no_universal_file_is_one_line(
+    content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "m.unv").write_bytes(content)
+    assert main(["modes", "file", str(tmp_path / "m.unv"), "--container", "1:z"]) == 2
+    error = capsys.readouterr().err
+    assert "data sets 55" in error
+    assert error.count("\n") == 1

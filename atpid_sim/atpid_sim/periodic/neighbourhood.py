@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Neighbourhoods of a stable periodic motion from which every state comes to it, and states that are followed there.
+
+A neighbourhood is an ellipsoid of section states, in the metric in which the derivative of the return map contracts
+(Lyapunov's equation), as large as its states still contract: on several shells the map itself is run.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_lyapunov
+
+from atpid_sim.engine import columns
+from atpid_sim.engine.basin_run import FAILED, NEIGHBOURHOOD, follow_starts
+from atpid_sim.engine.state import State
+from atpid_sim.outcome import NumericalFailure, Outcome
+from atpid_sim.periodic.motion import SteadyState
+from atpid_sim.periodic.return_map import Conditions, flying, passage
+from atpid_sim.periodic.solve import PeriodicMotion, size_of
+from atpid_sim.simulation.integration import Integration
+from atpid_sim.system import Array
+
+Counts = NDArray[np.int64]
+#: Places of a section state in the engine's state.
+PLACES = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
+#: Directions, how many of them are tried first, and shells on which contraction is verified.
+_DIRECTIONS, _PROBES, _SHELLS = 48, 8, (1.0, 0.6, 0.3)
+#: The first radius over the motion's size, the factor between radii, how many are tried, and what is kept in reserve.
+_RADIUS, _SMALLER, _RADII, _RESERVE = 0.5, 0.7, 30, 0.7
+#: Half-widths of differences over the motion's size: of instantaneous impacts, of integrated contacts.
+_EXACT, _INTEGRATED = 1e-6, 1e-4
+#: Relative velocity over the motion's up to which a grain that never flies rests.
+_RESTING = 0.01
+
+
+class Cycle(NamedTuple):
+    """A stable periodic motion where it passes a section."""
+
+    phase: float  # of the section, as a share of a period
+    state: State  # there, at time zero
+    periods: int
+    amplitude: float  # [m]
+    multipliers: NDArray[np.complex128]  # (4,)
+    settling_periods: float
+
+
+class Flow:
+    """What passes through periods of constant conditions that begin at one phase; counts the engine's steps."""
+
+    def __init__(self, integration: Integration, conditions: Conditions, phase: float) -> None:
+        """Prepare; phase: as a share of a period."""
+        self.integration, self.conditions, self.phase = integration, conditions, phase
+        self.period, self.steps = 1.0 / conditions.frequency, 0
+        self.clearance = conditions.height - 2.0 * integration.system.radius
+
+    def at(self, phase: float) -> Flow:
+        """Return the same conditions from another phase on."""
+        return Flow(self.integration, self.conditions, phase)
+
+    def rows(self, shares: list[float]) -> Array:
+        """Return the drive table of a period, cut at rising shares of it, of which the last is 1."""
+        rows = np.zeros((len(shares), columns.DRIVE_COLUMNS))
+        rows[:, columns.END] = np.array(shares) * self.period
+        rows[1:, columns.START] = rows[:-1, columns.END]
+        rows[:, columns.A0], rows[:, columns.OMEGA] = self.conditions.amplitude, 2.0 * math.pi / self.period
+        rows[:, columns.PHASE] = rows[:, columns.START] * rows[:, columns.OMEGA] + 2.0 * math.pi * self.phase
+        rows[:, columns.HEIGHT] = self.conditions.height
+        return rows
+
+    def follow(self, y: Array, n: Counts, most: int, places: Array, shares: Array) -> tuple[Counts, Array]:
+        """Follow states in place, for `most` periods or to one of `places` (k, NEIGHBOURHOOD).
+
+        shares (k,): of the period, in (0, 1] and rising, where the places lie. Returns numbers of places, NOWHERE or
+        FAILED, and the periods until there, infinite without one.
+        """
+        where, when = np.empty(len(y), dtype=np.int64), np.empty(len(y))
+        nowhere = np.full((1, NEIGHBOURHOOD), np.nan)
+        self.steps += follow_starts(
+            self.integration.kernel_inputs, self.rows([*shares.tolist(), 1.0]), np.concatenate([places, nowhere]), y, n,
+            most, self.integration.step_limit, where, when,
+        )  # fmt: skip
+        return where, when
+
+    def passed(self, states: Array, like: State, periods: int) -> Array | None:
+        """Return section states (k, 4) so many periods later; None where one fails or not all touch a wall alike.
+
+        like: a state of the motion, which tells whether the grain flies.
+        """
+        y, n = np.tile(like.y, (len(states), 1)), np.tile(like.n, (len(states), 1))
+        y[:, PLACES] = states
+        where, _ = self.follow(y, n, periods, np.empty((0, NEIGHBOURHOOD)), np.empty(0))
+        alike = (n[:, columns.MODE] == columns.FREE) == (like.mode == columns.FREE)
+        return y[:, PLACES] if alike.all() and not (where == FAILED).any() else None
+
+
+def cycle_of(integration: Integration, conditions: Conditions, motion: SteadyState | PeriodicMotion) -> Cycle:
+    """Return where a motion found passes a section, in flight where there is one. Raises NumericalFailure."""
+    phase, state = motion.phase, flying(motion.section)
+    gap = state.grain - state.beam
+    clearance = conditions.height - 2.0 * integration.system.radius
+    if not 0.0 < gap < clearance:
+        state.n[columns.MODE] = columns.ON_FLOOR if gap <= 0.5 * clearance else columns.ON_CEILING
+        state.y[columns.DEEPEST] = max(-gap, gap - clearance)
+        try:
+            phase, section = passage(integration, conditions, state, phase, motion.periods)
+            state = flying(section)
+        except NumericalFailure:
+            pass  # the grain never flies
+    flow = Flow(integration, conditions, phase)
+    for _ in range(motion.periods):  # overlaps, and what a wall remembers of them
+        outcome = integration.advance(state, flow.rows([1.0]))
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(outcome.sentence)
+        state.y[columns.TIME] = 0.0
+    return Cycle(phase, state, motion.periods, motion.amplitude, motion.multipliers, motion.settling_periods)
+
+
+def neighbourhoods(flow: Flow, cycle: Cycle) -> tuple[Array, float]:
+    """Return a neighbourhood at each passage of the section (periods, NEIGHBOURHOOD), and the least of their radii.
+
+    flow: from the phase of the section on. The radius is that of the longest axis over the motion's size. There is none
+    (0, NEIGHBOURHOOD) where states do not contract.
+    """
+    state, scale = cycle.state.copy(), size_of(cycle.amplitude, flow.conditions)
+    found, radii = np.empty((cycle.periods, NEIGHBOURHOOD)), []
+    for k in range(cycle.periods):
+        ellipsoid = _ellipsoid(flow, state, cycle.periods, scale)
+        if ellipsoid is None:
+            return np.empty((0, NEIGHBOURHOOD)), 0.0
+        metric, radius = ellipsoid
+        found[k] = *state.y[PLACES], *metric.ravel(), float(state.mode != columns.FREE)
+        radii.append(radius)
+        flow.integration.advance(state, flow.rows([1.0]))
+        state.y[columns.TIME] = 0.0
+    return found, min(radii)
+
+
+def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Array, float] | None:
+    """Return metric (4, 4) and longest axis, over the motion's size, of the verified neighbourhood of a state."""
+    touching = state.mode != columns.FREE
+    free = np.eye(4)[:2] if touching else np.eye(4)
+    basis = np.tile(free[:, :2], (1, 2)) if touching else free  # (d, 4): grain and beam are displaced together
+    basis = basis * scale
+    section, inverse = state.y[PLACES].copy(), np.linalg.pinv(basis)  # (4, d)
+    count = len(basis)
+    width = _EXACT if flow.integration.fidelity == "impact" else _INTEGRATED
+    after = flow.passed(section + width * np.concatenate([basis, -basis]), state, periods)
+    if after is None:
+        return None
+    slope = ((after[:count] - after[count:]) @ inverse / (2.0 * width)).T
+    largest = float(np.abs(np.linalg.eigvals(slope)).max())
+    if not largest < 1.0:
+        return None
+    rate = 0.5 * (1.0 + largest)
+    form = solve_discrete_lyapunov((slope / rate).T, np.eye(count))
+    ways = np.random.default_rng(0).normal(size=(_DIRECTIONS, count))
+    sphere = np.linalg.solve(np.linalg.cholesky(form).T, (ways / np.linalg.norm(ways, axis=1)[:, None]).T).T
+    longest = 1.0 / math.sqrt(float(np.linalg.eigvalsh(form)[0]))
+    radius, bound = _RADIUS / longest, (0.5 * (1.0 + rate)) ** 2
+
+    def contract(shells: Array) -> bool:
+        """Return whether displacements (k, d) of the present radius get shorter at a rate between 1 and `rate`."""
+        moves = shells @ basis * radius
+        gaps = state.grain - state.beam + moves[:, 2] - moves[:, 0]
+        after = flow.passed(section + moves, state, periods) if touching or _within(gaps, flow.clearance) else None
+        if after is None:
+            return False
+        ends = (after - section) @ inverse / radius
+        return bool((_squares(ends, form) <= bound * _squares(shells, form)).all())
+
+    for _ in range(_RADII):
+        # a few first, which show what is much too large
+        if contract(sphere[:_PROBES]) and all(contract(shell * sphere) for shell in _SHELLS):
+            radius *= _RESERVE
+            resting = touching * np.array([0.0, -1.0, 0.0, 1.0]) / (_RESTING * scale[1])
+            return inverse @ form @ inverse.T / radius**2 + np.outer(resting, resting), radius * longest
+        radius *= _SMALLER
+    return None
+
+
+def _within(gaps: Array, clearance: float) -> bool:
+    return bool(((gaps > 0.0) & (gaps < clearance)).all())
+
+
+def _squares(rows: Array, form: Array) -> Array:
+    """Return the squares (k,) of rows (k, d) by a quadratic form (d, d)."""
+    squares: Array = ((rows @ form) * rows).sum(axis=1)
+    return squares
