@@ -150,6 +150,10 @@ RUN = {
         r"atpid calibrate contact .*force": "test_a_recorded_force_gives_restitution_and_modulus",
         r"atpid calibrate contact ": "test_the_command_writes_a_contact_block_a_scene_takes",
     },
+    "atpid_control/test/test_modes.py": {
+        r"atpid modes cantilever": "test_the_command_writes_blocks_that_it_explains",
+        r"atpid modes file": "test_a_universal_file_gives_the_modes_it_was_written_from",
+    },
     "atpid_control/test/test_export_formats.py": {
         r"atpid bag export .*csv": "test_csv_is_read_back_by_pandas_bit_by_bit",
         r"atpid bag export .*mat": "test_matlab_is_read_back_by_scipy_bit_by_bit",

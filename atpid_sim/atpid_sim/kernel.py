@@ -19,8 +19,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from numba import config, njit
+from numba import config, njit, types
 from numba.core.caching import InTreeCacheLocator
+from numba.extending import overload
 
 from atpid_common.folders import cache_root, content_key
 
@@ -76,3 +77,20 @@ kernel = njit(cache=True, nogil=True, error_model="numpy")
 #: For what a library calls from Python at every evaluation: releasing the lock each time takes 5 % of a run by odeint.
 callback = njit(cache=True, error_model="numpy")
 inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always")
+
+
+def chosen(one: Callable[..., Any], several: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function for kernels: `one` where its first argument is None, else `several`.
+
+    Which of them is decided when the caller is compiled, so that the results may have different types; both take the
+    same arguments.
+    """
+
+    def function(*_: object) -> None:
+        raise NotImplementedError("compiled code only")
+
+    @overload(function, inline="always", strict=False)  # type: ignore[untyped-decorator]
+    def by_type(*arguments: object) -> Callable[..., Any]:
+        return one if isinstance(arguments[0], types.NoneType) else several
+
+    return function

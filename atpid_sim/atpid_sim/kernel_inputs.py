@@ -21,7 +21,8 @@ class Contact(NamedTuple):
 def system_of(scene: Scene) -> System:
     """Return the system a scene describes."""
     beam, grain = scene.beam, scene.grain
-    return System(beam.mass, scene.grain_mass, beam.stiffness, beam.damping, scene.gravity, grain.radius)
+    modes = None if scene.modes is None else scene.modes.table
+    return System(beam.mass, scene.grain_mass, beam.stiffness, beam.damping, scene.gravity, grain.radius, modes)
 
 
 def contact_of(scene: Scene) -> Contact:

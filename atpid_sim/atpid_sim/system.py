@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every part computes with: arrays, and the system's masses, spring, damper and weight."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from atpid_sim.modal import container_mass, free_of
 
 #: Numbers; the docstrings give shape and unit.
 Array = NDArray[np.float64]
@@ -19,8 +21,10 @@ class System(NamedTuple):
     damping: float
     gravity: float
     radius: float
+    modes: Any = None  # `modal.Modes.table` of a structure that has several; the rest is then of the first
 
 
 def reduced_mass(system: System) -> float:
     """Mass that the relative motion of grain and container feels in an impact, m_s m_g / (m_s + m_g) [kg]."""
-    return system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
+    beam_mass = system.beam_mass if system.modes is None else container_mass(free_of(system.modes))
+    return beam_mass * system.grain_mass / (beam_mass + system.grain_mass)

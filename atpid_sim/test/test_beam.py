@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from atpid_sim.engine import columns
-from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at
+from atpid_sim.engine.arc import arc_from
+from atpid_sim.engine.beam import beam_at, bounded_at, snap_bounded_at
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.integration import Integration, Observation, drive_table
 from atpid_sim.simulation.simulate import simulate, trajectory

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from atpid_sim.engine.beam import arc_from, beam_at, bounded_at, snap_bounded_at, support_at
+from atpid_sim.engine.arc import arc_from, support_at
+from atpid_sim.engine.beam import beam_at, bounded_at, snap_bounded_at
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
 from atpid_sim.system import Array, System
 

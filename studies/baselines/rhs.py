@@ -11,7 +11,7 @@ system (6,), the number of the law, and the first five of its parameters.
 import numpy as np
 
 from atpid_sim.contact.dispatch import force
-from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.columns import CEILING_VELOCITY, DRIVE_COLUMNS, HEIGHT
 from atpid_sim.kernel import callback, kernel
 from atpid_sim.kernel_inputs import Contact

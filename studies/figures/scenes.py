@@ -12,11 +12,12 @@ from atpid_sim.scene.excitation import Excitation, FreeDecay, Series, Sweep
 from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.model import ContactBlock
 from atpid_sim.scene.sensors import Recording, Sensor, Sensors
-from atpid_sim.scene.structure import Beam, Container, Grain, Initial
+from atpid_sim.scene.structure import Beam, Container, FurtherMode, Grain, Initial
 
 _PARTS: dict[str, list[type[SceneBlock]]] = {
     "The scene": [Scene],
     "`beam`": [Beam],
+    "`further_modes`: a list of": [FurtherMode],
     "`grain`": [Grain],
     "`container`": [Container],
     "`contact`: one of": list(variants_of(ContactBlock).values()),

@@ -62,6 +62,15 @@ LINES: dict[str, tuple[Main, str]] = {
         control.main,
         "design --mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.004 --uncertainty mass=0.1 --out DIR",
     ),
+    "modes cantilever": (
+        control.main,
+        "modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5e9 --density 2400 --tip-mass 0.25 "
+        "--tip-inertia 1e-5 --damping-ratio 0.02 --modes 2 --force-at 0.3 --scene SCENE --out YAML",
+    ),
+    "modes file": (
+        control.main,
+        "modes file CSV --container 1:z --force-at 2:z --modes 2 --damping-ratio 0.02 --scene SCENE --out YAML",
+    ),
     "calibrate beam": (
         control.main,
         "calibrate beam CSV --moving-mass 0.4 --moving-mass-std 0.1 --grain-mass 0.1 --from 0 --to 9 --out YAML",

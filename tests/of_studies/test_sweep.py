@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from atpid_sim.engine import columns
-from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.arc import support_at
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.batch import Workers

@@ -1,132 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exact motion of the beam while no contact force acts on it (equations 3.39 and 3.43 with zero contact force).
+"""Motion of the beam along an arc: displacement, velocity, acceleration, and bounds of what follows.
 
-Inside one segment of the drive (see `drive.py`) the support moves as
-
-    u(tau) = (a0 + a1 tau) sin(omega tau + phase) + c0 + c1 tau + c2 tau^2 + c3 tau^3
-
-and the beam, a damped oscillator, has a closed form: a particular solution of the same shape plus a decaying free
-vibration.
-Close to resonance these two would be large and nearly cancel: there the tone's part is taken as it grows from nothing
-at the start of the arc (docs/no_missed_impact.md).
+An arc is that of one mode; where the structure has several, the further ones are in its `others`, and all that is
+returned is of their sum.
 """
 
 import cmath
 import math
 from typing import NamedTuple
 
-from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, END, OMEGA, PHASE, START
+from atpid_sim.engine.arc import other_arc
 from atpid_sim.kernel import inlined, kernel
-
-#: A tone is close to resonance where the beam resists it with less than this share of its stiffness ...
-_RESONANT = 0.03
-#: ... and phase and size of the steady response are reached, in radians of their own, only after the row's end.
-_UNSETTLED = 4.0
-
-
-class Arc(NamedTuple):
-    """Closed-form coefficients of the motion from local time `start` on [SI units]."""
-
-    start: float
-    mass: float
-    stiffness: float
-    damping: float
-    gravity: float
-    a0: float
-    a1: float
-    omega: float
-    phase: float
-    c0: float
-    c1: float
-    c2: float
-    c3: float
-    q0_in: float  # the forced part is q0 + q1 tau; in phase with sin
-    q0_out: float  # and with cos
-    q1_in: float  # close to resonance q0 + q1 (tau - start) is what makes it grow, see `_growth`
-    q1_out: float
-    resonant: bool
-    beat: float  # close to resonance: the beam's damped angular frequency less that of the tone
-    w0: float
-    w1: float
-    decay: float
-    squared: float  # square of the damped angular frequency; negative where overdamped
-    damped: float  # root of its absolute value
-    free: float  # free vibration at `start`
-    free_velocity: float  # its velocity there, corrected for the decay
-
-
-@kernel
-def support_at(segment, tau):
-    """Support displacement [m] and velocity [m/s] at local time tau [s] of a row of the drive table, (12,) float64."""
-    u = segment[C0] + tau * (segment[C1] + tau * (segment[C2] + tau * segment[C3]))
-    velocity = segment[C1] + tau * (2.0 * segment[C2] + tau * 3.0 * segment[C3])
-    if segment[A0] != 0.0 or segment[A1] != 0.0:
-        angle = segment[OMEGA] * tau + segment[PHASE]
-        s, c = math.sin(angle), math.cos(angle)
-        amplitude = segment[A0] + segment[A1] * tau
-        u += amplitude * s
-        velocity += segment[A1] * s + segment[OMEGA] * amplitude * c
-    return u, velocity
-
-
-@kernel
-def _forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1, tau):
-    """Particular solution and its velocity at tau, where the tone's part has this amplitude, changing at this rate."""
-    angle = omega * tau + phase
-    s, c = math.sin(angle), math.cos(angle)
-    x = q_in * s + q_out * c + c0 + w0 + tau * (c1 + w1 + tau * (c2 + tau * c3))
-    v = (rate_in - omega * q_out) * s + (rate_out + omega * q_in) * c + c1 + w1 + tau * (2.0 * c2 + tau * 3.0 * c3)
-    return x, v
-
-
-@kernel
-def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):
-    """Close to resonance: the two coefficients that make the forced part grow, and the beat [SI units].
-
-    With x = Im[q e^(i omega tau)] the equation reads (D - slow)(D - fast) q = force / mass, where slow * fast is
-    transfer / mass. Dividing by the fast factor alone meets nothing small: (D - slow) q = q0 + q1 s remains.
-    """
-    fast = complex(-decay, -omega - damped)
-    q1 = -drive * a1 / (mass * fast)
-    q0 = (q1 - (drive * a0 + damping * a1) / mass) / fast
-    return q0, q1, (transfer / (mass * fast)).imag
-
-
-@kernel
-def arc_from(mass, system, segment, tau, x, v):
-    """Coefficients of the motion that starts at local time tau [s] with displacement x [m] and velocity v [m/s].
-
-    `segment` is one row of the drive table, (12,) float64; `mass` is what moves: the beam alone, or beam and grain.
-    """
-    stiffness, damping, gravity = system.stiffness, system.damping, system.gravity
-    a0, a1, omega, phase = segment[A0], segment[A1], segment[OMEGA], segment[PHASE]
-    c0, c1, c2, c3 = segment[C0], segment[C1], segment[C2], segment[C3]
-    decay = 0.5 * damping / mass
-    squared = stiffness / mass - decay * decay
-    damped = math.sqrt(abs(squared))
-    q0 = q1 = q = q_rate = complex(0.0, 0.0)
-    resonant, beat = False, 0.0
-    if a0 != 0.0 or a1 != 0.0:
-        transfer = complex(stiffness - mass * omega * omega, damping * omega)
-        drive = complex(stiffness, omega * damping)
-        resistance = abs(transfer.real) + abs(transfer.imag)
-        if resistance < _RESONANT * stiffness:
-            resonant = resistance * omega * (segment[END] - segment[START]) < _UNSETTLED * stiffness
-        if resonant:
-            q0, q1, beat = _growth(mass, transfer, drive, damping, a0 + a1 * tau, a1, omega, decay, damped)
-            q_rate = q0
-        else:
-            q1 = drive * a1 / transfer
-            q0 = (drive * a0 + damping * a1 - complex(damping, 2.0 * omega * mass) * q1) / transfer
-            q, q_rate = complex(q0.real + q1.real * tau, q0.imag + q1.imag * tau), q1
-    w1 = -6.0 * mass * c3 / stiffness
-    w0 = -(2.0 * mass * c2 + mass * gravity + damping * w1) / stiffness
-    xp, vp = _forced(q.real, q.imag, q_rate.real, q_rate.imag, omega, phase, c0, c1, c2, c3, w0, w1, tau)
-    free = x - xp
-    return Arc(
-        tau, mass, stiffness, damping, gravity, a0, a1, omega, phase, c0, c1, c2, c3, q0.real, q0.imag, q1.real,
-        q1.imag, resonant, beat, w0, w1, decay, squared, damped, free, v - vp + decay * free,
-    )  # fmt: skip
 
 
 @kernel
@@ -272,8 +156,8 @@ def _higher(arc, lower, low):
 
 
 @kernel
-def beam_at(arc, tau):
-    """Beam displacement, velocity, acceleration and support displacement, velocity at local time tau [SI units]."""
+def mode_at(arc, tau):
+    """Displacement, velocity, acceleration of one mode and of its support's motion at local time tau [SI units]."""
     m = _parts(arc, tau)
     x = m.free + (m.support + arc.w0 + arc.w1 * tau) + m.x
     v = m.free_velocity + (m.support_velocity + arc.w1) + m.v
@@ -282,13 +166,28 @@ def beam_at(arc, tau):
 
 
 @kernel
-def bounded_at(arc, tau, until):
-    """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
+def _others_at(others, tau):
+    """Displacement, velocity and acceleration of all further modes together."""
+    if others is None:
+        return 0.0, 0.0, 0.0
+    x = v = a = 0.0
+    for row in range(others.shape[0]):
+        x1, v1, a1, _u, _w = mode_at(other_arc(others[row]), tau)
+        x, v, a = x + x1, v + v1, a + a1
+    return x, v, a
 
-    The free vibration's jerk j obeys the same damped oscillator, so j'^2 + w0^2 j^2 never grows and
-    |j| <= sqrt(j'^2 / w0^2 + j^2) from there on, under-, over- or critically damped alike. The particular
-    solution's jerk is bounded by its envelope, which is linear in time. docs/no_missed_impact.md has the proof.
-    """
+
+@kernel
+def beam_at(arc, tau):
+    """Beam displacement, velocity, acceleration and support displacement, velocity at local time tau [SI units]."""
+    x, v, a, u, w = mode_at(arc, tau)
+    x1, v1, a1 = _others_at(arc.others, tau)
+    return x + x1, v + v1, a + a1, u, w
+
+
+@kernel
+def _bounded_mode(arc, tau, until):
+    """`bounded_at` of one mode."""
     m = _parts(arc, tau)
     x, v, a = _bounded_motion(arc, tau, m)
     bound = 6.0 * abs(arc.c3)
@@ -301,11 +200,33 @@ def bounded_at(arc, tau, until):
 
 
 @kernel
-def snap_bounded_at(arc, tau, until):
-    """Beam displacement, velocity, acceleration, jerk [m/s^3] at local time tau, and a bound of its |snap| [m/s^4].
+def _others_bounded(others, tau, until):
+    """`bounded_at` of all further modes together: a bound of the sum is the sum of the bounds."""
+    if others is None:
+        return 0.0, 0.0, 0.0, 0.0
+    x = v = a = bound = 0.0
+    for row in range(others.shape[0]):
+        x1, v1, a1, bound1 = _bounded_mode(other_arc(others[row]), tau, until)
+        x, v, a, bound = x + x1, v + v1, a + a1, bound + bound1
+    return x, v, a, bound
 
-    The bound holds until `until`, by the argument of `bounded_at` one derivative higher.
+
+@kernel
+def bounded_at(arc, tau, until):
+    """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
+
+    The free vibration's jerk j obeys the same damped oscillator, so j'^2 + w0^2 j^2 never grows and
+    |j| <= sqrt(j'^2 / w0^2 + j^2) from there on, under-, over- or critically damped alike. The particular
+    solution's jerk is bounded by its envelope, which is linear in time. docs/no_missed_impact.md has the proof.
     """
+    x, v, a, bound = _bounded_mode(arc, tau, until)
+    x1, v1, a1, bound1 = _others_bounded(arc.others, tau, until)
+    return x + x1, v + v1, a + a1, bound + bound1
+
+
+@kernel
+def _snap_bounded_mode(arc, tau, until):
+    """`snap_bounded_at` of one mode."""
     m = _parts(arc, tau)
     x, v, a = _bounded_motion(arc, tau, m)
     squared = arc.omega * arc.omega
@@ -325,3 +246,45 @@ def snap_bounded_at(arc, tau, until):
         tone = 2.0 * arc.a1 * arc.omega * m.cosine - squared * m.amplitude * m.sine
         jerk = (arc.stiffness * (w - v) + arc.damping * (2.0 * arc.c2 + 6.0 * arc.c3 * tau + tone - a)) / arc.mass
     return x, v, a, jerk, bound + math.sqrt(y5 * y5 / (arc.stiffness / arc.mass) + y4 * y4)
+
+
+@kernel
+def _others_snap_bounded(others, tau, until):
+    """`snap_bounded_at` of all further modes together."""
+    if others is None:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    x = v = a = jerk = bound = 0.0
+    for row in range(others.shape[0]):
+        x1, v1, a1, jerk1, bound1 = _snap_bounded_mode(other_arc(others[row]), tau, until)
+        x, v, a, jerk, bound = x + x1, v + v1, a + a1, jerk + jerk1, bound + bound1
+    return x, v, a, jerk, bound
+
+
+@kernel
+def snap_bounded_at(arc, tau, until):
+    """Beam displacement, velocity, acceleration, jerk [m/s^3] at local time tau, and a bound of its |snap| [m/s^4].
+
+    The bound holds until `until`, by the argument of `bounded_at` one derivative higher.
+    """
+    x, v, a, jerk, bound = _snap_bounded_mode(arc, tau, until)
+    x1, v1, a1, jerk1, bound1 = _others_snap_bounded(arc.others, tau, until)
+    return x + x1, v + v1, a + a1, jerk + jerk1, bound + bound1
+
+
+@kernel
+def _fastest_other(others):
+    """Highest angular frequency of the further modes [rad/s]."""
+    if others is None:
+        return 0.0
+    highest = 0.0
+    for row in range(others.shape[0]):
+        arc = other_arc(others[row])
+        highest = max(highest, arc.stiffness / arc.mass)
+    return math.sqrt(highest)
+
+
+@kernel
+def fastest_of(arc):
+    """Highest angular frequency of the tone and of all modes [rad/s]."""
+    tone = arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0
+    return max(tone, math.sqrt(arc.stiffness / arc.mass), _fastest_other(arc.others))

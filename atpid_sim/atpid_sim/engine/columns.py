@@ -80,3 +80,25 @@ FREE, ON_FLOOR, ON_CEILING, OFF_FLOOR, OFF_CEILING = range(5)
     E_SPEED,  # closing speed [m/s]
     IMPACT_COLUMNS,
 ) = range(4)
+
+# Uncoupled modes, float64 (SET_ROWS, modes): the structure in flight, below it with the grain held, then the matrices
+# (modes, modes) that lead from the coordinates of the one to those of the other and back.
+(
+    MASS,  # that an impulse at the container meets [kg]
+    STIFFNESS,  # [N/m]
+    DAMPING,  # [N s/m]
+    DIRECT,  # force for a unit of the drive's signal
+    RATE,  # and of its rate of change
+    WEIGHT,  # acceleration by the weight [m/s^2]
+    SET_ROWS,
+) = range(7)
+
+# Behind the state where the structure has several modes, float64 (modes, MODE_COLUMNS).
+(
+    Q,  # part of the beam's displacement [m]
+    Q_RATE,  # [m/s]
+    Q_INPUT,  # work of the force that drives the mode [J]
+    Q_LOSS,  # dissipated by its damping [J]
+    Q_CONTACT,  # work of contacts on it [J]
+    MODE_COLUMNS,
+) = range(6)

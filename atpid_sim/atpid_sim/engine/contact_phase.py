@@ -11,10 +11,12 @@ import math
 from atpid_sim.contact.dispatch import detachment_velocity, energy
 from atpid_sim.contact.laws import HYSTERETIC
 from atpid_sim.engine import columns as at
-from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.detachment import vanishing
 from atpid_sim.engine.dormand_prince import ContactModel, ContactState, Moment, rates_at, support_ahead
 from atpid_sim.engine.error_control import DEPTH_FLOOR
+from atpid_sim.engine.modal_step import modal_rates
+from atpid_sim.engine.modes import container_mass, enter_states, fastest_mode, states_of
 from atpid_sim.engine.rosenbrock import EXPLICIT, FOURTH_ROOT, IMPLICIT, contact_pace, trial_step
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
@@ -34,10 +36,10 @@ _ENDLESS_CONTACT = 60_000
 def _model(n, system, law, memory):
     """Collect what is constant during a contact while its deepest overlap is `memory` [m]."""
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
-    inverse = 1.0 / system.beam_mass
+    inverse = 1.0 / container_mass(system.modes, system)
     return ContactModel(
         law, HYSTERETIC[law], memory, side, system.stiffness, system.damping, system.gravity, inverse,
-        inverse + 1.0 / system.grain_mass,
+        inverse + 1.0 / system.grain_mass, system.modes,
     )  # fmt: skip
 
 
@@ -53,13 +55,23 @@ def _initial_motion(y, model, p, segment, diameter, moment):
         velocity = velocity - segment[at.CEILING_VELOCITY]
     overlap = max(0.0, overlap)
     u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
-    return ContactState(x, v, overlap, velocity, rates_at(model, p, u, w, x, v, overlap, velocity))
+    modes = states_of(model.modes, y)
+    return ContactState(x, v, overlap, velocity, _first_rates(modes, model, p, u, w, x, v, overlap, velocity), modes)
+
+
+@kernel
+def _first_rates(modes, model, p, u, w, x, v, overlap, velocity):
+    """`Rates` at the start of the contact."""
+    if modes is None:
+        return rates_at(model, p, u, w, x, v, overlap, velocity)
+    return modal_rates(model, p, u, w, modes[:, at.Q], modes[:, at.Q_RATE], overlap, velocity)
 
 
 @kernel
 def _to_state(y, model, segment, diameter, tau, motion):
     """Enter the motion at local time tau into the state."""
     y[at.BEAM], y[at.BEAM_VELOCITY] = motion.x, motion.v
+    enter_states(motion.modes, y)
     if model.side > 0.0:
         y[at.GRAIN], y[at.GRAIN_VELOCITY] = motion.x - motion.overlap, motion.v - motion.velocity
     else:
@@ -164,7 +176,7 @@ def _detach(y, n, model, p, motion, least):
         n[at.MODE] = at.OFF_FLOOR if model.side > 0.0 else at.OFF_CEILING
     else:
         n[at.MODE] = at.FREE
-    return ContactState(motion.x, motion.v, overlap, velocity, motion.rates)
+    return ContactState(motion.x, motion.v, overlap, velocity, motion.rates, motion.modes)
 
 
 @kernel
@@ -177,13 +189,15 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     diameter = 2.0 * system.radius
     moving = 0.0 if model.side > 0.0 else segment[at.CEILING_VELOCITY]
     natural = math.sqrt(system.stiffness / system.beam_mass)
-    pace = max(segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0, natural)
+    tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
+    pace = max(tone, natural, fastest_mode(system.modes))
+    explicit = system.modes is not None
     rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
     motion = _initial_motion(y, model, p, segment, diameter, _moment(segment, tau, 0.0))
     method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[at.FIRST_STEP], (until - tau) ** 0.25)
     if motion.overlap > 0.0:
         # a force near zero for long: the error of explicit steps would cause spurious detachment
-        method = IMPLICIT if n[at.CONTACT_STEPS] > _ENDLESS_CONTACT else EXPLICIT
+        method = IMPLICIT if n[at.CONTACT_STEPS] > _ENDLESS_CONTACT and not explicit else EXPLICIT
         origin, s, h = 0.0, tau, 1e-2 * y[at.FIRST_STEP] ** 4
     moment = _moment(segment, tau, s)
     start = support_at(segment, tau)[0]
@@ -218,7 +232,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
             detaching = detaching and not turning
             finishing = False
             if turning:
-                end = ContactState(end.x, end.v, end.overlap, 0.0, end.rates)
+                end = ContactState(end.x, end.v, end.overlap, 0.0, end.rates, end.modes)
         n[at.CONTACT_STEPS] += 1
         elapsed = end_time - tau
         if first:
@@ -250,13 +264,14 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
             # from the deepest point on in time: s^4 would only slow the step control down
             h = 4.0 * s * s * s * h
             method, origin = EXPLICIT, 0.0
-        if method != IMPLICIT and taken > _FIRST_CHECK and taken % 8 == 0:
+        if method != IMPLICIT and taken > _FIRST_CHECK and taken % 8 == 0 and not explicit:
             stiff = elapsed * contact_pace(model, p, motion.overlap, motion.velocity)[0] > _STIFF
             if stiff or taken > _LONG_CONTACT:
                 method, h = IMPLICIT, elapsed
         moment = _moment(segment, tau, s if method == FOURTH_ROOT else tau)
         s = moment.s
-    y[at.INPUT] += 0.5 * system.stiffness * (support_at(segment, tau)[0] ** 2 - start**2)
+    if not explicit:
+        y[at.INPUT] += 0.5 * system.stiffness * (support_at(segment, tau)[0] ** 2 - start**2)
     if view.observing and n[at.MODE] != at.ON_FLOOR:
         y[at.LONGEST] = max(y[at.LONGEST], view.origin + tau - y[at.BEGUN])
     _to_state(y, model, segment, diameter, tau, motion)

@@ -5,7 +5,7 @@ The state is beam displacement and velocity, overlap and overlap velocity, so th
 displacement of decimetres keeps its digits. `rosenbrock.py` has the implicit step for static contact.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, OMEGA
@@ -24,6 +24,7 @@ class ContactModel(NamedTuple):
     gravity: float
     beam_inverse: float  # 1 / beam mass
     reduced_inverse: float  # 1 / beam mass + 1 / grain mass
+    modes: Any  # `modal.Modes` of a structure of several, else None
 
 
 class Moment(NamedTuple):
@@ -54,6 +55,7 @@ class ContactState(NamedTuple):
     overlap: float
     velocity: float  # of the overlap
     rates: Rates
+    modes: Any  # of a structure of several modes their states (modes, MODE_COLUMNS), else None
 
 
 class Errors(NamedTuple):
@@ -124,7 +126,7 @@ def explicit_step(segment, model, p, smooth, moment, h, motion):
     Returns `ContactState` at the end, `Errors` and `Flows`.
     """
     tau, s, sine, cosine = moment
-    x, v, overlap, velocity, k = motion
+    x, v, overlap, velocity, k, _modes = motion
     a1, b1, f1, p1, d1, c1 = k
     if smooth:
         s2, s3, s4, s5, s6 = s + 0.2 * h, s + 0.3 * h, s + 0.8 * h, s + 8.0 / 9.0 * h, s + h
@@ -195,4 +197,4 @@ def explicit_step(segment, model, p, smooth, moment, h, motion):
     work = g1 * w1 * p1 + g3 * w3 * p3 + g4 * w4 * p4 + g5 * w5 * p5 + g6 * w6 * p6
     loss = g1 * w1 * d1 + g3 * w3 * d3 + g4 * w4 * d4 + g5 * w5 * d5 + g6 * w6 * d6
     impulse = g1 * w1 * f1 + g3 * w3 * f3 + g4 * w4 * f4 + g5 * w5 * f5 + g6 * w6 * f6
-    return ContactState(x1, v1, o1, r1, last), errors, Flows(absorbed, work, loss, impulse)
+    return ContactState(x1, v1, o1, r1, last, None), errors, Flows(absorbed, work, loss, impulse)

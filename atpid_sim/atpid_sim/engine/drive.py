@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from atpid_sim.engine import columns as at
-from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.arc import support_at
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.system import Array
 

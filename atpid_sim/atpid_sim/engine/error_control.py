@@ -7,6 +7,7 @@ from typing import NamedTuple
 from atpid_sim.contact.dispatch import restitution
 from atpid_sim.engine.columns import A0, A1, BEAM, BEAM_VELOCITY, C0, C2, END, OMEGA, START
 from atpid_sim.engine.detachment import static_overlap
+from atpid_sim.engine.modes import container_mass
 from atpid_sim.kernel import kernel
 
 #: Share of the tolerance with which the contacts of an elastic grain are integrated, and the finest there is.
@@ -63,7 +64,8 @@ def _contact_tolerance(system, law, p, rtol, overlap, velocity):
 
     Restitution is taken where it is largest, at the slow or at the fast end of the run's impacts.
     """
-    reduced = system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
+    beam_mass = container_mass(system.modes, system)
+    reduced = beam_mass * system.grain_mass / (beam_mass + system.grain_mass)
     slow, fast = velocity, velocity * math.sqrt(system.radius / overlap)
     e = max(restitution(law, slow, reduced, p), restitution(law, fast, reduced, p))
     return max(rtol * min(1.0, max(_ELASTIC, 2.0 * (1.0 - e))), min(rtol, _FINEST))

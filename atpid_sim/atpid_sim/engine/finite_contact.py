@@ -14,7 +14,7 @@ from atpid_sim.contact.dispatch import detachment_velocity
 from atpid_sim.contact.laws import HYSTERETIC
 from atpid_sim.engine import columns as at
 from atpid_sim.engine import scaled_contact as result
-from atpid_sim.engine.beam import support_at
+from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.contact_phase import contact
 from atpid_sim.engine.contact_table import COLUMNS, read
 from atpid_sim.engine.detachment import static_overlap
@@ -129,7 +129,9 @@ def hold(y, n, segment, tau, until, system, law, p, control, view, out):
     added in series with the beam's spring: without it the phase at resonance is off by a thousandth of a radian.
     """
     total = system.beam_mass + system.grain_mass
-    touch = _touch(y, segment, tau, System(total, 0.0, system.stiffness, system.damping, system.gravity, system.radius))
+    touch = _touch(
+        y, segment, tau, System(total, 0.0, system.stiffness, system.damping, system.gravity, system.radius, None)
+    )
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
     pace = max(tone, math.sqrt(system.stiffness / total))
     push = system.grain_mass * math.sqrt(touch.a * touch.a + pace * pace * touch.v * touch.v)
@@ -140,7 +142,7 @@ def hold(y, n, segment, tau, until, system, law, p, control, view, out):
     left = 1.0 / (1.0 + give * system.stiffness)
     softer = System(
         system.beam_mass, system.grain_mass, left * system.stiffness, left * system.damping, system.gravity,
-        system.radius,
+        system.radius, system.modes,
     )  # fmt: skip
     return stick(y, n, segment, tau, min(until, tau + 2.0 * math.pi / pace), softer, control, view, out)
 
@@ -151,6 +153,8 @@ def tabulated_contact(y, n, segment, tau, until, system, law, p, control, view, 
 
     Leaves y at that time and n[MODE] at what follows, as `contact` does.
     """
+    if system.modes is not None:
+        return tau  # integrated: the table has one mode
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
     share = system.grain_mass / (system.beam_mass + system.grain_mass)  # the reduced mass over the beam's

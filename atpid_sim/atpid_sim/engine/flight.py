@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flight: beam and grain move in closed form until a wall is touched, a contact force reappears, or the row ends."""
 
-import math
-
 from atpid_sim.contact.dispatch import detachment_velocity, residual_overlap
 from atpid_sim.engine import columns as at
-from atpid_sim.engine.beam import arc_from, bounded_at
+from atpid_sim.engine.beam import bounded_at, fastest_of
+from atpid_sim.engine.modes import free_arc, leave_flight
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
 from atpid_sim.engine.sampling import flight_extreme, flight_samples, record_extreme
 from atpid_sim.engine.state import steps_used
@@ -52,13 +51,12 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
 
     Leaves y at that time and n[MODE] at what follows; a contact that begins afresh is marked by a negative y[DEEPEST].
     """
-    arc = arc_from(system.beam_mass, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
+    arc = free_arc(system.modes, y, system.beam_mass, system, segment, tau)
     gravity = system.gravity
     grain0, velocity0, begin = y[at.GRAIN], y[at.GRAIN_VELOCITY], tau
     height, ceiling_velocity = segment[at.HEIGHT], segment[at.CEILING_VELOCITY]
     diameter = 2.0 * system.radius
-    fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
-    stride = 1.0 / fastest  # a sixth of a period: two turning points are never in one step
+    stride = 1.0 / fastest_of(arc)  # a sixth of a period: two turning points are never in one step
     side = 1.0 if n[at.MODE] == at.OFF_FLOOR else -1.0
     flying = n[at.MODE]
     _x, _v, a, jerk = bounded_at(arc, tau, until)
@@ -118,7 +116,8 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
         tau = ahead
     y[at.BEAM], y[at.BEAM_VELOCITY] = x, v
     y[at.GRAIN], y[at.GRAIN_VELOCITY] = grain, velocity
+    leave_flight(system.modes, y, arc, tau)
     if tau > begin:
-        flight_work(y, arc, begin, tau)
+        flight_work(system.modes, y, segment, arc, begin, tau)
         flight_samples(n, out, view, segment, arc, begin, tau, grain0, velocity0, gravity)
     return tau

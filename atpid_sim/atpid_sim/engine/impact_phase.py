@@ -6,12 +6,13 @@ import math
 from atpid_sim.contact.dispatch import force, restitution
 from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns as at
-from atpid_sim.engine.beam import arc_from, beam_at, snap_bounded_at
+from atpid_sim.engine.beam import beam_at, fastest_of, snap_bounded_at
 from atpid_sim.engine.micro_bounce import only_micro_bounces
+from atpid_sim.engine.modes import container_mass, free_arc, grain_acceleration, joined_arc, kick, leave_joined
 from atpid_sim.engine.safe_step import safe_velocity_step
 from atpid_sim.engine.sampling import flight_extreme, joint_samples, record_extreme
 from atpid_sim.engine.state import steps_used
-from atpid_sim.engine.work import flight_work
+from atpid_sim.engine.work import joined_work
 from atpid_sim.kernel import kernel
 
 #: Bounces that would all be over within this many radians of the fastest vibration are taken as one: the grain sticks.
@@ -60,8 +61,8 @@ def deepen_if_pressed(y, push, pace, system, law, p):
 def press_held(y, segment, tau, system, law, p):
     """`deepen_if_pressed` for the present swing of a grain that moves with the beam as one mass."""
     total = system.beam_mass + system.grain_mass
-    arc = arc_from(total, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
-    pace = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / total))
+    arc = joined_arc(system.modes, y, total, system, segment, tau)
+    pace = fastest_of(arc)
     push = system.grain_mass * math.hypot(beam_at(arc, tau)[2], pace * y[at.BEAM_VELOCITY])
     deepen_if_pressed(y, push, pace, system, law, p)
 
@@ -72,15 +73,16 @@ def collide(y, n, segment, tau, system, law, p, stuck):
 
     `stuck`: impacts at this very instant so far. Returns how long the bounces last that sticking replaces [s].
     """
-    arc = arc_from(system.beam_mass, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
+    arc = free_arc(system.modes, y, system.beam_mass, system, segment, tau)
     replaced = only_micro_bounces(y, n, segment, tau, system, _LOW) or stuck > _COLLAPSE
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
     closing = side * (y[at.BEAM_VELOCITY] + moving - y[at.GRAIN_VELOCITY])
-    reduced = system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
+    beam_mass = container_mass(system.modes, system)
+    reduced = beam_mass * system.grain_mass / (beam_mass + system.grain_mass)
     e = restitution(law, closing, reduced, p) if closing > 0.0 else 0.0
     push = side * (beam_at(arc, tau)[2] + system.gravity)  # with which beam and grain press together
-    fastest = max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / system.beam_mass))
+    fastest = fastest_of(arc)
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
     rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
     slow = max(push, 0.0) * max(_NO_SPEED, _STICKING * (1.0 - e) / max(2.0 * e, 1e-300))
@@ -92,7 +94,8 @@ def collide(y, n, segment, tau, system, law, p, stuck):
             bounces = min(2.0 * e * closing / (push * (1.0 - e)), _STICKING / fastest)
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)
-    y[at.BEAM_VELOCITY] -= side * impulse / system.beam_mass
+    y[at.BEAM_VELOCITY] -= side * impulse / beam_mass
+    kick(system.modes, y, -side * impulse)
     y[at.GRAIN_VELOCITY] += side * impulse / system.grain_mass
     if side * (y[at.BEAM_VELOCITY] + moving - y[at.GRAIN_VELOCITY]) > 0.0:
         y[at.GRAIN_VELOCITY] = y[at.BEAM_VELOCITY] + moving  # rounding of a plastic impact
@@ -114,10 +117,10 @@ def stick(y, n, segment, tau, until, system, control, view, out):
     total = system.beam_mass + system.grain_mass
     diameter = 2.0 * system.radius
     begin, start_velocity = tau, y[at.GRAIN_VELOCITY]
-    arc = arc_from(total, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
-    stride = 1.0 / max(arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0, math.sqrt(system.stiffness / total))
+    arc = joined_arc(system.modes, y, total, system, segment, tau)
+    stride = 1.0 / fastest_of(arc)
     x, v, a, jerk, snap = snap_bounded_at(arc, tau, until)
-    pressing = side * (a + system.gravity)
+    pressing = side * grain_acceleration(system.modes, system, segment, arc, tau, a)
     least = 1e-9 * stride
     # a first step is made in any case: whether the wall presses at the instant of impact depends on rounding
     while (pressing >= 0.0 or tau == begin or held) and tau < until and steps_used(n) < control.budget:
@@ -128,7 +131,7 @@ def stick(y, n, segment, tau, until, system, control, view, out):
         step = longest if held else max(safe_velocity_step(pressing, -side * jerk, snap, longest), least)
         ahead = until if step >= until - tau else tau + step
         x1, v1, a, jerk, snap = snap_bounded_at(arc, ahead, until)
-        pressing = side * (a + system.gravity)
+        pressing = side * grain_acceleration(system.modes, system, segment, arc, tau, a)
         if view.observing:
             y[at.CONTACT_TIME] += ahead - tau
             record_extreme(y, x1)
@@ -137,7 +140,8 @@ def stick(y, n, segment, tau, until, system, control, view, out):
         x, v, tau = x1, v1, ahead
     moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
     gap = 0.0 if side > 0.0 else segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - diameter
-    flight_work(y, arc, begin, tau)
+    joined_work(system.modes, y, segment, system, arc, begin, tau)
+    leave_joined(system.modes, y, arc, tau)
     joint_samples(n, out, view, segment, arc, tau, side, diameter)
     y[at.BEAM], y[at.BEAM_VELOCITY] = x, v
     y[at.GRAIN], y[at.GRAIN_VELOCITY] = x + gap, v + moving

@@ -10,8 +10,10 @@ import math
 
 from atpid_sim.contact.dispatch import energy
 from atpid_sim.engine import columns as at
+from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.engine.dormand_prince import support_ahead
+from atpid_sim.engine.modes import container_mass, free_acceleration, kick, states_of
 from atpid_sim.kernel import kernel
 
 #: Low bounces before static contact: bounces that die out by themselves are a few, or a few dozen.
@@ -21,8 +23,11 @@ _OUTWEIGHED = 10
 
 
 @kernel
-def _support_force(y, segment, tau, system):
-    """Force of spring and damper on the beam [N]."""
+def _support_force(modes, y, segment, tau, system):
+    """Force of spring and damper on the beam [N]; of several modes, that on one mass as an impulse meets."""
+    if modes is not None:
+        u, w = support_at(segment, tau)
+        return container_mass(modes, system) * free_acceleration(modes, states_of(modes, y), u, w)
     angle = segment[at.OMEGA] * tau + segment[at.PHASE]
     u, w = support_ahead(segment, tau, 0.0, math.sin(angle), math.cos(angle))
     return system.stiffness * (u - y[at.BEAM]) - system.damping * (y[at.BEAM_VELOCITY] - w)
@@ -46,7 +51,7 @@ def only_micro_bounces(y, n, segment, tau, system, share):
     rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
     size = abs(y[at.BEAM] - rest) + abs(y[at.BEAM_VELOCITY]) / math.sqrt(system.stiffness / system.beam_mass)
     clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
-    pressing = side * _support_force(y, segment, tau, system) / system.beam_mass
+    pressing = side * _support_force(system.modes, y, segment, tau, system) / container_mass(system.modes, system)
     closing = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     low = clearance <= share * size or (pressing > 0.0 and closing * closing <= 2.0 * pressing * share * size)
     n[at.LOW_HOPS] = n[at.LOW_HOPS] + 1 if low else max(0, n[at.LOW_HOPS] - _OUTWEIGHED)
@@ -61,16 +66,17 @@ def replace_by_static_contact(y, n, segment, tau, system, law, p):
     """
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
-    beam_mass, grain_mass = system.beam_mass, system.grain_mass
+    beam_mass, grain_mass = container_mass(system.modes, system), system.grain_mass
     closing = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     impulse = beam_mass * grain_mass / (beam_mass + grain_mass) * closing
-    push = side * grain_mass / (beam_mass + grain_mass) * _support_force(y, segment, tau, system)
+    push = side * grain_mass / (beam_mass + grain_mass) * _support_force(system.modes, y, segment, tau, system)
     overlap = static_overlap(law, p, push, 1e-12)
     kinetic = 0.5 * impulse * closing
     lost = kinetic + side * grain_mass * system.gravity * overlap - energy(law, overlap, overlap, p)
     if not (push > 0.0 and lost >= 0.0):
         return
     y[at.BEAM_VELOCITY] -= side * impulse / beam_mass
+    kick(system.modes, y, -side * impulse)
     y[at.GRAIN_VELOCITY] = y[at.BEAM_VELOCITY] + moving
     y[at.GRAIN] -= side * overlap
     y[at.DEEPEST] = overlap

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fidelity `simplified`: beam and grain as one mass (closed damper), or the beam alone (the grain is left out)."""
 
-import math
-
 from atpid_sim.engine import columns as at
-from atpid_sim.engine.beam import arc_from, beam_at
+from atpid_sim.engine.beam import beam_at, fastest_of
+from atpid_sim.engine.modes import free_arc, joined_arc, leave_flight, leave_joined
 from atpid_sim.engine.sampling import flight_extreme, flight_samples, joint_samples, record_extreme
 from atpid_sim.engine.state import steps_used
-from atpid_sim.engine.work import flight_work
+from atpid_sim.engine.work import flight_work, joined_work
 from atpid_sim.kernel import kernel
 
 
@@ -17,9 +16,11 @@ def one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view,
 
     Without the grain that stays as it was, touches nothing, and the energy ledger closes.
     """
-    arc = arc_from(mass, system, segment, tau, y[at.BEAM], y[at.BEAM_VELOCITY])
-    tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
-    stride = 1.0 / max(math.sqrt(system.stiffness / mass), tone)
+    if with_grain:
+        arc = joined_arc(system.modes, y, mass, system, segment, tau)
+    else:
+        arc = free_arc(system.modes, y, system.beam_mass, system, segment, tau)
+    stride = 1.0 / fastest_of(arc)
     begin = tau
     x, v, _a, _u, _w = beam_at(arc, tau)
     if view.observing:
@@ -34,7 +35,12 @@ def one_mass(y, n, segment, tau, until, system, mass, with_grain, control, view,
             tau, v = ahead, v1
     else:
         tau = until
-    flight_work(y, arc, begin, tau)
+    if with_grain:
+        joined_work(system.modes, y, segment, system, arc, begin, tau)
+        leave_joined(system.modes, y, arc, tau)
+    else:
+        flight_work(system.modes, y, segment, arc, begin, tau)
+        leave_flight(system.modes, y, arc, tau)
     x, v, _a, _u, _w = beam_at(arc, tau)
     y[at.BEAM], y[at.BEAM_VELOCITY] = x, v
     if with_grain:

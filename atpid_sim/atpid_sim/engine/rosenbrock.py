@@ -14,7 +14,8 @@ from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, OMEGA, PHASE
 from atpid_sim.engine.dormand_prince import ContactState, Errors, Flows, explicit_step, rates_at
 from atpid_sim.engine.hermite import hermite, hermite_velocity
-from atpid_sim.kernel import inlined, kernel
+from atpid_sim.engine.modal_step import modal_step
+from atpid_sim.kernel import chosen, inlined, kernel
 
 #: Relative distance over which the force is differenced; its error, 1e-8, is far below that of a step.
 _APART = 1e-4
@@ -85,7 +86,7 @@ def _accelerations(model, p, u, w, x, v, overlap, velocity):
 @kernel
 def implicit_step(segment, model, p, tau, h, motion):
     """One step of size h from local time tau; arguments and result as `dormand_prince.explicit_step`."""
-    x, v, overlap, velocity, k = motion
+    x, v, overlap, velocity, k, _modes = motion
     side, inverse, reduced = model.side, model.beam_inverse, model.reduced_inverse
     stiff, damp = stiffness_and_damping(model, p, overlap, velocity)
     g = 1.0 / (_GAMMA * h)
@@ -168,7 +169,7 @@ def implicit_step(segment, model, p, tau, h, motion):
     errors = Errors((px + v6) / g, v6, (po + r6) / g, r6)
     xs, vs, os, rs = xs + errors.x, vs + v6, os + errors.overlap, rs + r6
     last = rates_at(model, p, u5, w5, xs, vs, os, rs)
-    end = ContactState(xs, vs, os, rs, last)
+    end = ContactState(xs, vs, os, rs, last, None)
     return end, errors, _flows(segment, model, p, tau, h, motion, end)
 
 
@@ -178,8 +179,8 @@ def _flows(segment, model, p, tau, h, begin, end):
 
     The overlap between the ends is a cubic: its accelerations are the small difference of large forces.
     """
-    x, v, overlap, velocity, k = begin
-    x1, v1, overlap1, velocity1, last = end
+    x, v, overlap, velocity, k, _modes = begin
+    x1, v1, overlap1, velocity1, last, _modes = end
     absorbed, work = k.contact_power + last.contact_power, k.support_power + last.support_power
     loss = k.damper_power + last.damper_power
     for node in (_INNER, 1.0 - _INNER):
@@ -202,9 +203,21 @@ def _flows(segment, model, p, tau, h, begin, end):
     return Flows(absorbed * twelfth, work * twelfth, loss * twelfth, impulse)
 
 
-@inlined
-def trial_step(method, segment, model, p, moment, h, motion):
-    """One step of size h in the method's own variable; arguments and result as `dormand_prince.explicit_step`."""
+def _one_mode_step(modes, method, segment, model, p, moment, h, motion):
     if method == IMPLICIT:
         return implicit_step(segment, model, p, moment.tau, h, motion)
     return explicit_step(segment, model, p, method == FOURTH_ROOT, moment, h, motion)
+
+
+def _modal_step(modes, method, segment, model, p, moment, h, motion):
+    return modal_step(segment, model, p, method == FOURTH_ROOT, moment, h, motion)
+
+
+#: Chosen when it is compiled: one more call would cost a run of one mode a fifth.
+_step = chosen(_one_mode_step, _modal_step)
+
+
+@inlined
+def trial_step(method, segment, model, p, moment, h, motion):
+    """One step of size h in the method's own variable; arguments and result as `dormand_prince.explicit_step`."""
+    return _step(model.modes, method, segment, model, p, moment, h, motion)

@@ -15,6 +15,7 @@ from atpid_sim.engine.finite_contact import hold, tabulated_contact
 from atpid_sim.engine.flight import flight
 from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, press_held, stick
 from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
+from atpid_sim.engine.modes import container_mass
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import SampleView, record_extreme
 from atpid_sim.engine.state import FIRST_STEP, steps_used
@@ -164,7 +165,8 @@ def _fast(system, law, p):
     """Closing speed from which on a contact may be deeper than the grain's radius: undamped, and with some to spare."""
     if law == IMPACT:
         return math.inf
-    reduced = system.beam_mass * system.grain_mass / (system.beam_mass + system.grain_mass)
+    beam_mass = container_mass(system.modes, system)
+    reduced = beam_mass * system.grain_mass / (beam_mass + system.grain_mass)
     return 0.8 * math.sqrt(2.0 * energy(law, system.radius, system.radius, p) / reduced)
 
 

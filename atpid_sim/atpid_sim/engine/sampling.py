@@ -5,7 +5,8 @@ import math
 from typing import NamedTuple
 
 from atpid_sim.engine import columns as at
-from atpid_sim.engine.beam import beam_at, support_at
+from atpid_sim.engine.arc import support_at
+from atpid_sim.engine.beam import beam_at
 from atpid_sim.engine.hermite import cubic, hermite, hermite_velocity
 from atpid_sim.kernel import kernel
 
@@ -84,7 +85,8 @@ def flight_samples(n, out, view, segment, arc, left, right, grain, velocity, gra
     """Write the samples of the flight (left, right] in local time; `grain`, `velocity` of the grain at `left`."""
     tau = next_sample(n, out, view)
     while tau <= right:
-        x, v, a, u, _w = beam_at(arc, tau)
+        x, v, a, _u, _w = beam_at(arc, tau)
+        u = support_at(segment, tau)[0]
         s = tau - left
         ceiling = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau
         _write_sample(n, out, u, x, v, a, grain + s * (velocity - 0.5 * gravity * s), ceiling)
@@ -99,9 +101,11 @@ def joint_samples(n, out, view, segment, arc, right, side, diameter):
     """
     tau = next_sample(n, out, view)
     while tau <= right:
-        x, v, a, u, _w = beam_at(arc, tau)
+        x, v, a, _u, _w = beam_at(arc, tau)
         ceiling = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau
-        _write_sample(n, out, u, x, v, a, x if side > 0.0 else x + ceiling - diameter, ceiling)
+        _write_sample(
+            n, out, support_at(segment, tau)[0], x, v, a, x if side > 0.0 else x + ceiling - diameter, ceiling
+        )
         tau = next_sample(n, out, view)
 
 

@@ -58,9 +58,15 @@ class State:
     ceiling_impacts = _Count(columns.CEILING_HITS)
 
     @staticmethod
-    def resting(displacement: float, velocity: float) -> State:
-        """Return a beam at `displacement` [m] with `velocity` [m/s] whose grain just touches the floor."""
-        y = np.zeros(columns.STATE_SIZE)
+    def resting(displacement: float, velocity: float, modes: Array | None = None) -> State:
+        """Return a beam at `displacement` [m] with `velocity` [m/s] whose grain just touches the floor.
+
+        modes: of a structure of several, parts (modes, 2) of both, which are then their sums.
+        """
+        y = np.zeros(columns.STATE_SIZE + (0 if modes is None else columns.MODE_COLUMNS * len(modes)))
+        if modes is not None:
+            y[columns.STATE_SIZE :].reshape(-1, columns.MODE_COLUMNS)[:, : columns.Q_RATE + 1] = modes
+            displacement, velocity = modes.sum(axis=0)
         y[columns.BEAM] = y[columns.GRAIN] = displacement
         y[columns.BEAM_VELOCITY] = y[columns.GRAIN_VELOCITY] = velocity
         y[columns.LOWEST], y[columns.HIGHEST] = np.inf, -np.inf

@@ -17,10 +17,16 @@ Identity = dict[str, Any]
 
 
 def identity_of(scene: Scene) -> Identity:
-    """Return {key: value} of beam, grain radius, contact, gravity and frequency (Hz, or the word resonance)."""
+    """Return {key: value} of structure, grain radius, contact, gravity and frequency (Hz, or the word resonance)."""
     contact = scene.contact.model_dump(exclude_none=True)
     return {
         **{f"beam.{key}": value for key, value in scene.beam.model_dump().items()},
+        **{
+            f"further_modes.{k}.{key}": value
+            for k, mode in enumerate(scene.further_modes)
+            for key, value in mode.model_dump().items()
+        },
+        **({} if scene.drive == "support" else {"drive": scene.drive}),
         "grain.radius": scene.grain.radius,
         "contact.law": scene.contact.law,
         **{f"contact.{key}": value for key, value in contact.items() if key != "law"},

@@ -14,6 +14,7 @@ from atpid_sim.engine import columns, drive
 from atpid_sim.engine.response_run import EXCEEDED, Drive, Schedule, respond
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import contact_of, restitution_of
+from atpid_sim.modal import phasors, resting
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic import Cliff, Conditions, find_cliff, periodic_motion
 from atpid_sim.scene import Scene
@@ -88,6 +89,7 @@ class DamperResponse:
         self._run = self._integration.kernel_inputs
         self.fidelity = self._integration.fidelity
         self.system: System = self._integration.system
+        self._modes = scene.modes
         self.frequency = scene.frequency_hz
         self.period = 1.0 / self.frequency
 
@@ -107,7 +109,7 @@ class DamperResponse:
         amplitude: of the support [m]. That is `finite`, or this response itself where its error is larger; with an
         infinite error that is not computed.
         """
-        if self.fidelity != "soft":
+        if self.fidelity != "soft" or self._modes is not None:
             return self
         if error < math.inf:
             left_out = finite_error(self._integration.scene, self.closed_amplitude(amplitude), held=0.0)
@@ -118,6 +120,8 @@ class DamperResponse:
     @property
     def natural_frequency(self) -> float:
         """Natural frequency of beam and grain as one mass [Hz]."""
+        if self._modes is not None:
+            return self._integration.scene.natural_frequency_hz
         return math.sqrt(self.system.stiffness / (self.system.beam_mass + self.system.grain_mass)) / (2.0 * math.pi)
 
     @property
@@ -128,6 +132,8 @@ class DamperResponse:
     @property
     def decay_periods(self) -> float:
         """Time constant of the closed damper's free decay, in periods."""
+        if self._modes is not None:
+            return 2.0 * float(self._modes.joined.mass[0] / max(self._modes.joined.damping[0], 1e-12)) * self.frequency
         s = self.system
         return 2.0 * (s.beam_mass + s.grain_mass) / max(s.damping, 1e-12) * self.frequency
 
@@ -163,6 +169,9 @@ class DamperResponse:
         of it at every amplitude and mass of the grain. Above resonance, where the grainless beam swings more than the
         closed damper, the latter's velocity counts: a good damper leaves the beam less than either (docs/selection.md).
         """
+        if self._modes is not None:
+            grainless = amplitude * abs(phasors(self._modes.free, self.frequency).sum())
+            return math.pi * min(float(grainless), self.closed_amplitude(amplitude))
         s, w = self.system, 2.0 * math.pi * self.frequency
         force = complex(s.stiffness, s.damping * w)
         grainless = amplitude * abs(force) / abs(complex(s.stiffness - s.beam_mass * w * w, s.damping * w))
@@ -170,6 +179,8 @@ class DamperResponse:
 
     def _phasor(self, amplitude: float) -> complex:
         """Return the steady response of beam and grain as one mass, against the support's sine [m]."""
+        if self._modes is not None:
+            return complex(amplitude * phasors(self._modes.joined, self.frequency).sum())
         s, w = self.system, 2.0 * math.pi * self.frequency
         mass = s.beam_mass + s.grain_mass
         drive_force = complex(s.stiffness, s.damping * w) * amplitude
@@ -181,6 +192,10 @@ class DamperResponse:
     def closed_state(self, amplitude: float) -> State:
         """Return the steady state of the closed damper at phase zero of the support's sine, grain on the floor."""
         s, w = self.system, 2.0 * math.pi * self.frequency
+        if self._modes is not None:
+            joined, back = self._modes.joined, self._modes.from_joined
+            each = amplitude * phasors(joined, self.frequency)
+            return State.resting(0.0, 0.0, back @ np.column_stack((each.imag + resting(joined), w * each.real)))
         phasor = self._phasor(amplitude)
         rest = (s.beam_mass + s.grain_mass) * s.gravity / s.stiffness
         return State.resting(phasor.imag - rest, w * phasor.real)

@@ -20,6 +20,7 @@ class SteadyEnding(Enum):
     FOUND = "the steady motion was found, and one more period verified it"
     CHANGING = "excitation or ceiling change until the end: there is no steady motion"
     IRREGULAR = "the motion does not come to repeat itself, after up to 8 periods of the support: run it as it is"
+    SEVERAL_MODES = "the structure has several modes, or a force drives it: run the scene until it has settled"
     BY_CHANCE = "runs that differ slightly end in different motions: run the scene as it is"
 
 

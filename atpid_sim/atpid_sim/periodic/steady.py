@@ -53,6 +53,8 @@ def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None
     """
     scene.require_prescribed_ceiling()
     choice = choose(scene, fidelity)
+    if scene.modes is not None:
+        return SteadySearch(SteadyEnding.SEVERAL_MODES)
     still = still_from(scene)
     if not scene.excitation.is_tone or still >= scene.duration:
         return SteadySearch(SteadyEnding.CHANGING)

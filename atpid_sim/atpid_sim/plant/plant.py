@@ -61,6 +61,8 @@ class Plant:
         is not closed throughout; ValueError for soft and a law without force.
         """
         self._scene = scene
+        if scene.drive == "force":
+            raise PlantError("drive: given force; allowed: support, whose motion a loop measures; use `simulate`")
         if fidelity not in ("auto", *FIDELITIES):
             raise PlantError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
         self.integration = Integration(scene, choose(scene, fidelity, stays_closed=False).fidelity)

@@ -7,7 +7,7 @@ import functools
 import math
 import operator
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Strict, Tag, model_validator
@@ -17,16 +17,19 @@ from atpid_common.injected_faults import CEILING, PARTS, Injected, overlapping
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Duration, Number, Range, SceneBlock, impossible, within
+from atpid_sim.modal import Modes, ModeSet, modes_of, resting
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation
 from atpid_sim.scene.faults import Fault
 from atpid_sim.scene.sensors import Recording, Sensors
-from atpid_sim.scene.structure import Beam, Container, Grain, Initial
+from atpid_sim.scene.structure import Beam, Container, FurtherMode, Grain, Initial
 from atpid_sim.scene.yaml12 import write_yaml
 
 #: Share of the run, at its end, that is the steady window where the scene names none.
 _STEADY_SHARE = 0.125
+#: Modes beside the first at most.
+_MOST_MODES = 50
 #: Faults of one run at most.
 _MOST_FAULTS = 1000
 #: Samples a block at most: what one message can hold without filling the memory.
@@ -59,6 +62,12 @@ class SceneValues(SceneBlock):
     """One run: structure, contact, excitation, ceiling and how long (docs/scenes.md)."""
 
     beam: Beam = Field(description="the beam reduced to one mass")
+    further_modes: tuple[FurtherMode, ...] = Field(
+        default=(), max_length=_MOST_MODES, description="modes of the structure beside beam (docs/modes.md)"
+    )
+    drive: Literal["support", "force"] = Field(
+        default="support", description="what the excitation is: the support's displacement [m], or a force on beam [N]"
+    )
     grain: Grain = Field(description="the grain")
     container: Container = Field(
         default=Container(),
@@ -107,7 +116,15 @@ class SceneValues(SceneBlock):
     @property
     def natural_frequency_hz(self) -> float:
         """Undamped natural frequency of beam and grain as one mass [Hz] (equation 3.45)."""
+        if self.modes is not None:
+            joined = self.modes.joined
+            return math.sqrt(joined.stiffness[0] / joined.mass[0]) / (2.0 * math.pi)
         return math.sqrt(self.beam.stiffness / self.total_mass) / (2.0 * math.pi)
+
+    @property
+    def modes(self) -> Modes | None:
+        """The structure's modes where it has several or a force drives it, else None."""
+        return None if not self.further_modes and self.drive == "support" else _modes_of(self)
 
     @property
     def frequency_hz(self) -> float:
@@ -160,6 +177,8 @@ class SceneValues(SceneBlock):
     @property
     def static_deflection(self) -> float:
         """How far the weight of beam and grain pulls the beam down [m] (equation 3.41), positive."""
+        if self.modes is not None:
+            return -float(resting(self.modes.joined).sum())
         return self.total_mass * self.gravity / self.beam.stiffness
 
     def require_prescribed_ceiling(self) -> None:
@@ -177,7 +196,8 @@ class SceneValues(SceneBlock):
 
     def decisive_defaults(self, measured: bool = False) -> list[str]:
         """Return `key = value` of each value the scene does not give and a run uses; `measured`: sensors as well."""
-        apart = () if measured else ("sensors.", "recording.", "seed")
+        noise = () if self.excitation.kind == "random" else ("seed",)
+        apart = ("further_modes", "drive", *(() if measured else ("sensors.", "recording.", *noise)))
         return [f"{key} = {_text(value)}" for key, value, _ in _defaults(self, "") if value is not None
                 and not key.startswith(apart)]  # fmt: skip
 
@@ -188,6 +208,28 @@ class SceneValues(SceneBlock):
     def to_yaml(self) -> str:
         """Return the scene as YAML; loading it gives the same scene."""
         return write_yaml(self.to_mapping())
+
+
+@functools.lru_cache(maxsize=64)
+def _modes_from(
+    parts: tuple[tuple[float, float, float, float], ...], drive: str, grain: float, gravity: float
+) -> Modes:
+    """Return the modes of (mass, stiffness, damping, drive factor) each [SI units]."""
+    mass, stiffness, damping, factors = np.array(parts).T
+    if drive == "support":
+        factors[0] = 1.0 - factors[1:].sum()
+        direct, rate = factors * stiffness, factors * damping
+    else:
+        direct, rate = factors, np.zeros(len(factors))
+    weight = np.zeros(len(mass))
+    weight[0] = gravity
+    return modes_of(ModeSet(mass, stiffness, damping, direct, rate, weight), grain, gravity)
+
+
+def _modes_of(scene: SceneValues) -> Modes:
+    given = [(scene.beam, 1.0), *((mode, mode.drive_factor) for mode in scene.further_modes)]
+    parts = tuple((mode.mass, mode.stiffness, mode.damping, factor) for mode, factor in given)
+    return _modes_from(parts, scene.drive, scene.grain_mass, scene.gravity)
 
 
 def _height_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:

@@ -71,6 +71,19 @@ def _number(key: str, value: Any, low: float, high: float) -> float:
     return float(value)
 
 
+class FurtherMode(Beam):
+    """A mode of the structure beside the one that `beam` is."""
+
+    mass: Mass = Field(description="mass that an impulse at the container meets in this mode: modal over shape^2 [kg]")
+    stiffness: Stiffness = Field(description="stiffness of the same normalisation [N/m]; or give frequency")
+    damping: Damping = Field(description="damping of the same normalisation [N s/m]; or give damping_ratio")
+    drive_factor: Annotated[Number, within(-1e3, 1e3)] = Field(
+        default=0.0,
+        description="share of the drive: of a moving support participation times shape at the container, beam has the "
+        "rest of 1; of a force shape where it acts over shape at the container, beam has 1 [-]",
+    )
+
+
 class Grain(SceneBlock):
     """The grain."""
 

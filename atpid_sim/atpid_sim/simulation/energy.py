@@ -12,6 +12,7 @@ from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact
+from atpid_sim.modal import ModeSet, free_of
 from atpid_sim.system import Array, System
 
 
@@ -60,7 +61,7 @@ def _flows(system: System, table: Array, first: State, y: Array, end: float, lef
         y[..., k] - first.y[k] for k in (columns.INPUT, columns.BEAM_LOSS, columns.CONTACT_LOSS, columns.CEILING_WORK)
     )
     stored = _stored(system, y, end_u) - _stored(system, first.y, start_u) + left
-    sprung = 0.5 * system.stiffness * np.maximum((first.beam - start_u) ** 2, (y[..., columns.BEAM] - end_u) ** 2)
+    sprung = np.maximum(_sprung(system, first.y, start_u), _sprung(system, y, end_u))
     residual = relative_residual(work, beam_loss, contact_loss, ceiling, stored, sprung)
     return work, beam_loss, contact_loss, ceiling, stored, residual
 
@@ -86,6 +87,10 @@ def stored_energy(system: System, state: State, support: float) -> float:
 def _stored(system: System, y: Array, support: float) -> Any:
     beam, velocity = y[..., columns.BEAM], y[..., columns.BEAM_VELOCITY]
     grain, grain_velocity = y[..., columns.GRAIN], y[..., columns.GRAIN_VELOCITY]
+    if system.modes is not None:
+        states = _mode_states(y)
+        own = _stored_by_mode(free_of(system.modes), states).sum(axis=-1)
+        return own + system.grain_mass * (0.5 * grain_velocity**2 + system.gravity * grain)
     stretch = beam - support
     return (
         0.5 * system.beam_mass * velocity**2
@@ -93,6 +98,36 @@ def _stored(system: System, y: Array, support: float) -> Any:
         + 0.5 * system.stiffness * stretch**2
         + system.gravity * (system.beam_mass * beam + system.grain_mass * grain)
     )
+
+
+def _sprung(system: System, y: Array, support: float) -> Any:
+    """Return the elastic energy of the structure (...) [J]."""
+    if system.modes is not None:
+        return 0.5 * (free_of(system.modes).stiffness * _mode_states(y)[..., columns.Q] ** 2).sum(axis=-1)
+    return 0.5 * system.stiffness * (y[..., columns.BEAM] - support) ** 2
+
+
+def _mode_states(y: Array) -> Array:
+    """Return the modes' part (..., modes, MODE_COLUMNS) of states (..., n)."""
+    part = y[..., columns.STATE_SIZE :]
+    return part.reshape(*part.shape[:-1], -1, columns.MODE_COLUMNS)
+
+
+def _stored_by_mode(modes: ModeSet, states: Array) -> Array:
+    """Return kinetic, elastic and potential energy of each mode (..., modes) [J]."""
+    q, rate = states[..., columns.Q], states[..., columns.Q_RATE]
+    stored: Array = 0.5 * modes.mass * rate**2 + 0.5 * modes.stiffness * q**2 + modes.mass * modes.gravity * q
+    return stored
+
+
+def mode_residuals(modes: ModeSet, first: State, last: State) -> Array:
+    """Return what does not add up in each mode's ledger (modes,), relative to its flows and its largest energy."""
+    begun, ended = _mode_states(first.y), _mode_states(last.y)
+    work, lost, contact = ((ended - begun)[:, k] for k in (columns.Q_INPUT, columns.Q_LOSS, columns.Q_CONTACT))
+    stored = _stored_by_mode(modes, ended) - _stored_by_mode(modes, begun)
+    sprung = 0.5 * modes.stiffness * np.maximum(begun[:, columns.Q], ended[:, columns.Q]) ** 2
+    residual: Array = relative_residual(work, lost, -contact, np.zeros(len(work)), stored, sprung)
+    return residual
 
 
 def contact_energy(contact: Contact, system: System, state: State, table: Array) -> float:

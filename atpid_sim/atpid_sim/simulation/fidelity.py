@@ -61,6 +61,8 @@ def choose(
     it does. undamped: amplitude of the closed damper [m], computed where it is not given and needed. Raises ValueError
     for an unknown name.
     """
+    if fidelity == "auto" and scene.modes is not None and not is_closed(scene):
+        return _described(scene, complete_fidelity(scene), undamped)  # what a contact does to fast modes has no bound
     if fidelity == "auto":
         closed = is_closed(scene) if stays_closed is None else stays_closed
         for cheap in ("simplified", "impact") if closed else ("impact",):

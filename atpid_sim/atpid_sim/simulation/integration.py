@@ -19,6 +19,7 @@ from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
+from atpid_sim.modal import phasors, resting
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.scene.structure import Initial
@@ -39,7 +40,7 @@ _TOLERANCE_SHARE = 0.3
 #: Steps any run may take, hundreds of times those of the standard task, and more for every cycle of beam or drive,
 #: eight times those of the standard task: no run is endless, a hard case still ends, and so does a very long one.
 _STEPS = 5_000_000
-_STEPS_PER_CYCLE = 1_000
+_STEPS_PER_CYCLE, _STEPS_PER_ROW = 1_000, 20
 #: Share of the static deflection, or of the grain's radius, below which a displacement is negligible.
 _NEGLIGIBLE = 1e-8
 
@@ -158,10 +159,12 @@ class Integration:
     @property
     def step_limit(self) -> int:
         """Steps a run of the whole scene may take before it ends as STEP_BUDGET."""
-        return self._limit(self.scene.duration)
+        return self._limit(self.table)
 
-    def _limit(self, duration: float) -> int:
-        return _STEPS + int(_STEPS_PER_CYCLE * duration * self._fastest)
+    def _limit(self, table: Array) -> int:
+        """Return the steps a run through a table may take; each of its rows takes some at least."""
+        duration = table[-1, columns.END] - table[0, columns.START]
+        return _STEPS + int(_STEPS_PER_CYCLE * duration * self._fastest) + _STEPS_PER_ROW * len(table)
 
     def initial_state(self, disturbance: float = 0.0) -> State:
         """Return the state at time zero: at rest under the weight, deflected, or the scene's own (Eqs 3.41, 3.42).
@@ -178,10 +181,21 @@ class Integration:
         deflection = excitation.deflection if excitation.is_free else initial.displacement
         beam = deflection - self.scene.static_deflection
         size = abs(beam) if beam != 0.0 else self.scene.grain.radius
-        state = State.resting(beam + disturbance * size, initial.velocity)
+        modes = self._resting_modes
+        if modes is not None:
+            modes[0] += deflection + disturbance * size, initial.velocity
+        state = State.resting(beam + disturbance * size, initial.velocity, modes)
         if initial.grain_height > 0.0 or initial.grain_speed > initial.velocity:
             state.release_grain(initial.grain_height, initial.grain_speed)
         return state
+
+    @property
+    def _resting_modes(self) -> Array | None:
+        """Displacements and velocities (modes, 2) at rest under the weight of structure and grain; None: one mode."""
+        if self.scene.modes is None:
+            return None
+        rest = resting(self.scene.modes.joined)
+        return self.scene.modes.from_joined @ np.column_stack((rest, np.zeros(len(rest))))
 
     @property
     def kernel_inputs(self) -> tuple[int, System, float, int, Array, float, ContactTable]:
@@ -190,7 +204,7 @@ class Integration:
 
     def warm_up(self) -> None:
         """Compile the engine, or load it from the cache, so that a timed run does neither."""
-        self.advance(State.resting(0.0, 0.0), np.zeros((0, columns.DRIVE_COLUMNS)), limit=1)
+        self.advance(self.initial_state(), np.zeros((0, columns.DRIVE_COLUMNS)), limit=1)
 
     def advance(
         self, state: State, table: Array, observation: Observation = NO_OBSERVATION, limit: int | None = None
@@ -200,7 +214,7 @@ class Integration:
         limit: steps it may take, by default as many as its duration allows.
         """
         if limit is None:
-            limit = self._limit(table[-1, columns.END] - table[0, columns.START])
+            limit = self._limit(table)
         law, parameters = self.contact
         seen = observation
         return Outcome(
@@ -217,9 +231,11 @@ class Integration:
         sections (n, 4): displacement and velocity of the beam, then of the grain [m, m/s, m, m/s]; runs beyond these go
         on from the one before. The grain has to fly at the end. One call of compiled code.
         """
+        if self.scene.modes is not None:
+            raise NumericalFailure("a section has the state of one mode; run a structure of several until it settles")
         after = np.empty((count, 4))
         law, parameters = self.contact
-        limit = self._limit(table[-1, columns.END] - table[0, columns.START])
+        limit = self._limit(table)
         done, ended = pass_sections(
             self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, sections, after, limit,
             self._contacts,
@@ -331,6 +347,9 @@ def amplitude_without_damper(scene: Scene) -> float:
         return math.nan
     tone = [{of(scene, t) for t in window} for of in (amplitude_at, frequency_at)]
     if scene.excitation.is_tone and all(len(values) == 1 for values in tone):
+        if scene.modes is not None:
+            amplitude, frequency = (values.pop() for values in tone)
+            return float(amplitude * abs(phasors(scene.modes.free, frequency).sum()))
         return bare_amplitude(beam.mass, beam.stiffness, beam.damping, *(values.pop() for values in tone))
     without = scene.with_(gravity=0.0, initial=None)  # at rest at first, where a smaller mass hangs higher
     bare = Integration(without, "simplified", mass=beam.mass)

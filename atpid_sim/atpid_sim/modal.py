@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A structure of several modes: in flight, and with the grain's mass at the container.
+
+A mode's coordinate is its part of the container's displacement, so that its mass is the one which an impulse at the
+container meets. In flight the modes do not couple, and while the grain moves with the container its joined ones do
+not: those of the structure with the grain's mass at the container, of whose damping what couples them is left out.
+
+A signal s drives a mode by the force `direct` s + `rate` s'. A moving support has shares of stiffness and damping, a
+force acts directly.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class ModeSet(NamedTuple):
+    """Uncoupled modes, the first the one that matters most; (modes,) each [SI units], as in `engine.columns`."""
+
+    mass: Array
+    stiffness: Array
+    damping: Array
+    direct: Array
+    rate: Array
+    gravity: Array
+
+
+class Modes(NamedTuple):
+    """A structure in flight and with the grain held, and how coordinates of the one become those of the other."""
+
+    free: ModeSet
+    joined: ModeSet
+    to_joined: Array  # (modes, modes)
+    from_joined: Array
+
+    @property
+    def table(self) -> Array:
+        """What kernels take (2 SET_ROWS + 2 modes, modes): one array, since each costs time at every call."""
+        return np.vstack([*self.free, *self.joined, self.to_joined, self.from_joined])
+
+
+def modes_of(free: ModeSet, grain_mass: float, gravity: float) -> Modes:
+    """Return the modes of a structure in flight, and joined by a grain [kg] at the container; gravity [m/s^2]."""
+    joined_mass = np.diag(free.mass) + grain_mass
+    from scipy.linalg import eigh  # here, since most scenes have one mode, and it loads slowly
+
+    squares, shapes = eigh(np.diag(free.stiffness), joined_mass)
+    at_container = shapes.sum(axis=0)
+    shapes = shapes / at_container
+    first = int(np.argmax(np.abs(shapes[0])))  # the one that is most like the first
+    order = [first, *(k for k in range(len(squares)) if k != first)]
+    shapes, squares, mass = shapes[:, order], squares[order], at_container[order] ** -2.0
+    weight = -free.mass * free.gravity - grain_mass * gravity
+    joined = ModeSet(
+        mass, squares * mass, np.einsum("ij,i,ij->j", shapes, free.damping, shapes), shapes.T @ free.direct,
+        shapes.T @ free.rate, -(shapes.T @ weight) / mass,
+    )  # fmt: skip
+    to_joined = np.ascontiguousarray((shapes / mass).T @ joined_mass)
+    return Modes(free, joined, to_joined, np.ascontiguousarray(shapes))
+
+
+def free_of(table: Array) -> ModeSet:
+    """Return the modes in flight from what kernels take."""
+    return ModeSet(*table[: len(ModeSet._fields)])
+
+
+def container_mass(modes: ModeSet) -> float:
+    """Return the mass that an impulse at the container meets [kg]."""
+    return float(1.0 / np.sum(1.0 / modes.mass))
+
+
+def phasors(modes: ModeSet, frequency: float) -> NDArray[np.complex128]:
+    """Return each mode's steady displacement (modes,) for a unit of the drive's signal at `frequency` [Hz].
+
+    Their sum is the container's, against the signal's sine; infinite at the resonance of a mode without damping.
+    """
+    omega = 2.0 * np.pi * frequency
+    force = modes.direct + 1j * omega * modes.rate
+    resistance = modes.stiffness - modes.mass * omega**2 + 1j * omega * modes.damping
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.divide(force, resistance, dtype=np.complex128)
+
+
+def resting(modes: ModeSet) -> Array:
+    """Return each mode's displacement under the weight (modes,) [m]."""
+    rest: Array = -modes.mass * modes.gravity / modes.stiffness
+    return rest
