@@ -4,6 +4,7 @@
 import functools
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,15 @@ import yaml
 
 from atpid_control.analysis.modes import cantilever
 from atpid_control.analysis.modes.cantilever import Cantilever
-from atpid_control.analysis.modes.structure import Structure, choose, merged
+from atpid_control.analysis.modes.structure import Structure, choose
 from atpid_control.cli import main
-from atpid_sim.scene import standard_bench
+from atpid_sim.scene import load_scene, standard_bench
 
 #: Steel, bare, slender.
 BARE = Cantilever(1.0, 500.0, 2.34)
 #: Table 2.1, clamped over 0.4 m, bent as 427.6 N/m at the tip are, with a container of 0.25 kg.
 THESIS = Cantilever(0.4, 427.6 * 0.4**3 / 3.0, 0.35 * 0.4 / 0.45, 0.25)
+NUMBER = re.compile(r"-?[0-9]+(?:\.[0-9]+)?")
 LINE = (
     "modes cantilever --length 0.4 --width 0.04 --thickness 0.008 --modulus 5.345e9 --density 2431 --tip-mass 0.25 "
     "--damping-ratio 0.024 --modes 3"
@@ -132,6 +134,11 @@ def test_the_command_writes_blocks_that_it_explains(tmp_path: Path, capsys: pyte
     assert [one["drive_factor"] for one in blocks["further_modes"]] == pytest.approx([-0.1768, 0.0427], rel=2e-3)
     assert "modes left out have -0.02 of the base's motion, added to the last mode" in printed
     assert "next mode: 359.08 Hz" in printed
+    page = (Path(__file__).parents[2] / "docs/modes.md").read_text()
+    assert f"atpid {LINE}\n" in page
+    shown = page.partition("```yaml\n")[2].partition("```")[0]
+    assert shown.count("\n") == printed.count("\n")
+    assert [*map(float, NUMBER.findall(shown))] == pytest.approx([*map(float, NUMBER.findall(printed))], rel=1e-3)
     assert main([*LINE.split(), "--json"]) == 0
     numbers = json.loads(capsys.readouterr().out)
     assert numbers["blocks"] == blocks
@@ -161,7 +168,7 @@ def test_a_material_has_its_modulus_and_density(capsys: pytest.CaptureFixture[st
         ("--damping-ratio 0.1 0.2", "--damping-ratio: given 2; allowed: one for all, or 3, one a mode"),
         ("--force-at 0.5", "--force-at: given 0.5 m; allowed: above 0 to the beam's length, 0.4 m"),
         ("--force-at 1e-4", "--force-at: the mode at 5.783 Hz is at rest there"),
-        ("--tip-mass 1e6", "at rest at the tip, whose mass is too large"),
+        ("--tip-mass 1e6", "--modes: given 3; allowed: at most 1, as many as move the container"),
     ],
 )
 def test_dimensions_that_give_no_modes_are_one_line(words: str, line: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,19 +178,20 @@ def test_dimensions_that_give_no_modes_are_one_line(words: str, line: str, capsy
     assert error.count("\n") == 1
 
 
-def test_a_scene_keeps_its_grain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = standard_bench()
-    (tmp_path / "old.yaml").write_text(scene.to_yaml())
-    words = [*LINE.replace("--modes 3", "--modes 1").split(), "--scene", str(tmp_path / "old.yaml")]
-    assert main([*words, "--out", str(tmp_path / "new.yaml")]) == 0
-    from atpid_sim.scene import load_scene
-
-    changed = load_scene(tmp_path / "new.yaml")
-    assert changed.grain_mass == pytest.approx(scene.grain_mass)
-    assert changed.beam.mass == pytest.approx(0.3243, rel=1e-3)
-    assert changed.ceiling == scene.ceiling
+@pytest.mark.parametrize(("words", "drive"), [("", "support"), ("--force-at 0.4", "force")])
+def test_a_scene_gets_the_modes_and_keeps_its_grain(
+    words: str, drive: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = standard_bench(further_modes=[{"mass": 1.0, "frequency": 40.0, "damping_ratio": 0.1}], drive="force")
+    (tmp_path / "old.yaml").write_text(old.to_yaml())
+    files = f"--scene {tmp_path / 'old.yaml'} --out {tmp_path / 'new.yaml'}"
+    assert main(f"{LINE} {words} {files}".split()) == 0
+    new = load_scene(tmp_path / "new.yaml")
+    assert new.grain_mass == pytest.approx(old.grain_mass)
+    assert new.beam.mass == pytest.approx(0.3243, rel=1e-3)
+    assert [round(mode.mass, 2) for mode in new.further_modes] == [2.39, 6.15]
+    assert (new.drive, new.ceiling) == (drive, old.ceiling)
     assert "next mode" in capsys.readouterr().out
-    assert merged(changed, {"beam": {"mass": 1.0, "stiffness": 1e3, "damping": 1.0}}, "x").beam.stiffness == 1e3
 
 
 @functools.cache

@@ -190,7 +190,7 @@ def test_a_controlled_ceiling_is_checked(ceiling: dict[str, Any], expected: str)
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        (b"", "given None; allowed: a mapping with the keys beam, grain, "),
+        (b"", "given None; allowed: a mapping with the keys beam, further_modes, drive, grain, "),
         (b"- 1\n", r"given \[1\]; allowed: a mapping"),
         (b"beam: {mass: 1\n", "bad.yaml:2: not readable as YAML: "),
         (b"beam: 1\nbeam: 2\n", "bad.yaml:2: not readable as YAML: key 'beam' appears twice"),
@@ -271,8 +271,8 @@ def test_defaults_are_visible() -> None:
     assert scene.steady_window == (14.0, 16.0)
     keys = [line.split(" = ")[0] for line in scene.defaults()]
     assert keys == [
-        "container.side_friction", "container.slope", "contact.wall_young_modulus", "contact.wall_poisson_ratio",
-        "contact.wall_stiffness",
+        "further_modes", "drive", "container.side_friction", "container.slope", "contact.wall_young_modulus", 
+        "contact.wall_poisson_ratio", "contact.wall_stiffness",
         "contact.wall_speed", "initial", "steady_window", "sensors.laser.rate",
         "sensors.laser.noise", "sensors.laser.saturation", "sensors.accelerometer", "recording.block",
         "recording.chunk", "seed", "faults",

@@ -49,7 +49,7 @@ def choose(structure: Structure, count: int, ratios: Sequence[float], forced: bo
     """
     modes = structure.modes[:count]
     if len(modes) < count:
-        raise ModesError(f"--modes: given {count}; allowed: at most {len(modes)}, as many as are known")
+        raise ModesError(f"--modes: given {count}; allowed: at most {len(modes)}, as many as move the container")
     if len(ratios) not in (0, 1, count):
         raise ModesError(f"--damping-ratio: given {len(ratios)}; allowed: one for all, or {count}, one a mode")
     given = (list(ratios) * count)[:count] or [mode.damping_ratio for mode in modes]
