@@ -271,9 +271,12 @@ def test_units_of_a_file_are_heeded(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     ("changes", "words", "line"),
     [
-        ({"fields": {"modal_m": 0.0}}, "--container 20:z", "mode 1: 5.78347 Hz, modal mass 0; allowed: above 0"),
-        ({"fields": {"freq": 0.0}}, "--container 20:z", "mode 1: 0 Hz, modal mass 1; allowed: above 0"),
-        ({"fields": {"freq": math.nan}}, "--container 20:z", "mode 1: its numbers are not all finite"),
+        ({"fields": {"modal_m": 0.0}}, "--container 20:z", "mode 1: 5.78347 Hz, modal mass 0 kg, "),
+        ({"fields": {"freq": 0.0}}, "--container 20:z", "mode 1: 0 Hz, modal mass 1 kg, "),
+        ({"fields": {"freq": math.nan}}, "--container 20:z", "mode 1: nan Hz, "),
+        ({"scale": 1e-90}, "--container 20:z", "allowed: all finite, the first three above 0"),
+        ({"fields": {"r3": np.full(20, 1e300)}}, "--container 20:z", "its numbers are no modes (overflow"),
+        ({"turn": 1.0, "fields": {"eig": 1e308 + 1.7e308j}}, "--container 20:z", "its numbers are no modes ("),
         ({"fields": {"modal_damp_vis": 0.0}}, "--container 20:z", "no damping is known of the mode at 5.783 Hz"),
         ({"turn": 1.0, "fields": {"modal_a": 3.0}}, "--container 20:z", "mode 1: complex, 100 % of it out of phase"),
         ({"turn": np.exp(1j * np.linspace(0, 1, 20))}, "--container 20:z", "out of phase; allowed: at most 10 %"),

@@ -84,7 +84,7 @@ def _give(args: argparse.Namespace, structure: Structure) -> int:
     chosen = choose(structure, args.modes or len(structure.modes), args.damping_ratio, forced)
     given = chosen["blocks"]
     if args.scene is not None:
-        given = merged(load_scene(args.scene), given, str(args.scene)).to_mapping()
+        given = merged(load_scene(args.scene), given, str(args.scene))
     text = "".join(f"# {line}\n" for line in _lines(chosen, forced)) + write_yaml(given)
     if args.out is not None:
         output.file(args.out, replace=args.force)

@@ -80,7 +80,7 @@ class FurtherMode(Beam):
     drive_factor: Annotated[Number, within(-1e3, 1e3)] = Field(
         default=0.0,
         description="share of the drive: of a moving support participation times shape at the container, beam has the "
-        "rest of 1; of a force shape where it acts over shape at the container, beam has 1 [-]",
+        "rest of 1; of a force shape where it acts over shape at the container, over the same of beam [-]",
     )
 
 

@@ -51,7 +51,7 @@ def modes_of(beam: Cantilever, count: int, force_at: float | None = None) -> Str
     along = np.linspace(0.0, beam.length, _ELEMENTS + 1)
     modes: list[Mode] = []
     for one, shape in zip(inverse[::-1], (shapes / np.sqrt(inverse)).T[::-1], strict=True):  # to a modal mass of 1
-        tip, curve = shape[-2], CubicHermiteSpline(along, [0.0, *shape[::2]], [0.0, *shape[1::2]])
+        tip, curve = float(shape[-2]), CubicHermiteSpline(along, [0.0, *shape[::2]], [0.0, *shape[1::2]])
         if abs(tip) < AT_REST * np.abs(shape[::2]).max():
             break  # nor do higher ones move it
         force = float(curve(force_at) / tip) if force_at else 1.0

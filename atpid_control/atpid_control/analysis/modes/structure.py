@@ -79,11 +79,13 @@ def choose(structure: Structure, count: int, ratios: Sequence[float], forced: bo
     }  # fmt: skip
 
 
-def merged(scene: Scene, blocks: dict[str, Any], source: str) -> Scene:
+def merged(scene: Scene, blocks: dict[str, Any], source: str) -> dict[str, Any]:
     """Return a scene with the blocks in place of its own, and a grain of the same mass. Raises SceneError."""
     mapping = {key: value for key, value in scene.to_mapping().items() if key not in ("further_modes", "drive")}
-    share = scene.grain_mass / (scene.grain_mass + blocks["beam"]["mass"])
-    return scene_from_mapping(mapping | blocks | {"grain": mapping["grain"] | {"mass_fraction": share}}, source)
+    share = _digits(scene.grain_mass / (scene.grain_mass + blocks["beam"]["mass"]))
+    mapping = blocks | mapping | blocks | {"grain": mapping["grain"] | {"mass_fraction": share}}
+    scene_from_mapping(mapping, source)
+    return mapping
 
 
 def _digits(value: float) -> float:

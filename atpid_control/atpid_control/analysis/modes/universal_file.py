@@ -99,7 +99,11 @@ def _shapes(path: Path) -> list[_Shape]:
     modes = normal + [one for one in sets if one["analysis_type"] == _COMPLEX and one["eig"].imag > 0.0]
     if not modes:
         raise ModesError(f"{path}: {len(sets)} data sets 55, none of them a mode (analysis type 2 or 3)")
-    return [_shape(f"{path}: mode {one['mode_n']}", one, scale) for one in modes]
+    try:
+        with np.errstate(over="raise", invalid="raise"):
+            return [_shape(f"{path}: mode {one['mode_n']}", one, scale) for one in modes]
+    except ArithmeticError as error:
+        raise ModesError(f"{path}: its numbers are no modes ({error})") from None
 
 
 def _shape(name: str, one: dict[str, Any], scale: float) -> _Shape:
@@ -108,16 +112,16 @@ def _shape(name: str, one: dict[str, Any], scale: float) -> _Shape:
     values = given / turn
     if one["analysis_type"] == _COMPLEX:
         frequency, ratio = abs(one["eig"]) / (2.0 * math.pi), -one["eig"].real / abs(one["eig"])
-        mass = one["modal_a"] / turn**2 / (2j * one["eig"].imag)  # modal A of a real shape is 2 i m omega_d
+        mass = one["modal_a"] / turn**2 / (2j * one["eig"].imag) * scale  # modal A of a real shape is 2 i m omega_d
     else:
         frequency, ratio = one["freq"], one["modal_damp_vis"] or 0.5 * one["modal_damp_his"]
-        mass = complex(one["modal_m"])
-    if not (np.isfinite(values).all() and np.isfinite([frequency, ratio, mass]).all() and values.any()):
-        raise ModesError(f"{name}: its numbers are not all finite, or its shape is 0")
-    if not frequency > 0.0 or mass == 0.0:
-        raise ModesError(f"{name}: {frequency:g} Hz, modal mass {abs(mass):g}; allowed: above 0")
+        mass = complex(one["modal_m"]) * scale
+    largest = float(np.abs(values).max())
+    if not all(1e-30 < number < 1e30 for number in (frequency, abs(mass), largest)) or not math.isfinite(ratio):
+        shown = f"{frequency:g} Hz, modal mass {abs(mass):g} kg, largest shape {largest:g}, damping {ratio:g}"
+        raise ModesError(f"{name}: {shown}; allowed: all finite, the first three above 0")
     apart = max(float(np.linalg.norm(values.imag) / np.linalg.norm(values)), abs(mass.imag / mass))
     if apart > _SLIGHT or mass.real < 0.0:
         allowed = f"at most {100 * _SLIGHT:.0f} %, since a scene's modes are real"
         raise ModesError(f"{name}: complex, {100 * apart:.0f} % of it out of phase; allowed: {allowed}")
-    return _Shape(float(frequency), mass.real * scale, float(ratio), one["node_nums"].astype(np.int64), values.real)
+    return _Shape(float(frequency), mass.real, float(ratio), one["node_nums"].astype(np.int64), values.real)
