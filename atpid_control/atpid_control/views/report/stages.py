@@ -115,9 +115,10 @@ def true_frequency(run: Run) -> Array | None:
 
 
 def _true(run: Run, scene: Scene, points: Sequence[tuple[float, float]]) -> Array | None:
-    if scene.excitation.kind in ("free", "series"):
+    times, values = np.array(points).T
+    if scene.excitation.is_free or not np.isfinite(values).all():
         return None
-    return np.interp(run.motion.time, [t for t, _ in points], [value for _, value in points])
+    return np.interp(run.motion.time, times, values)
 
 
 def intervals(run: Run) -> list[tuple[float, float]]:
