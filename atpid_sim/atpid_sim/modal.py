@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: Motion of the container in a joined mode, over the largest, below which it has a node there.
+_NODE = 1e-6
+
 
 class ModeSet(NamedTuple):
     """Uncoupled modes, the first the one that matters most; (modes,) each [SI units], as in `engine.columns`."""
@@ -48,11 +51,13 @@ def modes_of(free: ModeSet, grain_mass: float, gravity: float) -> Modes:
     from scipy.linalg import eigh  # here, since most scenes have one mode, and it loads slowly
 
     squares, shapes = eigh(np.diag(free.stiffness), joined_mass)
+    # a mode with a node at the container, as where two frequencies are the same, is one that hardly moves it
     at_container = shapes.sum(axis=0)
-    shapes = shapes / at_container
+    least = _NODE * np.abs(at_container).max()
+    at_container = np.where(np.abs(at_container) < least, np.copysign(least, at_container), at_container)
     first = int(np.argmax(np.abs(shapes[0])))  # the one that is most like the first
     order = [first, *(k for k in range(len(squares)) if k != first)]
-    shapes, squares, mass = shapes[:, order], squares[order], at_container[order] ** -2.0
+    shapes, squares, mass = (shapes / at_container)[:, order], squares[order], at_container[order] ** -2.0
     weight = -free.mass * free.gravity - grain_mass * gravity
     joined = ModeSet(
         mass, squares * mass, np.einsum("ij,i,ij->j", shapes, free.damping, shapes), shapes.T @ free.direct,

@@ -181,10 +181,28 @@ def test_the_response_starts_in_the_closed_damper_s_steady_motion() -> None:
     followed = response.follow(0.02, ((0.0, 0.017),), Timing(4, 8))
     assert followed.amplitude == pytest.approx(response.closed_amplitude(0.02), rel=1e-9)
     assert followed.regular
+    assert response.cliff(0.02, response.closed_state(0.02), 0.1, 0.2) is None
     opened = response.opened(0.02, 0.1, Timing(60, 8))
     longer = simulate(scene.with_(height=0.1, duration=60.0, steady_window=[58.0, 60.0], excitation={
         "amplitude": 0.02, "frequency": 5.2}), "impact", check=False)  # fmt: skip
     assert opened.amplitude == pytest.approx(longer.amplitude, rel=0.05)
+
+
+def test_modes_of_one_frequency_are_those_of_their_sum() -> None:
+    # two modes that only differ in mass move as one whose compliance is the sum of theirs
+    def run(*modes: dict[str, float]) -> float:
+        first, *further = [{"frequency": 5.5, "damping_ratio": 0.02} | mode for mode in modes]
+        grain = {"mass_fraction": 0.04 / (0.04 + first["mass"]), "radius": 0.0085}
+        scene = scene_of(beam=first, further_modes=further, grain=grain, duration=3.0)
+        return simulate(scene, "soft", check=False).amplitude
+
+    both = run({"mass": 0.6}, {"mass": 1.2, "drive_factor": 1.0 / 3.0})
+    assert both == pytest.approx(run({"mass": 0.4}), rel=1e-4)
+
+
+def test_a_force_is_no_unusual_displacement() -> None:
+    lines = scene_of("force", 2, 100.0, beam={"mass": 2.0, "frequency": 31.0, "damping_ratio": 0.05}).warnings()
+    assert [line for line in lines if line.startswith("excitation, ")] == []
 
 
 def test_what_several_modes_do_not_have_is_refused() -> None:

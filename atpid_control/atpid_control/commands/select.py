@@ -18,7 +18,7 @@ from atpid_control.selection.registry import at_any_frequency, make_selector, me
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.excitation import amplitude_at
-from atpid_sim.simulation.quantities import bare_amplitude, efficiency, worse_than_without
+from atpid_sim.simulation.quantities import efficiency, linear_amplitude, worse_than_without
 
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
@@ -62,8 +62,7 @@ def run(args: argparse.Namespace) -> int:
         if isinstance(error.__cause__, NumericalFailure):
             raise NumericalFailure(f"{error.__cause__}{scene.hint()}") from None
         raise
-    beam = scene.beam
-    bare = bare_amplitude(beam.mass, beam.stiffness, beam.damping, amplitude, scene.frequency_hz)
+    bare = linear_amplitude(scene, amplitude, scene.frequency_hz, grain=False)
     reduction = efficiency(chosen.beam_amplitude, bare)
     warnings = [*scene.warnings(), *range_warnings(scene, chosen), *worse_than_without(reduction)]
     if args.json:
@@ -130,7 +129,7 @@ def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
 def _show(
     name: str, scene: Scene, amplitude: float, chosen: Selection, warnings: list[str], bare: float
 ) -> None:  # fmt: skip
-    table = Table(title=f"{name}: {chosen.method} at {amplitude:g} m", show_header=False)
+    table = Table(title=f"{name}: {chosen.method} at {amplitude:g} {"m" if scene.drive == "support" else "N"}", show_header=False)
     table.add_row("height", f"{chosen.height:.4f} m")
     table.add_row("beam amplitude there", f"{chosen.beam_amplitude:.4f} m")
     table.add_row("efficiency, against the damper closed", f"{100 * chosen.efficiency:.1f} %")

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from atpid_sim.contact.materials import mismatch
 from atpid_sim.contact.spec import ElasticSpec
+from atpid_sim.modal import phasors
 from atpid_sim.scene.excitation import RandomExcitation, ShockExcitation, TonesExcitation
 from atpid_sim.scene.model import SceneValues
 
@@ -103,7 +104,7 @@ def _excitation(scene: SceneValues) -> Iterator[Quantity]:
             ratio = 1.0 if isinstance(part.frequency, str) else part.frequency / scene.natural_frequency_hz
             yield Quantity("excitation.tones, frequency over the resonance", ratio, 0.1, 10.0, "")
     amplitude = scene.excitation.largest_amplitude
-    if amplitude > 0.0:
+    if amplitude > 0.0 and scene.drive == "support":
         yield Quantity("excitation, amplitude", amplitude, 1e-6, LARGEST_AMPLITUDE, "m", _MILLIMETRES)
     if excitation.is_tone:
         tones = [frequency for _, frequency in excitation.frequency_points] or [scene.frequency_hz]
@@ -118,9 +119,12 @@ def _excitation(scene: SceneValues) -> Iterator[Quantity]:
 def closed_amplitude(scene: SceneValues, amplitude: float, frequency: float = math.nan) -> float:
     """Return the beam's steady amplitude [m] with the damper closed: beam and grain as one mass.
 
-    amplitude: of the support [m]; frequency: of the excitation [Hz], NaN: that of the scene.
+    amplitude: of the support [m], or of a force [N]; frequency: of the excitation [Hz], NaN: that of the scene.
     """
-    omega = 2.0 * math.pi * (scene.frequency_hz if math.isnan(frequency) else frequency)
+    frequency = scene.frequency_hz if math.isnan(frequency) else frequency
+    if scene.modes is not None:
+        return float(amplitude * abs(phasors(scene.modes.joined, frequency).sum()))
+    omega = 2.0 * math.pi * frequency
     beam, damping = scene.beam, scene.beam.damping * omega
     resistance = complex(beam.stiffness - scene.total_mass * omega**2, damping)
     return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
@@ -172,5 +176,5 @@ def _measurement(scene: SceneValues) -> Iterator[Quantity]:
         periods = (end - begin) * scene.frequency_hz
         yield Quantity("steady_window, in periods", periods, 2.0, math.inf, "", "amplitudes are taken in it")
         yield Quantity("sensors.laser.rate, samples a period", laser.rate / scene.frequency_hz, 20.0, math.inf, "")
-    if amplitude > 0.0:
+    if amplitude > 0.0 and scene.drive == "support":
         yield Quantity("sensors.laser.noise over the amplitude", laser.noise / amplitude, 0.0, 0.2, "", _MILLIMETRES)

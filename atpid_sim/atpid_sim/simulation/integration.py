@@ -19,14 +19,14 @@ from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
-from atpid_sim.modal import phasors, resting
+from atpid_sim.modal import resting
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.scene.structure import Initial
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of, residuals
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points, support_rows
-from atpid_sim.simulation.quantities import bare_amplitude
+from atpid_sim.simulation.quantities import linear_amplitude
 from atpid_sim.system import Array, System
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
@@ -347,10 +347,7 @@ def amplitude_without_damper(scene: Scene) -> float:
         return math.nan
     tone = [{of(scene, t) for t in window} for of in (amplitude_at, frequency_at)]
     if scene.excitation.is_tone and all(len(values) == 1 for values in tone):
-        if scene.modes is not None:
-            amplitude, frequency = (values.pop() for values in tone)
-            return float(amplitude * abs(phasors(scene.modes.free, frequency).sum()))
-        return bare_amplitude(beam.mass, beam.stiffness, beam.damping, *(values.pop() for values in tone))
+        return linear_amplitude(scene, *(values.pop() for values in tone), grain=False)
     without = scene.with_(gravity=0.0, initial=None)  # at rest at first, where a smaller mass hangs higher
     bare = Integration(without, "simplified", mass=beam.mass)
     state = bare.initial_state()

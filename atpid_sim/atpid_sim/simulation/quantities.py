@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 
+from atpid_sim.modal import phasors
+from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
 #: Peaks below this share of the first are noise and rest, not decay.
@@ -28,6 +30,18 @@ def bare_amplitude(mass: float, stiffness: float, damping: float, amplitude: flo
     drive = complex(stiffness, damping * omega)
     resistance = complex(stiffness - mass * omega * omega, damping * omega)
     return amplitude * abs(drive) / abs(resistance) if resistance else math.inf
+
+
+def linear_amplitude(scene: Scene, amplitude: float, frequency: float, *, grain: bool) -> float:
+    """Return the steady amplitude [m] of a scene's structure, with the grain held, or without the damper.
+
+    amplitude: of the support [m] or of a force [N]; frequency [Hz]. NaN where either is.
+    """
+    if scene.modes is not None:
+        modes = scene.modes.joined if grain else scene.modes.free
+        return float(amplitude * abs(phasors(modes, frequency).sum()))
+    beam, mass = scene.beam, scene.total_mass if grain else scene.beam.mass
+    return bare_amplitude(mass, beam.stiffness, beam.damping, amplitude, frequency)
 
 
 def efficiency(damped: float, undamped: float) -> float:

@@ -4,15 +4,15 @@
 import math
 
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.quantities import bare_amplitude, efficiency
+from atpid_sim.simulation.quantities import efficiency, linear_amplitude
 
 
 class ShareSoFar:
     """The share at the latest steady estimate, and the mean of all so far."""
 
-    def __init__(self, scene: Scene, mass: float) -> None:
-        """Take the scene, whose stiffness and damping the reference has, and the reference's mass [kg]."""
-        self._mass, self._spring = mass, (scene.beam.stiffness, scene.beam.damping)
+    def __init__(self, scene: Scene, *, grain: bool) -> None:
+        """Take the scene, and whether the reference is its structure with the grain held, or without the damper."""
+        self._scene, self._grain = scene, grain
         self.restart()
 
     def restart(self) -> None:
@@ -27,7 +27,7 @@ class ShareSoFar:
 
     def add(self, amplitude: float, frequency: float, beam: float) -> None:
         """Take a steady estimate: of the support [m, Hz], `beam` its amplitude [m]; NaN: not known, nor the share."""
-        self.reference = bare_amplitude(self._mass, *self._spring, amplitude, frequency)
+        self.reference = linear_amplitude(self._scene, amplitude, frequency, grain=self._grain)
         self.now = efficiency(beam, self.reference)
         if math.isfinite(self.now):
             self._sum, self._count = self._sum + self.now, self._count + 1
@@ -37,4 +37,4 @@ def shares_of(scene: Scene | None) -> dict[str, ShareSoFar]:
     """Return efficiency, against the closed damper, and reduction, against the structure without it; none of None."""
     if scene is None:
         return {}
-    return {"efficiency": ShareSoFar(scene, scene.total_mass), "reduction": ShareSoFar(scene, scene.beam.mass)}
+    return {"efficiency": ShareSoFar(scene, grain=True), "reduction": ShareSoFar(scene, grain=False)}
