@@ -129,7 +129,8 @@ def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
 def _show(
     name: str, scene: Scene, amplitude: float, chosen: Selection, warnings: list[str], bare: float
 ) -> None:  # fmt: skip
-    table = Table(title=f"{name}: {chosen.method} at {amplitude:g} {"m" if scene.drive == "support" else "N"}", show_header=False)
+    unit = "m" if scene.drive == "support" else "N"
+    table = Table(title=f"{name}: {chosen.method} at {amplitude:g} {unit}", show_header=False)
     table.add_row("height", f"{chosen.height:.4f} m")
     table.add_row("beam amplitude there", f"{chosen.beam_amplitude:.4f} m")
     table.add_row("efficiency, against the damper closed", f"{100 * chosen.efficiency:.1f} %")
