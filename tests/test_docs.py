@@ -136,6 +136,9 @@ RUN = {
         r"atpid simulate ": "test_simulate_without_json_is_a_table_for_people",
         r"atpid map ": "test_map_writes_a_map_and_a_header",
     },
+    "tests/of_studies/test_cliff_curves.py": {
+        r"atpid cliffs ": "test_the_command_writes_table_and_picture",
+    },
     "tests/of_studies/test_scene.py": {
         r"python -m studies figures scenes$": "test_the_documented_keys_are_those_that_are_checked"
     },

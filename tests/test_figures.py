@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from atpid_control.cli import main
 from atpid_control.views.report import report
 from atpid_sim.figure_numbers import Numbers, numbers_in, numbers_of
 from atpid_sim.maps import HeightMap
@@ -39,6 +40,13 @@ def bench_again(folder: Path) -> Numbers:
     return numbers_in(folder / "overview.png")
 
 
+def cliffs_again(folder: Path) -> Numbers:
+    picture = folder / "cliffs.png"
+    options = ["--height", "0.19:0.3", "--frequencies", "5.2:5.75", "--picture", str(picture)]
+    assert main(["cliffs", str(ROOT / "scenes/standard.yaml"), *options]) == 0
+    return numbers_in(picture)
+
+
 def mechanism_again(folder: Path) -> Numbers:
     report(ROOT / "bags/thesis_4_3_short", folder)
     return numbers_in(folder / "grain.png")
@@ -47,6 +55,7 @@ def mechanism_again(folder: Path) -> Numbers:
 #: The pictures made again here; those left out take minutes, or show chaotic motion, whose numbers are luck.
 AGAIN: dict[str, Callable[[Path], Numbers]] = {
     "bench": bench_again,
+    "cliffs": cliffs_again,
     "mechanism": mechanism_again,
     "contact_laws": lambda folder: numbers_in(contact.draw(folder)[0]),
     "free_decay": lambda folder: numbers_in(free_decay.draw(folder)[0]),

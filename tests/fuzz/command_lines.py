@@ -36,6 +36,7 @@ LINES: dict[str, tuple[Main, str]] = {
         control.main,
         "map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out MAP --header HEADER --workers 1",
     ),
+    "cliffs": (control.main, "cliffs SCENE --height 0.19:0.3 --amplitudes 0.009:0.011 --out SERIES --picture PNG"),
     "sweep": (studies.main, "sweep --points 1 --rtol 1e-3"),
     "tradeoff": (studies.main, "tradeoff SCENE --out DIR --patience 1"),
     "extremes": (studies.main, "extremes --systems 1 --first 0 --seed 1 --fidelities impact --out DIR"),

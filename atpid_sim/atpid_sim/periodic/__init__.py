@@ -2,12 +2,15 @@
 """Periodic motions of beam and grain: found by Newton's method, their multipliers, and where they lose stability."""
 
 from atpid_sim.periodic.cliff import Cliff, Loss, find_cliff, raised
+from atpid_sim.periodic.continuation import Bifurcation, Branch, follow_branch, follow_cliff
 from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, SteadyState
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
 from atpid_sim.periodic.solve import PeriodicMotion, Search, SearchEnding, periodic_motion, solve
 from atpid_sim.periodic.steady import steady_state
 
 __all__ = [
+    "Bifurcation",
+    "Branch",
     "Cliff",
     "Conditions",
     "Loss",
@@ -21,6 +24,8 @@ __all__ = [
     "SteadyState",
     "find_cliff",
     "flying",
+    "follow_branch",
+    "follow_cliff",
     "passage",
     "periodic_motion",
     "raised",

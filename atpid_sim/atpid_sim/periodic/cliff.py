@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.return_map import ReturnMap, flying, passage
+from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
 from atpid_sim.periodic.solve import PeriodicMotion, size_of, solve
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
@@ -25,6 +25,7 @@ class Loss(Enum):
     """What ends a stable motion."""
 
     FOLD = "a real multiplier reaches +1: the motion meets an unstable one and both vanish"
+    BRANCHING = "a real multiplier reaches +1 and the motion goes on: a symmetry breaks, two other motions branch off"
     DOUBLING = "a real multiplier reaches -1: every second period becomes different"
     BEATING = "a pair of complex multipliers reaches modulus 1: the motion begins to beat (Neimark-Sacker)"
     GRAZING = "an impact appears or vanishes at zero speed, and the multipliers jump"
@@ -88,7 +89,11 @@ def find_cliff(
 
 def raised(integration: Integration, motion: PeriodicMotion, height: float) -> PeriodicMotion | None:
     """Return the motion that a periodic one becomes at another height [m]; None where none is found nearby."""
-    conditions = motion.conditions._replace(height=height)
+    return changed(integration, motion, motion.conditions._replace(height=height))
+
+
+def changed(integration: Integration, motion: PeriodicMotion, conditions: Conditions) -> PeriodicMotion | None:
+    """Return the motion that a periodic one becomes under other conditions; None where none is found nearby."""
     try:
         # the section moves with the flight
         phase, section = passage(integration, motion.conditions, flying(motion.section), motion.phase, motion.periods)

@@ -29,6 +29,8 @@ _EXACT_STEPS, _INTEGRATED_STEPS = (1e-5, 1e-7), (1e-3, 1e-4, 1e-5)
 _SMOOTH = 1e-3
 #: Samples a period in which free flight is looked for, and impacts a period that are logged.
 _SAMPLES, _LOG = 256, 200
+#: Samples a period in which turns of the grain are looked for: their distance is right to 1e-8 of the motion's size.
+_TURN_SAMPLES = 1024
 
 
 class Conditions(NamedTuple):
@@ -93,6 +95,12 @@ class ReturnMap:
         """Return the next section states (k, 4), `periods` apart: `count`, or those before a run that fails."""
         return self.integration.pass_sections(section[None], self._table, count)[0]
 
+    def part(self, section: Array, share: float) -> Array:
+        """Return the section state (4,) a share of the map's duration later, from one (4,). Raises NumericalFailure."""
+        other = copy(self)
+        other._table = _table(self.conditions, self.phase, share * self.duration)
+        return other(section)
+
     def orbit(self, section: Array) -> Orbit:
         """Return what happens until the next passage, from a section state (4,). Raises NumericalFailure."""
         return self._passage(section)[1]
@@ -106,6 +114,28 @@ class ReturnMap:
         log = impact_log(_LOG * self.periods)
         state = self._advance(section, Observation((0.0, self.duration), impacts=log))
         return state, Orbit(state.amplitude, log[: state.n[columns.IMPACTS]])
+
+    def clearance(self, section: Array) -> float:
+        """Return the least distance [m] from a wall at which the grain of a periodic motion turns without touching it.
+
+        section (4,): its section state. Infinite where it turns nowhere. Raises NumericalFailure.
+        """
+        count = _TURN_SAMPLES * self.periods
+        series, log = sample_series(count), impact_log(_LOG * self.periods)
+        spacing = self.duration / count
+        state = self._advance(section, Observation(period=spacing, samples=series, impacts=log))
+        gap = series[columns.S_GRAIN] - series[columns.S_BEAM]
+        struck = (log[: state.n[columns.IMPACTS], columns.E_TIME] / spacing).astype(int)
+        least = math.inf
+        for distance in (gap, self.conditions.height - 2.0 * self.integration.system.radius - gap):
+            free = distance > 0.0
+            free[np.concatenate([struck % count, (struck + 1) % count])] = False
+            before, after = np.roll(distance, 1), np.roll(distance, -1)
+            turns = free & np.roll(free, 1) & np.roll(free, -1) & (distance <= before) & (distance < after)
+            curvature = (after - 2.0 * distance + before)[turns]  # the vertex of a parabola through three samples
+            lowest = distance[turns] - (after - before)[turns] ** 2 / (8.0 * curvature)
+            least = min(least, float(lowest.min(initial=math.inf)))
+        return least
 
     def slope(self, section: Array, scale: Array) -> Slope:
         """Return the derivative at a section state (4,) by central differences; scale (4,): size of the motion.

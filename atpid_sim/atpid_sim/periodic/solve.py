@@ -118,7 +118,7 @@ def solve(returns: ReturnMap, start: Array) -> Search:
         section, residual, iterations = _newton(returns, start, scale)
         if residual > tolerance_of(returns.integration):
             return Search(SearchEnding.NOT_CONVERGED, None)
-        return Search(SearchEnding.FOUND, _described(returns, section, scale, residual, iterations))
+        return Search(SearchEnding.FOUND, described(returns, section, scale, residual, iterations))
     except NumericalFailure:
         return Search(SearchEnding.NO_SECTION, None)
     except np.linalg.LinAlgError:  # a multiplier of exactly 1
@@ -182,7 +182,8 @@ def _distance(change: Array, scale: Array) -> float:
     return float(np.max(np.abs(change / scale)))
 
 
-def _described(returns: ReturnMap, section: Array, scale: Array, residual: float, iterations: int) -> PeriodicMotion:
+def described(returns: ReturnMap, section: Array, scale: Array, residual: float, iterations: int) -> PeriodicMotion:
+    """Return the motion of a fixed point (4,) with its impacts and multipliers. Raises NumericalFailure."""
     orbit: Orbit = returns.orbit(section)
     slope: Slope = returns.slope(section, scale)
     multipliers = sorted_multipliers(slope.matrix)
