@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from atpid_common.vocabulary import Quality
 from atpid_control.identification import Identifier
@@ -54,23 +53,6 @@ def _coloured(memory: float, share: float, white: float = 0.0) -> Make:
         return np.asarray(tone.at(t) + noise)
 
     return make
-
-
-def _resonant(hertz: float, share: float) -> Make:
-    """Return a tone in white noise and as much of second-order noise with a resonance at `hertz`, 3 Hz to a side."""
-    poles = np.array([1.0, -1.96 * math.cos(TAU * hertz / RATE), 0.98**2])
-
-    def make(rng: np.random.Generator, t: Array, tone: Truth) -> Array:
-        noise = lfilter([1.0], poles, rng.normal(0.0, 1.0, 2000 + t.size))[2000:]
-        noise *= share * tone.amplitude / _size(poles)
-        return np.asarray(tone.at(t) + noise + _white(rng, tone, share, t.size))
-
-    return make
-
-
-def _size(poles: Array) -> float:
-    """Return the standard deviation of white noise of one after a filter with `poles` (3,)."""
-    return float(np.linalg.norm(lfilter([1.0], poles, np.eye(1, 2000)[0])))
 
 
 def _white(rng: np.random.Generator, tone: Truth, share: float, count: int) -> Array:
@@ -136,11 +118,7 @@ CASES: dict[str, Make] = {
     "AR(0.9), 0.1 %": _coloured(0.9, 0.001),
     "AR(0.9), 1 %": _coloured(0.9, 0.01),
     "AR(0.99), 1 %": _coloured(0.99, 0.01),
-    "AR(0.9), 0.5 %, and white, 0.5 %": _coloured(0.9, 0.005, 0.005),
-    "AR(0.97), 0.5 %, and white, 0.5 %": _coloured(0.97, 0.005, 0.005),
     "AR(0.99), 0.5 %, and white, 0.5 %": _coloured(0.99, 0.005, 0.005),
-    "resonance at 8 Hz, 0.5 %, and white, 0.5 %": _resonant(8.0, 0.005),
-    "resonance at 12 Hz, 0.5 %, and white, 0.5 %": _resonant(12.0, 0.005),
     "quantised, A/15": _quantised(15.0),
     "quantised, A/50": _quantised(50.0),
     "quantised, A/150": _quantised(150.0),

@@ -4,9 +4,7 @@
 The noise is described as white and first-order autoregressive noise together, for a grid of memories and shares. A
 Kalman filter whitens residual and columns under each and gives its restricted likelihood (Harville, J. Am. Stat. Assoc.
 72, 1977). Their mean over that of white noise is a Bayes factor, whose expectation under white noise is one. Where it
-exceeds `EVIDENCE` (under white noise in one of 700 windows), or each sample resembles the one before, the bars are the
-largest that a likely noise gives. Where the window is long enough they are at least those of the residual's own
-spectrum next to the tone.
+exceeds `EVIDENCE` (under white noise in one of 700 windows) the bars are the largest that a likely noise gives.
 """
 
 import numpy as np
@@ -17,12 +15,7 @@ from atpid_sim.system import Array
 #: Least number of blocks in which a window is averaged; memories of the noise in blocks, its variance over the white's.
 BLOCKS, MEMORIES, SHARES = 128, (1.0, 3.0, 10.0, 30.0, 100.0), (0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1000.0)
 #: Likelihood over that of white noise from which noise is not white; log-likelihood down to which one is likely.
-EVIDENCE, LIKELY = 20.0, 1.2
-#: Standard deviations of the correlation with the sample before from which noise is not white, but blocks may be.
-SHORT = 3.0
-#: Phase of the tone [rad] from which a window hides little: `LITTLE` is evidence enough, and the density next to the
-#: tone is local; where that is taken, in turns over the window.
-LOCAL, LITTLE, NEIGHBOURS = 14.0, 4.0, (-2.5, -1.5, 1.5, 2.5)
+EVIDENCE, LIKELY = 20.0, 1.5
 #: Share from which white noise is next to nothing; correlation with the past from which a residual is examined.
 ALONE, EXAMINED = 100.0, 0.05
 
@@ -40,13 +33,11 @@ def widening(
     factors, plain, size = np.ones(gradients.shape[0]), True, chosen.size
     stride = max(1, left.size // BLOCKS)
     last = _blocks(left, stride)
-    white = np.sum(left * left) / (left.size - size)
     keep, past, joint = np.exp(-1.0 / MEMORIES[1]), 0.0, 0.0
     for value in last:
         joint += past * value
         past = keep * (past + value)
-    short = np.sum(left[1:] * left[:-1]) > SHORT * np.sqrt(left.size) * white
-    if not (short or joint > EXAMINED * np.sum(last * last)):
+    if not joint > EXAMINED * np.sum(last * last):
         return factors, plain
     rows = np.empty((size + 1, last.size))
     rows[size] = last
@@ -56,15 +47,10 @@ def widening(
         (memory, share, _likelihood(rows, np.exp(-1.0 / memory), share)) for memory in MEMORIES for share in SHARES
     ]
     logs = np.array([found[0] for _, _, found in noises])
-    highest, alone = logs.max(), _likelihood(rows, 0.0, 0.0)
-    if not short and highest + np.log(np.exp(logs - highest).mean()) <= alone[0] + np.log(
-        EVIDENCE if turns < LOCAL else LITTLE
-    ):
+    highest = logs.max()
+    if highest + np.log(np.exp(logs - highest).mean()) <= _likelihood(rows, 0.0, 0.0)[0] + np.log(EVIDENCE):
         return factors, plain
-    noises.append((1.0, 0.0, alone))
-    tone, angle = last * (rows[0] + 1j * rows[1]), 2j * np.pi * np.arange(last.size) / last.size
-    near = sum([np.abs(np.sum(tone * np.exp(off * angle))) ** 2 for off in NEIGHBOURS]) / len(NEIGHBOURS)
-    factors[:] = np.sqrt(max(1.0, (turns > LOCAL) * near / (stride * last.size * white)))
+    white = np.sum(left * left) / (left.size - size)
     for memory, share, (log, variance) in noises:
         if log < highest - LIKELY:
             continue

@@ -25,10 +25,6 @@ NEAR = 0.15
 HIDDEN_CHANGE = 0.02
 #: With more than this share of the samples lost a change cannot be distinguished from the gaps.
 CHANGE_LOST = 0.25
-#: Windows in which the noise is looked at, the fewest, and how many samples they are averaged down to.
-LOOK_WINDOWS, LEAST_LOOK, LOOK_SAMPLES = 3, 1.2, 256
-#: Bars over those in white noise from which noise is mistaken for a change or for none, or is a tone that changed.
-MISTAKEN, CHANGED = 3.0, 20.0
 #: Over the residual of the newest period alone: what leaves less in the whole window is there, and no change.
 ALL_THERE_IS = 1.2
 
@@ -55,8 +51,6 @@ class ToneFinder:
         """Start without a frequency; with `shorten` a transient is looked at in one period, too."""
         self.settings, self._shorten = settings, shorten
         self.frequency = math.nan  # of the last tone found [Hz]
-        self._noise: tuple[SineFit, float] | None = None  # a fit in noise that is not white, of samples of so long [s]
-        self._since, self._look_at = math.inf, -math.inf  # since when the tone is steady, next look [s]
 
     def find(self, buffer: SampleBuffer, channel: int) -> Tone | None:
         """Return the tone in the newest samples; None where there is none, or less than a period of it."""
@@ -66,59 +60,10 @@ class ToneFinder:
         if tone is None or tone.quality == Quality.POOR:
             wider = self._search(buffer, channel, buffer.size)
             tone = wider if wider is not None and (tone is None or wider.quality == Quality.STEADY) else tone
-        whole = tone
         if tone is not None and tone.quality == Quality.TRANSIENT and self._shorten and periods >= 1.5:
             tone = self._shorter(buffer, channel, tone)
         self.frequency = math.nan if tone is None else tone.frequency
-        if tone is None or whole is None:
-            return tone
-        self._since = min(self._since, buffer.end - whole.window) if whole.quality == Quality.STEADY else math.inf
-        if not buffer.end < self._look_at <= buffer.end + LOOK_WINDOWS * whole.window:
-            self._look(buffer, channel, whole)
-        return tone if self._noise is None else self._in_noise(tone, whole.quality, buffer.step, *self._noise)
-
-    def _look(self, buffer: SampleBuffer, channel: int, tone: Tone) -> None:
-        """Look at the noise of more samples than a window has, in which the tone hides less of it.
-
-        They begin where the tone became steady; before the first look it may have been so earlier.
-        """
-        s, stretch = self.settings, LOOK_WINDOWS * tone.window
-        skip = 0 if tone.quality == Quality.STEADY else round(tone.window / buffer.step)
-        if self._look_at > 0.0:
-            stretch = min(stretch, max(buffer.end - self._since, 0.0))
-        count = min(buffer.size - skip, round(stretch / buffer.step))
-        stride = max(1, count // LOOK_SAMPLES)
-        count -= count % stride
-        if count * buffer.step < LEAST_LOOK * tone.window:
-            return
-        signal = without_clipping(buffer.newest(skip + count)[channel, :count], s.saturation)
-        signal, tau = (one.reshape(-1, stride).mean(axis=1) for one in (signal, buffer.times(count)))
-        valid = ~np.isnan(signal)
-        given = (tau[valid], signal[valid], TAU * tone.frequency, TAU * s.mains_frequency)
-        fit = fit_sine(*given, s.change_likelihood, s.slow_drift)
-        if fit is not None and fit.change > 0.0:  # or noise that looks like it
-            fit = fit_sine(*given, math.inf)
-        most = CHANGED * tone.fit.residual * math.sqrt(2.0 / stride)
-        coloured = fit is not None and fit.widened > 1.0 and fit.amplitude_std * math.sqrt(fit.used) < most
-        self._noise = (fit, fit.used * stride * buffer.step) if fit is not None and coloured else None
-        self._look_at = buffer.end + (1.0 if coloured else LOOK_WINDOWS) * tone.window
-
-    def _in_noise(self, tone: Tone, whole: Quality, step: float, noise: SineFit, length: float) -> Tone:
-        """Return `tone` with the bars of `noise`, and no longer steady where that is mistaken for it.
-
-        whole: quality of the whole window, step: of its samples [s]; length: of the samples with the noise [s].
-        """
-        quality, fit = tone.quality, tone.fit
-        if quality == Quality.STEADY and self._shorten and noise.widened > MISTAKEN:
-            quality = whole if math.isinf(noise.foreign) else Quality.POOR
-        ratio = math.sqrt(length / (fit.used * step))
-        fit = replace(
-            fit,
-            amplitude_std=max(fit.amplitude_std / fit.widened, ratio * noise.amplitude_std),
-            omega_std=max(fit.omega_std / fit.widened, ratio**3 * noise.omega_std),
-            phase_std=max(fit.phase_std / fit.widened, ratio * noise.phase_std),
-        )
-        return replace(tone, fit=fit, quality=quality)
+        return tone
 
     def _search(self, buffer: SampleBuffer, channel: int, count: int) -> Tone | None:
         """Seed from the newest `count` samples, then fit in the window that the seed defines."""

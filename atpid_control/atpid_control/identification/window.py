@@ -27,11 +27,6 @@ class SampleBuffer:
         """Averaged samples that can be read."""
         return min(self._end, self._capacity)
 
-    @property
-    def end(self) -> float:
-        """When the newest raw sample was taken, from index 0 on [s]."""
-        return (self._next or 0) / self.rate
-
     def push(self, first_index: int, samples: Array) -> None:
         """Append raw `samples` (channels, n) whose first has `first_index`; what is missing before it becomes NaN.
 
