@@ -104,7 +104,7 @@ def test_a_real_motor_refuses_injected_faults() -> None:
     assert isinstance(actuator_of(MotorSettings("simulated", **given)), FaultyActuator)  # type: ignore[arg-type]
     with pytest.raises(SettingsError, match="allowed: none, a real motor is not disturbed"):
         MotorSettings("serial", port="/dev/x", **given)  # type: ignore[arg-type]
-    with pytest.raises(FaultError, match="which the simulated motor acts"):
+    with pytest.raises(FaultError, match="which the simulated motor injects"):
         MotorSettings("simulated", **(given | {"faults": ["clock off 1 2"]}))  # type: ignore[arg-type]
 
 
