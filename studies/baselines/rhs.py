@@ -25,7 +25,7 @@ BEAM_MASS, GRAIN_MASS, STIFFNESS, DAMPING, GRAVITY, RADIUS, LAW, PARAMETERS = ra
 
 def pack(row: Array, system: System, contact: Contact) -> Array:
     """Return one drive row (12,), the system and the contact as one array (24,)."""
-    return np.concatenate([row, system[: -1], [contact.law], contact.parameters[:5]]).astype(np.float64)
+    return np.concatenate([row, system[:-1], [contact.law], contact.parameters[:5]]).astype(np.float64)
 
 
 @kernel
