@@ -12,6 +12,7 @@ from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.maps.response import DamperResponse, Timing
 from atpid_sim.modal import phasors
 from atpid_sim.outcome import NumericalFailure
+from atpid_sim.periodic.basin import Starts, basin
 from atpid_sim.periodic.motion import SteadyEnding
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.plant.plant import Plant, PlantError
@@ -208,6 +209,8 @@ def test_a_force_is_no_unusual_displacement() -> None:
 def test_what_several_modes_do_not_have_is_refused() -> None:
     scene = scene_of(modes=2)
     assert steady_state(scene).ending is SteadyEnding.SEVERAL_MODES
+    with pytest.raises(NumericalFailure, match="several modes"):
+        basin(scene, Starts(0.1))
     with pytest.raises(NumericalFailure, match="state of one mode"):
         Integration(scene, "impact").pass_sections(np.zeros((1, 4)), Integration(scene, "impact").table, 1)
     with pytest.raises(PlantError, match="given force; allowed: support"):

@@ -110,6 +110,8 @@ def basin(
     error: half-width of the 95 % interval for which the number of starts is chosen; count: so many in its place.
     fidelity: as in `simulate`, for an amplitude to a thousandth. Raises as `steady_state`.
     """
+    if scene.modes is not None:
+        raise NumericalFailure(SteadyEnding.SEVERAL_MODES.value)
     scene = scene.with_(tolerance=max(scene.tolerance, _TOLERANCE))
     level = choose(scene, fidelity, stays_closed=False).fidelity
     search = steady_state(scene, level)
