@@ -77,6 +77,11 @@ def container_mass(modes: ModeSet) -> float:
     return float(1.0 / np.sum(1.0 / modes.mass))
 
 
+def static_response(modes: ModeSet) -> float:
+    """Return how far all modes together move at most under a constant unit of the drive's signal [m]."""
+    return float(np.abs(modes.direct / modes.stiffness).sum())
+
+
 def phasors(modes: ModeSet, frequency: float) -> NDArray[np.complex128]:
     """Return each mode's steady displacement (modes,) for a unit of the drive's signal at `frequency` [Hz].
 

@@ -26,4 +26,4 @@ def comes_back(made: Design) -> str:
     least = min(come, key=lambda one: (one.share, -one.times[2]))
     text = f"{100 * least.share:.1f} % ({100 * least.low:.1f} to {100 * least.high:.1f} %) of kicks of {KICK:g} m/s"
     late = f", 95 % within {least.times[2]:.2g} s" if least.share >= 0.95 else ""
-    return "; ".join(filter(None, [f"{text} at a support of {1e3 * least.support:.3g} mm{late}", none]))
+    return "; ".join(filter(None, [f"{text} at a support of {1e3 * least.drive_amplitude:.3g} mm{late}", none]))

@@ -34,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     heights = parser.add_mutually_exclusive_group()
     heights.add_argument("--height", type=positive("m"), metavar="H", help="of the ceiling [m]; default: the scene's")
     heights.add_argument("--heights", type=amplitudes_of, metavar="H0:H1:N", help="N heights from H0 to H1 [m]")
-    parser.add_argument("--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help="N support amplitudes [m]")
+    parser.add_argument(
+        "--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help="N amplitudes of the drive [m or N]"
+    )
     starts = parser.add_mutually_exclusive_group()
     help_kick = "start from the promised motion at any phase, kicked by V [m/s]; default: 0.1"
     starts.add_argument("--kick", type=real(0.0, 1e3, "m/s", above=True), metavar="V", help=help_kick)
@@ -74,7 +76,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(rows, allow_nan=False))
     else:
         for one in found:
-            print(f"{one.height:.5g} m, support {one.support:.4g} m: {one.sentence(starts)}")
+            drive = f"{scene.drive} {one.drive_amplitude:.4g} {'N' if scene.drive == 'force' else 'm'}"
+            print(f"{one.height:.5g} m, {drive}: {one.sentence(starts)}")
     return 0
 
 

@@ -27,11 +27,13 @@ EXAMPLE = "scenes/standard.yaml --height 0.19:0.3 --frequencies 5.2:5.75 --pictu
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", type=file_path, metavar="SCENE.yaml", help="the system, and its excitation by a tone")
-    heights = rising(0.0, 1e3, "LO:HI with 0 < LO < HI, at most 1000 m", closed=False)
+    heights = rising(0.0, 1e3, "LO:HI with 0 < LO < HI, at most 1000", closed=False)
     help_height = "heights [m]; followed is the motion that the scene ends in at LO"
     parser.add_argument("--height", type=heights, required=True, metavar="LO:HI", help=help_height)
     second = parser.add_mutually_exclusive_group()
-    help_amplitudes = "follow the cliff over these support amplitudes [m], around the scene's"
+    help_amplitudes = (
+        "follow the cliff over these amplitudes of the support [m] or of the force [N], around the scene's"
+    )
     second.add_argument("--amplitudes", type=heights, metavar="LO:HI", help=help_amplitudes)
     frequencies = rising(0.0, 1e6, "LO:HI with 0 < LO < HI, at most 1e6 Hz", closed=False)
     help_frequencies = "follow it over these frequencies [Hz], around the scene's"
@@ -56,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
             writer.writeheader()
             writer.writerows(rows)
     if args.picture is not None:
-        draw(rows, "frequency" if args.frequencies else "amplitude", args.picture)
+        draw(rows, "frequency" if args.frequencies else "amplitude", args.picture, scene.drive)
     found = {curve: [row for row in rows if row["curve"] == curve] for curve in _CURVES}
     if args.json:
         print(json.dumps(found, allow_nan=False))
@@ -114,9 +116,9 @@ def points(
     ]  # fmt: skip
 
 
-def draw(rows: list[dict[str, Any]], second: str, path: Path) -> None:
-    """Draw the points that `points` returns, the cliff over the parameter `second`. Raises OutputError."""
-    unit, scale = ("Hz", 1.0) if second == "frequency" else ("mm", 1e3)
+def draw(rows: list[dict[str, Any]], second: str, path: Path, drive: str = "support") -> None:
+    """Draw the points that `points` returns, the cliff over the drive's parameter `second`. Raises OutputError."""
+    unit, scale = ("Hz", 1.0) if second == "frequency" else ("N", 1.0) if drive == "force" else ("mm", 1e3)
     branch, bifurcations, cliff = ([row for row in rows if row["curve"] == name] for name in _CURVES)
     colours = {what: f"C{k}" for k, what in enumerate(dict.fromkeys(row["what"] for row in bifurcations + cliff), 1)}
     with drawn(path, "--picture", ncols=2, figsize=(10.0, 4.2)) as (_, (left, right)):
@@ -124,7 +126,7 @@ def draw(rows: list[dict[str, Any]], second: str, path: Path) -> None:
             shown = [1e3 * row["height"] if row["stable"] or label == "unstable" else math.nan for row in branch]
             left.plot(shown, [1e3 * row["beam_amplitude"] for row in branch], f"C0{line}", label=label)
         left.set(title="The branch", xlabel="height [mm]", ylabel="amplitude of the beam [mm]")
-        right.set(title="The cliff", xlabel=f"{second} of the support [{unit}]", ylabel="height [mm]")
+        right.set(title="The cliff", xlabel=f"{second} of the {drive} [{unit}]", ylabel="height [mm]")
         for what, colour in colours.items():
             at = [row for row in bifurcations if row["what"] == what]
             points = [1e3 * row["height"] for row in at], [1e3 * row["beam_amplitude"] for row in at]

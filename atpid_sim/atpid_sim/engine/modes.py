@@ -195,3 +195,17 @@ def kick(modes, y, impulse):
         change = impulse / modes[at.MASS, i]
         states[i, at.Q_CONTACT] += impulse * (states[i, at.Q_RATE] + 0.5 * change)
         states[i, at.Q_RATE] += change
+
+
+@kernel
+def distances(modes, y, other):
+    """Distance of two states: displacements [m], then velocities [m/s], of all modes and the grain together."""
+    moved, faster = abs(y[at.BEAM] - other[at.BEAM]), abs(y[at.BEAM_VELOCITY] - other[at.BEAM_VELOCITY])
+    if modes is not None:
+        moved = faster = 0.0
+        for i in range(modes.shape[1]):
+            begin = at.STATE_SIZE + i * at.MODE_COLUMNS
+            moved += abs(y[begin + at.Q] - other[begin + at.Q])
+            faster += abs(y[begin + at.Q_RATE] - other[begin + at.Q_RATE])
+    moved += abs(y[at.GRAIN] - other[at.GRAIN])
+    return moved, faster + abs(y[at.GRAIN_VELOCITY] - other[at.GRAIN_VELOCITY])

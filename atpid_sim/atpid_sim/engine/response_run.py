@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_sim.engine import columns as at
+from atpid_sim.engine.modes import distances
 from atpid_sim.engine.row_loop import integrate
 from atpid_sim.kernel import kernel
 
@@ -31,9 +32,9 @@ _STEPS = 5_000_000
 
 
 class Drive(NamedTuple):
-    """A harmonic motion of the support."""
+    """A harmonic motion of the support, or a force."""
 
-    amplitude: float  # [m]
+    amplitude: float  # [m], or of a force [N]
     frequency: float  # [Hz]
 
 
@@ -119,14 +120,14 @@ def respond(run, drive, path, schedule, y, n):
     for k in range(rounds):
         if outcome != 0:
             break
-        was = (y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY])
+        was = y.copy()
         y[at.LOWEST], y[at.HIGHEST] = math.inf, -math.inf
         begin, end = first + k * ROUND * period, first + (k + 1) * ROUND * period
         outcome = _advance(run, table, drive, begin, end, y, n, (0.0, 1.0), none, True)
         amplitudes[k] = 0.5 * (y[at.HIGHEST] - y[at.LOWEST])
         pace = 2.0 * math.pi * drive.frequency
-        moved = abs(y[at.BEAM] - was[0]) + abs(y[at.GRAIN] - was[2])
-        moved += (abs(y[at.BEAM_VELOCITY] - was[1]) + abs(y[at.GRAIN_VELOCITY] - was[3])) / pace
+        moved, faster = distances(run[1].modes, y, was)
+        moved += faster / pace
         apart[k] = moved / max(amplitudes[k], 1e-300)
         verdict, amplitude = _judge(amplitudes, apart, k, schedule)
         if outcome == 0 and verdict != WATCHED:

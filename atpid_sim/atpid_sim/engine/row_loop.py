@@ -18,7 +18,8 @@ from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, rep
 from atpid_sim.engine.modes import container_mass
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import SampleView, record_extreme
-from atpid_sim.engine.state import FIRST_STEP, steps_used
+from atpid_sim.engine.sections import enter_section, leave_section
+from atpid_sim.engine.state import steps_used
 from atpid_sim.kernel import kernel
 from atpid_sim.outcome import Outcome
 
@@ -265,22 +266,20 @@ def integrate_alike(fidelity, tables, common, system, masses, law, p, rtol, y, n
 
 
 @kernel
-def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, after, budget, contacts):
-    """Map states of free flight, displacement and velocity of beam and grain (runs, 4) [SI units], through the table.
+def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, before, after, budget, contacts):
+    """Map states of free flight, `before` (runs, n) as `sections` lays them out [SI units], through the table.
 
-    The runs beyond those of `sections` go on from the one before. `after` (runs, 4) gets their ends; returns how many
-    it has, and the outcome's value of the next one, or IN_CONTACT. The rest as in `integrate`.
+    The runs beyond those of `before` go on from the one before. `after` (runs, n) gets their ends; returns how many it
+    has, and the outcome's value of the next one, or IN_CONTACT. The rest as in `integrate`.
     """
     window, sampling = (math.inf, math.inf), (0.0, 1.0)
     out, impacts = np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
-    y, n = np.zeros(at.STATE_SIZE), np.zeros(at.COUNTERS, dtype=np.int64)
+    y, n = np.empty(sections.flight.size), np.zeros(at.COUNTERS, dtype=np.int64)
     for run in range(after.shape[0]):
-        y[:] = 0.0
+        y[:] = sections.flight
         n[:] = 0
         n[at.MODE] = at.FREE
-        y[at.LOWEST], y[at.HIGHEST], y[at.FIRST_STEP] = math.inf, -math.inf, FIRST_STEP
-        begin = sections[run] if run < sections.shape[0] else after[run - 1]
-        y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY] = begin[0], begin[1], begin[2], begin[3]
+        enter_section(system.modes, sections, before[run] if run < before.shape[0] else after[run - 1], y)
         control = _control(fidelity, table, system, law, p, rtol, budget, y)
         ended = _integrate(
             fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts
@@ -289,6 +288,5 @@ def pass_sections(fidelity, table, system, mass, law, p, rtol, sections, after, 
             return run, ended.value
         if n[at.MODE] != at.FREE:
             return run, IN_CONTACT
-        end = after[run]
-        end[0], end[1], end[2], end[3] = y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY]
+        leave_section(sections, y, after[run])
     return after.shape[0], 0

@@ -8,6 +8,7 @@ import numpy as np
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.row_loop import IN_CONTACT as GROUNDED
 from atpid_sim.engine.row_loop import integrate, pass_sections
+from atpid_sim.engine.sections import enter_section, leave_section
 from atpid_sim.kernel import kernel
 
 #: How a transient ends: it draws together, it does not, or there is no free flight to take a section in.
@@ -52,9 +53,9 @@ def _rate(distances, count):
 
 @kernel
 def _apart(one, other, scale):
-    """Largest distance of two section states (4,) over the motion's size (4,)."""
+    """Largest distance of two section states (n,) over the motion's size (n,)."""
     distance = 0.0
-    for k in range(4):
+    for k in range(scale.shape[0]):
         distance = max(distance, abs(one[k] - other[k]) / scale[k])
     return distance
 
@@ -97,26 +98,26 @@ def _to_section(run, table, y, n, budget):
 
 
 @kernel
-def _draw_together(run, table, begin, scale, budget, sections):
-    """Pass a section from the state begin (1, 4) on until the passages draw together regularly.
+def _draw_together(run, table, sections, begin, scale, budget, passages):
+    """Pass a section from the state begin (1, n) on until the passages draw together regularly.
 
-    scale (4,): size of the motion. sections (most, 4) gets the passages. Returns how it ends, IN_CONTACT where a
+    scale (n,): size of the motion. passages (most, n) gets them. Returns how it ends, IN_CONTACT where a
     passage is no free flight, how many there are, after how many of them the motion repeats itself, and its distance
     from there at the rate of contraction, relative.
     """
     fidelity, system, mass, law, p, rtol, contacts = run
-    most = sections.shape[0]
+    most = passages.shape[0]
     one, two = np.empty(most), np.empty(most)  # distances of passages one and two periods apart
     for k in range(most):
-        last = begin if k == 0 else sections[k - 1 : k]
+        last = begin if k == 0 else passages[k - 1 : k]
         done, ended = pass_sections(
-            fidelity, table, system, mass, law, p, rtol, last, sections[k : k + 1], budget, contacts
+            fidelity, table, system, mass, law, p, rtol, sections, last, passages[k : k + 1], budget, contacts
         )
         if done == 0:
             return (IN_CONTACT if ended == GROUNDED else IRREGULAR), k, 1, math.inf
-        one[k] = _apart(sections[k], last[0], scale)
+        one[k] = _apart(passages[k], last[0], scale)
         if k > 0:
-            two[k - 1] = _apart(sections[k], begin[0] if k == 1 else sections[k - 2], scale)
+            two[k - 1] = _apart(passages[k], begin[0] if k == 1 else passages[k - 2], scale)
         for periods in range(1, 3):
             distances, count = (one, k + 1) if periods == 1 else (two, k)
             rate = _rate(distances, count)
@@ -129,14 +130,15 @@ def _draw_together(run, table, begin, scale, budget, sections):
 
 
 @kernel
-def settle(run, rows, table, y, n, least_size, budget, sections):
+def settle(run, rows, table, y, n, sections, sizes, least_size, budget, passages):
     """Follow a motion from state y, n, changed in place, until its passages of a section draw together regularly.
 
     run: (fidelity, system, mass, law, parameters, rtol, contacts) of `integrate`; rows: drive table up to constant
     conditions; table (1, DRIVE_COLUMNS): the period after it, from time zero on, changed to begin at the section;
-    least_size: of a motion [m]; budget: steps of each run. sections (most, 4) gets the passages. Returns the outcome's
-    value of `rows`, how it ends, periods behind `rows`, the beam's amplitude [m], and the rest as `_draw_together`.
-    Where a section turns out to lie in a contact another one is taken.
+    sections: how section states lie in y; sizes (n,): of a motion of unit amplitude; least_size: of a motion [m];
+    budget: steps of each run. passages (most, n) gets them. Returns the outcome's value of `rows`, how it ends, periods
+    behind `rows`, the beam's amplitude [m], and the rest as `_draw_together`. Where a section turns
+    out to lie in a contact another one is taken.
     """
     fidelity, system, mass, law, p, rtol, contacts = run
     nothing, unsampled = np.zeros((0, at.IMPACT_COLUMNS)), np.zeros((at.SAMPLE_ROWS, 0))
@@ -144,22 +146,21 @@ def settle(run, rows, table, y, n, least_size, budget, sections):
     outcome = integrate(
         fidelity, rows, system, mass, law, p, rtol, y, n, never, (0.0, 1.0), unsampled, nothing, budget, contacts
     )
-    passed, amplitude, begin = 0.0, 0.0, np.empty((1, 4))
+    passed, amplitude, begin = 0.0, 0.0, np.empty((1, sizes.size))
     while outcome == 0:
         share, amplitude = _to_section(run, table, y, n, budget)
         if share < 0.0:  # where it has flown before, the motion is irregular
             return outcome, IRREGULAR if passed > 0.0 else IN_CONTACT, passed, amplitude, 0, 1, math.inf
         passed += 1.0 + share
-        begin[0] = y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY]
-        size, pace = max(amplitude, least_size), table[0, at.OMEGA]
-        scale = (size, pace * size, size, pace * size)
-        left_over = sections[: max(0, sections.shape[0] - int(passed))]
-        ending, count, periods, left = _draw_together(run, table, begin, scale, budget, left_over)
+        leave_section(sections, y, begin[0])
+        scale = sizes * max(amplitude, least_size)
+        left_over = passages[: max(0, passages.shape[0] - int(passed))]
+        ending, count, periods, left = _draw_together(run, table, sections, begin, scale, budget, left_over)
         passed += count
         if ending != IN_CONTACT:
             return outcome, ending, passed, amplitude, count, periods, left
         if count > 0:
-            begin[0] = sections[count - 1]
-        y[at.BEAM], y[at.BEAM_VELOCITY], y[at.GRAIN], y[at.GRAIN_VELOCITY] = begin[0]
+            begin[0] = passages[count - 1]
+        enter_section(system.modes, sections, begin[0], y)
         n[at.MODE] = at.FREE
     return outcome, IRREGULAR, passed, amplitude, 0, 1, math.inf

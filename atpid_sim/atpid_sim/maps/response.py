@@ -249,11 +249,8 @@ class DamperResponse:
     def cliff(self, amplitude: float, state: State, height: float, end: float) -> Cliff | None:
         """Return the regular motion near a simulated one, followed while the ceiling is moved to `end` [m] at most.
 
-        state: of the simulated motion at a height [m]. None where no stable motion of at most four periods is near, or
-        the structure has several modes.
+        state: of the simulated motion at a height [m]. None where no stable motion of at most four periods is near.
         """
-        if self._modes is not None:
-            return None
         integration = self._integration.at_level(self.fidelity, _FOLLOWED_RTOL)
         conditions, clearance = Conditions(amplitude, self.frequency, height), height - self.diameter
         for periods in range(1, REPEATS + 1):

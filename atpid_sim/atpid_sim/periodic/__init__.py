@@ -4,7 +4,7 @@
 from atpid_sim.periodic.cliff import Cliff, Loss, find_cliff, raised
 from atpid_sim.periodic.continuation import Bifurcation, Branch, follow_branch, follow_cliff
 from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, SteadyState
-from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
+from atpid_sim.periodic.return_map import Conditions, ReturnMap, passage
 from atpid_sim.periodic.solve import PeriodicMotion, Search, SearchEnding, periodic_motion, solve
 from atpid_sim.periodic.steady import steady_state
 
@@ -23,7 +23,6 @@ __all__ = [
     "SteadySearch",
     "SteadyState",
     "find_cliff",
-    "flying",
     "follow_branch",
     "follow_cliff",
     "passage",

@@ -28,8 +28,8 @@ class Approach:
 
     once: ReturnMap  # of the run that was followed, over one period
     periods: int
-    passages: Array  # section states (k, 4), `periods` apart
-    scale: Array  # size of the motion (4,)
+    passages: Array  # section states (k, n), `periods` apart
+    scale: Array  # size of the motion (n,)
     time: float
     remaining: float  # distance still to go at the rate of contraction, relative
     growth: float  # of the distance between passages on the way, wherever they drew apart again
@@ -55,21 +55,22 @@ def follow(scene: Scene, quick: Integration, conditions: Conditions, still: floa
     if most < 1:
         return None
     rows = rows_until(scene, begin)
-    state, sections = quick.initial_state(), np.empty((most, 4))
+    state, sections = quick.initial_state(), np.empty((most, len(quick.sections.places)))
     table = _next_period(rows[-1], period)
     outcome, ending, passed, amplitude, count, periods, remaining = settle(
-        quick.kernel_inputs, rows, table, state.y, state.n, least_size(conditions), quick.step_limit, sections
-    )
+        quick.kernel_inputs, rows, table, state.y, state.n, quick.sections, quick.sizes(conditions.frequency),
+        least_size(quick, conditions), quick.step_limit, sections,
+    )  # fmt: skip
     if outcome != Outcome.DONE or ending != REGULAR:
         return None
     once = ReturnMap(quick, conditions, float(table[0, columns.PHASE]) / (2.0 * math.pi) % 1.0)
     passages, time = sections[:count][::-periods][::-1], begin + passed * period
-    scale = size_of(amplitude, conditions)
+    scale = size_of(quick, amplitude, conditions)
     return Approach(once, periods, passages, scale, time, remaining, _growth(passages / scale))
 
 
 def _growth(passages: Array) -> float:
-    """Return the product of all growths of the distance from passage to passage (k, 4), in units of the motion.
+    """Return the product of all growths of the distance from passage to passage (k, n), in units of the motion.
 
     That distance is a disturbance, too: what it grew by on the way others have grown by.
     """

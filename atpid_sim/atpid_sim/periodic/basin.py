@@ -20,11 +20,13 @@ import numpy as np
 from scipy.stats import binomtest, norm
 
 from atpid_sim.engine import columns
-from atpid_sim.engine.basin_run import NEIGHBOURHOOD, NOWHERE
+from atpid_sim.engine.basin_run import NOWHERE
+from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCITY
 from atpid_sim.engine.state import State
+from atpid_sim.modal import container_mass
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.motion import SteadyEnding
-from atpid_sim.periodic.neighbourhood import PLACES, Counts, Cycle, Flow, cycle_of, neighbourhoods
+from atpid_sim.periodic.neighbourhood import Counts, Cycle, Flow, cycle_of, neighbourhoods
 from atpid_sim.periodic.return_map import Conditions
 from atpid_sim.periodic.solve import periodic_motion, size_of
 from atpid_sim.periodic.steady import steady_state
@@ -59,9 +61,10 @@ class Source(Enum):
 class Starts:
     """Where starts lie: kicks of the promised motion at a random phase or, without one, a box of states.
 
-    A kick of V changes the velocities of beam and grain by V cos(a) and V sin(a). In a box of S the beam's displacement
-    and velocity lie within S of the motion's size about the beam's rest, the grain anywhere between floor and ceiling,
-    with a velocity relative to the beam within S of the beam's largest. Phase, a and the box are uniform.
+    A kick of V changes the velocities of beam and grain by V cos(a) and V sin(a); of several modes each takes the share
+    that an impulse at the container gives it. In a box of S the displacement and velocity of each mode lie within S of
+    its size (`Integration.sizes`) about rest, the grain anywhere between floor and ceiling, with a velocity relative to
+    the beam within S of the beam's largest. Phase, a and the box are uniform.
     """
 
     kick: float | None = None  # [m/s]
@@ -73,7 +76,7 @@ class Basin:
     """The share of starts that come to the promised motion."""
 
     height: float  # of the ceiling [m]
-    support: float  # amplitude of the support [m]
+    drive_amplitude: float  # of the support [m], or of a force [N]
     share: float  # [-]; NaN where no motion is promised
     low: float  # of its 95 % interval [-]
     high: float
@@ -110,14 +113,12 @@ def basin(
     error: half-width of the 95 % interval for which the number of starts is chosen; count: so many in its place.
     fidelity: as in `simulate`, for an amplitude to a thousandth. Raises as `steady_state`.
     """
-    if scene.modes is not None:
-        raise NumericalFailure(SteadyEnding.SEVERAL_MODES.value)
     scene = scene.with_(tolerance=max(scene.tolerance, _TOLERANCE))
     level = choose(scene, fidelity, stays_closed=False).fidelity
     search = steady_state(scene, level)
     conditions = Conditions(scene.excitation.amplitude_points[-1][1], scene.frequency_hz, scene.ceiling.heights[-1][1])
     integration, source = Integration(scene, level), Source.OWN
-    drawn = np.random.default_rng(seed).random((count or _looks(error)[-1], 6))
+    drawn = np.random.default_rng(seed).random((count or _looks(error)[-1], len(integration.sections.places) + 2))
     cycle = None if search.state is None else cycle_of(integration, conditions, search.state)
     if cycle is None and search.ending != SteadyEnding.CHANGING:
         cycle, source = _lowest(Flow(integration, conditions, 0.0), drawn[:_LOOKING]), Source.LOWEST
@@ -162,7 +163,7 @@ class _Trial:
         self.elsewhere = 0
 
     def run(self, drawn: Array) -> int:
-        """Run those starts of random numbers (k, 6) in [0, 1) that are not run yet; return how many have arrived."""
+        """Run those starts of random numbers (k, n + 2) in [0, 1) that are not run yet; return how many arrived."""
         first = len(self.when) == 0
         y, n = self._states(drawn[:_FIRST] if first else drawn[len(self.when) :])
         where, when = self.flow.follow(y, n, self.limit, self.places, self.shares)
@@ -197,9 +198,10 @@ class _Trial:
 
     def _states(self, drawn: Array) -> tuple[Array, Counts]:
         if self.starts.kick is None:
-            return _boxed(self.flow, self.starts.box * size_of(self.cycle.amplitude, self.flow.conditions), drawn)
+            size = size_of(self.flow.integration, self.cycle.amplitude, self.flow.conditions)
+            return _boxed(self.flow, self.starts.box * size, drawn)
         flow, system = self.flow, self.flow.integration.system
-        y, n = np.empty((len(drawn), columns.STATE_SIZE)), np.empty((len(drawn), columns.COUNTERS), dtype=np.int64)
+        y, n = np.empty((len(drawn), len(self.cycle.state.y))), np.empty((len(drawn), columns.COUNTERS), dtype=np.int64)
         times, state, row = drawn[:, 0] * self.cycle.periods * flow.period, self.cycle.state.copy(), flow.rows([1.0])
         for k in np.argsort(times):
             row[0, columns.END] = times[k]
@@ -210,13 +212,15 @@ class _Trial:
         y[:, columns.TIME] %= flow.period
         angle = 2.0 * math.pi * drawn[:, 1]
         beam, grain = self.starts.kick * np.cos(angle), self.starts.kick * np.sin(angle)
+        mass, shares = _container(flow)
         if flow.clearance <= 1e-4 * system.radius:  # held: one mass
-            total = system.beam_mass + system.grain_mass
-            beam = grain = (system.beam_mass * beam + system.grain_mass * grain) / total
+            beam = grain = (mass * beam + system.grain_mass * grain) / (mass + system.grain_mass)
         elif flow.integration.fidelity == "impact":
             n[:, columns.MODE] = columns.FREE  # a grain at rest on a wall departs, or strikes it at once
-        y[:, columns.BEAM_VELOCITY] += beam
-        y[:, columns.GRAIN_VELOCITY] += grain
+        states = y[:, flow.places]
+        states[:, MODES_VELOCITY] += beam[:, None] * shares
+        states[:, GRAIN_VELOCITY] += grain
+        flow.integration.sections.enter(y, states)
         return y, n
 
     def result(self, source: Source, low: float, high: float) -> Basin:
@@ -232,27 +236,38 @@ class _Trial:
         )  # fmt: skip
 
 
+def _container(flow: Flow) -> tuple[float, Array]:
+    """Return what an impulse at the container meets [kg], and each mode's share (modes,) of the velocity it gives."""
+    modes = flow.integration.scene.modes
+    if modes is None:
+        return flow.integration.system.beam_mass, np.ones(1)
+    mass = container_mass(modes.free)
+    return mass, mass / modes.free.mass
+
+
 def _boxed(flow: Flow, size: Array, drawn: Array) -> tuple[Array, Counts]:
-    """Return states in a box of half-widths `size` (4,), of random numbers (k, 6) in [0, 1)."""
-    system = flow.integration.system
+    """Return states in a box of half-widths `size` (n,), of random numbers (k, n + 2) in [0, 1)."""
+    system, modes = flow.integration.system, flow.integration.resting_modes
     rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
-    start = State.resting(0.0, 0.0)
-    start.n[columns.MODE] = columns.FREE
+    start = flow.integration.sections.flying(np.zeros(len(size)))
     y, n = np.tile(start.y, (len(drawn), 1)), np.tile(start.n, (len(drawn), 1))
-    aside = 2.0 * drawn - 1.0
-    beam, velocity = rest + aside[:, 1] * size[0], aside[:, 2] * size[1]
     y[:, columns.TIME] = drawn[:, 0] * flow.period
-    grain, speed = beam + drawn[:, 3] * max(flow.clearance, 0.0), velocity + aside[:, 4] * size[3]
-    y[:, PLACES] = np.stack([beam, velocity, grain, speed], axis=1)
+    states, aside = np.empty((len(drawn), len(size))), 2.0 * drawn - 1.0
+    moved = np.column_stack((aside[:, 1:3], aside[:, 6:])) * size[:-2]  # the first mode's, then the others'
+    states[:, MODES] = moved[:, ::2] + (rest if modes is None else modes[:, 0])
+    states[:, MODES_VELOCITY] = moved[:, 1::2]
+    states[:, GRAIN] = states[:, MODES].sum(axis=1) + drawn[:, 3] * max(flow.clearance, 0.0)
+    states[:, GRAIN_VELOCITY] = states[:, MODES_VELOCITY].sum(axis=1) + aside[:, 4] * size[GRAIN_VELOCITY]
+    flow.integration.sections.enter(y, states)
     return y, n
 
 
 def _lowest(flow: Flow, drawn: Array) -> Cycle | None:
     """Return the stable motion of the lowest amplitude that starts in a box come to; None where they come to none."""
     scene = flow.integration.scene
-    size = size_of(closed_amplitude(scene, flow.conditions.amplitude, flow.conditions.frequency), flow.conditions)
-    y, n = _boxed(flow, size, drawn)
-    flow.follow(y, n, _RUN, np.empty((0, NEIGHBOURHOOD)), np.empty(0))
+    closed = closed_amplitude(scene, flow.conditions.amplitude, flow.conditions.frequency)
+    y, n = _boxed(flow, size_of(flow.integration, closed, flow.conditions), drawn)
+    flow.follow(y, n, _RUN, flow.none, np.empty(0))
     found = [cycle for state in map(State, y, n) if (cycle := _cycle_at(flow, state)) is not None]
     lowest = sorted(found, key=lambda cycle: cycle.amplitude)
     return next((cycle for cycle in lowest if len(neighbourhoods(flow.at(cycle.phase), cycle)[0])), None)
@@ -260,13 +275,12 @@ def _lowest(flow: Flow, drawn: Array) -> Cycle | None:
 
 def _cycle_at(flow: Flow, state: State) -> Cycle | None:
     """Return the stable motion that a state, at the phase where the flow begins, has come near to; None without one."""
-    y, n, pace = state.y[None].copy(), state.n[None].copy(), 2.0 * math.pi / flow.period
+    y, n, scale = state.y[None].copy(), state.n[None].copy(), flow.integration.sizes(flow.conditions.frequency)
     y[0, columns.TIME] = 0.0
-    scale = np.array([1.0 / pace, 1.0, 1.0 / pace, 1.0])
-    size = np.abs(state.y[PLACES] / scale).max()
+    size = np.abs(state.y[flow.places] / scale).max()
     for periods in range(1, _LONGEST + 1):
-        flow.follow(y, n, 1, np.empty((0, NEIGHBOURHOOD)), np.empty(0))
-        if np.abs((y[0, PLACES] - state.y[PLACES]) / scale).max() > _RECURRED * size:
+        flow.follow(y, n, 1, flow.none, np.empty(0))
+        if np.abs((y[0, flow.places] - state.y[flow.places]) / scale).max() > _RECURRED * size:
             continue
         found = periodic_motion(flow.integration, flow.conditions, state, flow.phase, periods).motion
         if found is not None and found.stability_margin > 0.0:

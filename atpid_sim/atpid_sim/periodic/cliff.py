@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
+from atpid_sim.periodic.return_map import Conditions, ReturnMap, passage
 from atpid_sim.periodic.solve import PeriodicMotion, size_of, solve
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
@@ -96,13 +96,13 @@ def changed(integration: Integration, motion: PeriodicMotion, conditions: Condit
     """Return the motion that a periodic one becomes under other conditions; None where none is found nearby."""
     try:
         # the section moves with the flight
-        phase, section = passage(integration, motion.conditions, flying(motion.section), motion.phase, motion.periods)
+        phase, section = passage(integration, motion.conditions, motion.state, motion.phase, motion.periods)
     except NumericalFailure:
         return None
     found = solve(ReturnMap(integration, conditions, phase, motion.periods), section).motion
     if found is None:
         return None
-    moved = np.abs((found.section - section) / size_of(motion.amplitude, conditions))
+    moved = np.abs((found.section - section) / size_of(integration, motion.amplitude, conditions))
     return found if float(moved.max()) <= _BRANCH else None
 
 

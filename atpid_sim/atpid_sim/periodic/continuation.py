@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.periodic.cliff import Loss, changed
-from atpid_sim.periodic.return_map import Conditions, ReturnMap, flying, passage
+from atpid_sim.periodic.return_map import Conditions, ReturnMap, passage
 from atpid_sim.periodic.solve import PeriodicMotion, described, size_of, sorted_multipliers, tolerance_of
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
@@ -152,9 +152,9 @@ class _Problem:
     def __init__(self, integration: Integration, near: PeriodicMotion, ranges: Ranges, loss: Loss | None) -> None:
         self.integration, self.near, self.names, self.loss = integration, near, tuple(ranges), loss
         # the section moves with the flight
-        start = flying(near.section)
-        self.phase, self.section = passage(integration, near.conditions, start, near.phase, near.periods)
-        self.scale = np.array([*size_of(near.amplitude, near.conditions), *(b - a for a, b in ranges.values())])
+        self.phase, self.section = passage(integration, near.conditions, near.state, near.phase, near.periods)
+        self.size, spans = size_of(integration, near.amplitude, near.conditions), [b - a for a, b in ranges.values()]
+        self.scale = np.array([*self.size, *spans])
         exact = integration.fidelity == "impact"
         self.width = (_NARROW if loss in (None, Loss.GRAZING) else _WIDE)[0 if exact else 1]
         self.last = math.inf if loss is None else _LAST[0 if exact else 1]
@@ -170,27 +170,29 @@ class _Problem:
         passed = [section]
         for _ in range(motion.periods - 1):
             passed.append(once(passed[-1]))
-        section = min(passed, key=lambda each: float(np.abs((each - self.section) / self.scale[:4]).max()))
+        section = min(passed, key=lambda each: float(np.abs((each - self.section) / self.size).max()))
         found: Array = np.array([*section, *(getattr(conditions, name) for name in self.names)]) / self.scale
         return found
 
     def returns(self, point: Array) -> tuple[ReturnMap, Array]:
         """Return map and section state of a point. Raises NumericalFailure where a parameter is none."""
-        values = dict(zip(self.names, (point * self.scale)[4:].tolist(), strict=True))
+        values = dict(zip(self.names, (point * self.scale)[len(self.size) :].tolist(), strict=True))
         if min(values.values()) <= 0.0:
             raise NumericalFailure("the curve leaves the values that a parameter may have")
         conditions = self.near.conditions._replace(**values)
-        return ReturnMap(self.integration, conditions, self.phase, self.near.periods), point[:4] * self.scale[:4]
+        return ReturnMap(self.integration, conditions, self.phase, self.near.periods), point[
+            : len(self.size)
+        ] * self.size
 
     def __call__(self, point: Array) -> Array:
         """Return what is missing to a point of the curve."""
         returns, section = self.returns(point)
         after, orbit = returns.passed(section)
-        missing: Array = (after - section) / self.scale[:4]
+        missing: Array = (after - section) / self.size
         if self.loss is None:
             return missing
         if self.loss is not Loss.GRAZING:
-            slope = returns.slope(section, self.scale[:4]).matrix
+            slope = returns.slope(section, self.size).matrix
             return np.array([*missing, np.prod(factors(sorted_multipliers(slope))[self.loss]).real])
         clearance = returns.clearance(section) / self.scale[0]
         if math.isinf(clearance) or sorted(orbit.impacts[:, 1]) != sorted(self.near.impacts[:, 1]):
@@ -208,10 +210,10 @@ class _Problem:
         slope = _slope(whole, point, self.width)
         for iteration in range(_ITERATIONS):
             rounded = max(1.0, _ROUNDED * float(np.abs(slope).max()))
-            if np.abs(missing[:4]).max() <= self.tolerance * rounded and taken <= self.last:
+            if np.abs(missing[: len(self.size)]).max() <= self.tolerance * rounded and taken <= self.last:
                 returns, section = self.returns(point)
-                residual = float(np.abs(missing[:4]).max())
-                return described(returns, section, self.scale[:4], residual, iteration)
+                residual = float(np.abs(missing[: len(self.size)]).max())
+                return described(returns, section, self.size, residual, iteration)
             step = np.asarray(np.linalg.lstsq(slope, -missing, rcond=1e-12)[0], dtype=float)
             taken = float(np.abs(step).max())
             if not taken <= 1.0:
@@ -259,11 +261,12 @@ def _steps(
             else:
                 direction = here - problem.point(before)
                 direction /= np.linalg.norm(direction)
-            limits = np.array(list(ranges.values())).T / problem.scale[4:]
+            first = len(problem.size)
+            limits = np.array(list(ranges.values())).T / problem.scale[first:]
             guess, plane = here + step * direction, direction
-            over = np.flatnonzero((guess[4:] < limits[0]) | (guess[4:] > limits[1])) + 4
+            over = np.flatnonzero((guess[first:] < limits[0]) | (guess[first:] > limits[1])) + first
             if ended := len(over) > 0:  # the first limit that the step passes is its end
-                shares = (np.clip(guess[4:], *limits)[over - 4] - here[over]) / direction[over]
+                shares = (np.clip(guess[first:], *limits)[over - first] - here[over]) / direction[over]
                 guess, plane = here + shares.min() * direction, np.eye(len(here))[over[np.argmin(shares)]]
             found = problem.solve(guess, plane)
             moved = problem.point(found) - here

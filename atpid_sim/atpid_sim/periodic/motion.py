@@ -20,7 +20,6 @@ class SteadyEnding(Enum):
     FOUND = "the steady motion was found, and one more period verified it"
     CHANGING = "excitation or ceiling change until the end: there is no steady motion"
     IRREGULAR = "the motion does not come to repeat itself, after up to 8 periods of the support: run it as it is"
-    SEVERAL_MODES = "the structure has several modes, or a force drives it: run the scene until it has settled"
     BY_CHANCE = "runs that differ slightly end in different motions: run the scene as it is"
 
 
@@ -38,10 +37,10 @@ class SteadyState:
 
     amplitude: float  # half peak-to-peak of the beam [m]
     error_estimate: float  # relative, of the amplitude: what is left of the way, tolerance, and model error
-    periods: int  # of the support after which it repeats itself
-    multipliers: NDArray[np.complex128]  # (4,), the largest modulus first; of a grain that never flies two are 0
+    periods: int  # of the drive after which it repeats itself
+    multipliers: NDArray[np.complex128]  # (n,), the largest modulus first; of a grain that never flies two are 0
     followed: float  # how much was run, beyond the scene's end where it took that [s]
-    section: Array  # (4,), see `periodic.return_map`
+    section: Array  # (n,), see `periodic.return_map`
     phase: float  # of the section, as a share of a period
     impacts: Array  # (k, 3): time after the section [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
     fidelity: str
@@ -54,7 +53,7 @@ class SteadyState:
 
     @property
     def settling_periods(self) -> float:
-        """Periods of the support in which a small disturbance falls to 1/e in the end."""
+        """Periods of the drive in which a small disturbance falls to 1/e in the end."""
         return -self.periods / math.log(max(float(abs(self.multipliers[0])), _LEAST))
 
 

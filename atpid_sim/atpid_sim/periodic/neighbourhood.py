@@ -15,20 +15,19 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from atpid_sim.engine import columns
-from atpid_sim.engine.basin_run import FAILED, NEIGHBOURHOOD, follow_starts
+from atpid_sim.engine.basin_run import FAILED, follow_starts, neighbourhood_size
+from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCITY, displaced_together
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.motion import SteadyState
-from atpid_sim.periodic.return_map import Conditions, flying, passage
+from atpid_sim.periodic.return_map import Conditions, passage
 from atpid_sim.periodic.solve import PeriodicMotion, size_of
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
 Counts = NDArray[np.int64]
-#: Places of a section state in the engine's state.
-PLACES = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
-#: Directions, how many of them are tried first, and shells on which contraction is verified.
-_DIRECTIONS, _PROBES, _SHELLS = 48, 8, (1.0, 0.6, 0.3)
+#: Directions at least and per dimension, how many of them are tried first, and shells on which contraction is verified.
+_DIRECTIONS, _PER_DIMENSION, _PROBES, _SHELLS = 48, 12, 8, (1.0, 0.6, 0.3)
 #: The first radius over the motion's size, the factor between radii, how many are tried, and what is kept in reserve.
 _RADIUS, _SMALLER, _RADII, _RESERVE = 0.5, 0.7, 30, 0.7
 #: Half-widths of differences over the motion's size: of instantaneous impacts, of integrated contacts.
@@ -44,7 +43,7 @@ class Cycle(NamedTuple):
     state: State  # there, at time zero
     periods: int
     amplitude: float  # [m]
-    multipliers: NDArray[np.complex128]  # (4,)
+    multipliers: NDArray[np.complex128]  # (n,)
     settling_periods: float
 
 
@@ -56,10 +55,16 @@ class Flow:
         self.integration, self.conditions, self.phase = integration, conditions, phase
         self.period, self.steps = 1.0 / conditions.frequency, 0
         self.clearance = conditions.height - 2.0 * integration.system.radius
+        self.places = integration.sections.places  # of a section state in the engine's
 
     def at(self, phase: float) -> Flow:
         """Return the same conditions from another phase on."""
         return Flow(self.integration, self.conditions, phase)
+
+    @property
+    def none(self) -> Array:
+        """No neighbourhood (0, m), with as many numbers as each has."""
+        return np.empty((0, neighbourhood_size(len(self.places))))
 
     def rows(self, shares: list[float]) -> Array:
         """Return the drive table of a period, cut at rising shares of it, of which the last is 1."""
@@ -72,33 +77,34 @@ class Flow:
         return rows
 
     def follow(self, y: Array, n: Counts, most: int, places: Array, shares: Array) -> tuple[Counts, Array]:
-        """Follow states in place, for `most` periods or to one of `places` (k, NEIGHBOURHOOD).
+        """Follow states in place, for `most` periods or to one of the neighbourhoods `places` (k, m).
 
         shares (k,): of the period, in (0, 1] and rising, where the places lie. Returns numbers of places, NOWHERE or
         FAILED, and the periods until there, infinite without one.
         """
         where, when = np.empty(len(y), dtype=np.int64), np.empty(len(y))
-        nowhere = np.full((1, NEIGHBOURHOOD), np.nan)
+        nowhere = np.full((1, places.shape[1]), np.nan)
         self.steps += follow_starts(
-            self.integration.kernel_inputs, self.rows([*shares.tolist(), 1.0]), np.concatenate([places, nowhere]), y, n,
-            most, self.integration.step_limit, where, when,
+            self.integration.kernel_inputs, self.integration.sections, self.rows([*shares.tolist(), 1.0]),
+            np.concatenate([places, nowhere]), y, n, most, self.integration.step_limit, where, when,
         )  # fmt: skip
         return where, when
 
     def passed(self, states: Array, like: State, periods: int) -> Array | None:
-        """Return section states (k, 4) so many periods later; None where one fails or not all touch a wall alike.
+        """Return section states (k, n) so many periods later; None where one fails or not all touch a wall alike.
 
         like: a state of the motion, which tells whether the grain flies.
         """
         y, n = np.tile(like.y, (len(states), 1)), np.tile(like.n, (len(states), 1))
-        y[:, PLACES] = states
-        where, _ = self.follow(y, n, periods, np.empty((0, NEIGHBOURHOOD)), np.empty(0))
+        self.integration.sections.enter(y, states)
+        where, _ = self.follow(y, n, periods, self.none, np.empty(0))
         alike = (n[:, columns.MODE] == columns.FREE) == (like.mode == columns.FREE)
-        return y[:, PLACES] if alike.all() and not (where == FAILED).any() else None
+        return y[:, self.places] if alike.all() and not (where == FAILED).any() else None
 
 
 def cycle_of(integration: Integration, conditions: Conditions, motion: SteadyState | PeriodicMotion) -> Cycle:
     """Return where a motion found passes a section, in flight where there is one. Raises NumericalFailure."""
+    flying = integration.sections.flying
     phase, state = motion.phase, flying(motion.section)
     gap = state.grain - state.beam
     clearance = conditions.height - 2.0 * integration.system.radius
@@ -120,19 +126,19 @@ def cycle_of(integration: Integration, conditions: Conditions, motion: SteadySta
 
 
 def neighbourhoods(flow: Flow, cycle: Cycle) -> tuple[Array, float]:
-    """Return a neighbourhood at each passage of the section (periods, NEIGHBOURHOOD), and the least of their radii.
+    """Return a neighbourhood at each passage of the section (periods, m), and the least of their radii.
 
     flow: from the phase of the section on. The radius is that of the longest axis over the motion's size. There is none
-    (0, NEIGHBOURHOOD) where states do not contract.
+    (0, m) where states do not contract.
     """
-    state, scale = cycle.state.copy(), size_of(cycle.amplitude, flow.conditions)
-    found, radii = np.empty((cycle.periods, NEIGHBOURHOOD)), []
+    state, scale = cycle.state.copy(), size_of(flow.integration, cycle.amplitude, flow.conditions)
+    found, radii = np.empty((cycle.periods, flow.none.shape[1])), []
     for k in range(cycle.periods):
         ellipsoid = _ellipsoid(flow, state, cycle.periods, scale)
         if ellipsoid is None:
-            return np.empty((0, NEIGHBOURHOOD)), 0.0
+            return flow.none, 0.0
         metric, radius = ellipsoid
-        found[k] = *state.y[PLACES], *metric.ravel(), float(state.mode != columns.FREE)
+        found[k] = *state.y[flow.places], *metric.ravel(), float(state.mode != columns.FREE)
         radii.append(radius)
         flow.integration.advance(state, flow.rows([1.0]))
         state.y[columns.TIME] = 0.0
@@ -140,12 +146,11 @@ def neighbourhoods(flow: Flow, cycle: Cycle) -> tuple[Array, float]:
 
 
 def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Array, float] | None:
-    """Return metric (4, 4) and longest axis, over the motion's size, of the verified neighbourhood of a state."""
+    """Return metric (n, n) and longest axis, over the motion's size, of the verified neighbourhood of a state."""
     touching = state.mode != columns.FREE
-    free = np.eye(4)[:2] if touching else np.eye(4)
-    basis = np.tile(free[:, :2], (1, 2)) if touching else free  # (d, 4): grain and beam are displaced together
-    basis = basis * scale
-    section, inverse = state.y[PLACES].copy(), np.linalg.pinv(basis)  # (4, d)
+    basis = displaced_together(len(scale)) if touching else np.eye(len(scale))  # (d, n)
+    basis = basis * scale[: len(basis), None]
+    section, inverse = state.y[flow.places], np.linalg.pinv(basis)  # (n, d)
     count = len(basis)
     width = _EXACT if flow.integration.fidelity == "impact" else _INTEGRATED
     after = flow.passed(section + width * np.concatenate([basis, -basis]), state, periods)
@@ -157,7 +162,7 @@ def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Ar
         return None
     rate = 0.5 * (1.0 + largest)
     form = solve_discrete_lyapunov((slope / rate).T, np.eye(count))
-    ways = np.random.default_rng(0).normal(size=(_DIRECTIONS, count))
+    ways = np.random.default_rng(0).normal(size=(max(_DIRECTIONS, _PER_DIMENSION * count), count))
     sphere = np.linalg.solve(np.linalg.cholesky(form).T, (ways / np.linalg.norm(ways, axis=1)[:, None]).T).T
     longest = 1.0 / math.sqrt(float(np.linalg.eigvalsh(form)[0]))
     radius, bound = _RADIUS / longest, (0.5 * (1.0 + rate)) ** 2
@@ -165,7 +170,7 @@ def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Ar
     def contract(shells: Array) -> bool:
         """Return whether displacements (k, d) of the present radius get shorter at a rate between 1 and `rate`."""
         moves = shells @ basis * radius
-        gaps = state.grain - state.beam + moves[:, 2] - moves[:, 0]
+        gaps = state.grain - state.beam + moves[:, GRAIN] - moves[:, MODES].sum(axis=1)
         after = flow.passed(section + moves, state, periods) if touching or _within(gaps, flow.clearance) else None
         if after is None:
             return False
@@ -176,7 +181,9 @@ def _ellipsoid(flow: Flow, state: State, periods: int, scale: Array) -> tuple[Ar
         # a few first, which show what is much too large
         if contract(sphere[:_PROBES]) and all(contract(shell * sphere) for shell in _SHELLS):
             radius *= _RESERVE
-            resting = touching * np.array([0.0, -1.0, 0.0, 1.0]) / (_RESTING * scale[1])
+            resting = np.zeros(len(scale))
+            resting[MODES_VELOCITY], resting[GRAIN_VELOCITY] = -touching, touching
+            resting /= _RESTING * scale[GRAIN_VELOCITY]
             return inverse @ form @ inverse.T / radius**2 + np.outer(resting, resting), radius * longest
         radius *= _SMALLER
     return None

@@ -15,27 +15,26 @@ from atpid_sim.system import Array
 _FARTHEST = 5.0
 #: Passages from which the end is extrapolated, and relative size of a part of their moves that depends on the others.
 _MIXED, _DEPENDENT = 5, 1e-6
-_IDENTITY = np.eye(4)
 
 
 class Newton:
-    """Newton's steps to a fixed point near where a transient draws together, from a section state (4,)."""
+    """Newton's steps to a fixed point near where a transient draws together, from a section state (n,)."""
 
     def __init__(self, approach: Approach, known: float, section: Array) -> None:
         """Begin; known: relative error that steps do not remove."""
-        self.section, self.left, self.slope = section, math.inf, _IDENTITY
+        self.section, self.left, self.slope = section, math.inf, np.eye(len(section))
         self.improved = False  # whether steps had to improve the derivative
-        self._inverse: NDArray[np.floating[Any]] = _IDENTITY
+        self._inverse: NDArray[np.floating[Any]] = self.slope
         self._last, self._scale, self._known = approach.passages[-1], approach.scale, known
         self._farthest = _FARTHEST * approach.remaining + known
         self._before: tuple[Array, Array] | None = None  # last section state and what is missing to its image
 
     def derive(self, slope: Array) -> None:
-        """Take another derivative of the return map (4, 4)."""
-        self.slope, self._inverse, self._before = slope, np.linalg.inv(_IDENTITY - slope), None
+        """Take another derivative of the return map (n, n)."""
+        self.slope, self._inverse, self._before = slope, np.linalg.inv(np.eye(len(slope)) - slope), None
 
     def step(self, after: Array, alike: bool = False) -> None:
-        """Step from the section state (4,) to which `after` is the next passage; raises NumericalFailure if too far.
+        """Step from the section state (n,) to which `after` is the next passage; raises NumericalFailure if too far.
 
         alike: whether the last step was by the same map, so that it improves the derivative.
         """
@@ -62,7 +61,7 @@ class Newton:
         return float(np.abs(np.linalg.eigvals(self.slope)).max())
 
     def _improve(self, moved: Array, closed: Array) -> None:
-        """Broyden's update: a move (4,) has closed so much (4,) of what was missing."""
+        """Broyden's update: a move (n,) has closed so much (n,) of what was missing."""
         row = (moved / self._scale**2) @ self._inverse
         share, self.improved = float(row @ closed), True
         if share != 0.0:
@@ -70,12 +69,12 @@ class Newton:
 
 
 def size(step: Array, scale: Array) -> float:
-    """Return the largest part of a step (4,), relative to the motion's size."""
+    """Return the largest part of a step (n,), relative to the motion's size."""
     return float(max(map(abs, (step / scale).tolist())))
 
 
 def extrapolated(passages: Array, scale: Array) -> Array:
-    """Return the section state (4,) to which passages (k, 4) of a linear map would draw together: Anderson's mixing."""
+    """Return the section state (n,) to which passages (k, n) of a linear map would draw together: Anderson's mixing."""
     recent = passages[-_MIXED:] / scale
     moves = recent[1:] - recent[:-1]
     weights = np.linalg.lstsq((moves[1:] - moves[:-1]).T, moves[-1], rcond=_DEPENDENT)[0]

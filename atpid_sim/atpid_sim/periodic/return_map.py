@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The return map: the state of beam and grain one or more periods of the support later, and its derivative.
+"""The return map: the state of structure and grain one or more periods of the drive later, and its derivative.
 
-A section state (4,) is displacement and velocity of the beam, then of the grain [m, m/s, m, m/s], at a phase of the
-support at which the grain flies freely. There the map is smooth at every fidelity, with static contact and integrated
-contacts on the way as well, and central differences of runs of the engine give its derivative.
+A section state (n,) is displacement and velocity of each mode, then of the grain (`engine.sections`), at a phase of the
+drive at which the grain flies freely; of one mode n is 4. There the map is smooth at every fidelity, with static
+contact and integrated contacts on the way as well, and central differences of runs of the engine give its derivative.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, Observation, impact_log, sample_series
 from atpid_sim.system import Array
 
-#: Places of a section state in the engine's state.
-_PLACES = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
 #: Widths of differences, relative to the motion's size, the first that serves is taken: instantaneous impacts are exact
 #: to rounding, integrated contacts repeat to about 1e-8. Near grazing only narrow ones lie on one side of it.
 _EXACT_STEPS, _INTEGRATED_STEPS = (1e-5, 1e-7), (1e-3, 1e-4, 1e-5)
@@ -36,8 +34,8 @@ _TURN_SAMPLES = 1024
 class Conditions(NamedTuple):
     """What does not change while a motion repeats itself."""
 
-    amplitude: float  # of the support [m]
-    frequency: float  # of the support [Hz]
+    amplitude: float  # of the drive: of the support [m], or of a force [N]
+    frequency: float  # of the drive [Hz]
     height: float  # of the ceiling above the floor [m]
 
 
@@ -51,19 +49,19 @@ class Orbit(NamedTuple):
 class Slope(NamedTuple):
     """Derivative of a return map."""
 
-    matrix: Array  # (4, 4), in the units of the section state
-    coarse: Array  # (4, 4), the same from differences twice as wide
+    matrix: Array  # (n, n), in the units of the section state
+    coarse: Array  # (n, n), the same from differences twice as wide
     change: float  # largest difference of the two over the largest entry, in units of the motion: the error
 
 
 class ReturnMap:
-    """Section state (4,) to section state (4,), `periods` later; every call is a run of the engine."""
+    """Section state (n,) to section state (n,), `periods` later; every call is a run of the engine."""
 
     def __init__(self, integration: Integration, conditions: Conditions, phase: float, periods: int = 1) -> None:
         """Prepare the runs.
 
         integration: system, contact, fidelity and tolerance; the amplitude, frequency and ceiling of its scene are not
-        used. phase: of the section, as a share of a period, 0 where the support passes zero upward.
+        used. phase: of the section, as a share of a period, 0 where the drive passes zero upward.
         """
         self.integration, self.conditions = integration, conditions
         self.phase, self.periods = phase, periods
@@ -77,7 +75,7 @@ class ReturnMap:
         return other
 
     def __call__(self, section: Array) -> Array:
-        """Return the section state (4,) `periods` later.
+        """Return the section state (n,) `periods` later.
 
         Raises NumericalFailure where the run does not end as it should, or the grain is in contact at the end.
         """
@@ -85,30 +83,30 @@ class ReturnMap:
         return after
 
     def each(self, sections: Array) -> Array:
-        """Return the section states (k, 4) `periods` after each of these (k, 4), in one call; raises as for one."""
+        """Return the section states (k, n) `periods` after each of these (k, n), in one call; raises as for one."""
         after, missing = self.integration.pass_sections(sections, self._table, len(sections))
         if missing:
             raise NumericalFailure(missing)
         return after
 
     def passages(self, section: Array, count: int) -> Array:
-        """Return the next section states (k, 4), `periods` apart: `count`, or those before a run that fails."""
+        """Return the next section states (k, n), `periods` apart: `count`, or those before a run that fails."""
         return self.integration.pass_sections(section[None], self._table, count)[0]
 
     def part(self, section: Array, share: float) -> Array:
-        """Return the section state (4,) a share of the map's duration later, from one (4,). Raises NumericalFailure."""
+        """Return the section state (n,) a share of the map's duration later, from one (n,). Raises NumericalFailure."""
         other = copy(self)
         other._table = _table(self.conditions, self.phase, share * self.duration)
         return other(section)
 
     def orbit(self, section: Array) -> Orbit:
-        """Return what happens until the next passage, from a section state (4,). Raises NumericalFailure."""
+        """Return what happens until the next passage, from a section state (n,). Raises NumericalFailure."""
         return self._passage(section)[1]
 
     def passed(self, section: Array) -> tuple[Array, Orbit]:
-        """Return the section state (4,) `periods` later, and what happens until then. Raises NumericalFailure."""
+        """Return the section state (n,) `periods` later, and what happens until then. Raises NumericalFailure."""
         state, orbit = self._passage(section)
-        return section_of(state), orbit
+        return section_of(self.integration, state), orbit
 
     def _passage(self, section: Array) -> tuple[State, Orbit]:
         log = impact_log(_LOG * self.periods)
@@ -118,7 +116,7 @@ class ReturnMap:
     def clearance(self, section: Array) -> float:
         """Return the least distance [m] from a wall at which the grain of a periodic motion turns without touching it.
 
-        section (4,): its section state. Infinite where it turns nowhere. Raises NumericalFailure.
+        section (n,): its section state. Infinite where it turns nowhere. Raises NumericalFailure.
         """
         count = _TURN_SAMPLES * self.periods
         series, log = sample_series(count), impact_log(_LOG * self.periods)
@@ -138,7 +136,7 @@ class ReturnMap:
         return least
 
     def slope(self, section: Array, scale: Array) -> Slope:
-        """Return the derivative at a section state (4,) by central differences; scale (4,): size of the motion.
+        """Return the derivative at a section state (n,) by central differences; scale (n,): size of the motion.
 
         Where differences twice as wide give another one, as near grazing, narrower ones are tried; of all the pair that
         agrees best is returned. Raises NumericalFailure.
@@ -157,43 +155,35 @@ class ReturnMap:
         return Slope(fine, coarse, float(np.abs((fine - coarse) * sizes).max() / np.abs(fine * sizes).max()))
 
     def differences(self, section: Array, steps: Array) -> Array:
-        """Return the derivative (4, 4) at a section state by central differences of half-widths `steps` (4,), SI."""
+        """Return the derivative (n, n) at a section state by central differences of half-widths `steps` (n,), SI."""
         after = self.each(np.concatenate([section + np.diag(steps), section - np.diag(steps)]))
-        slope: Array = (after[:4] - after[4:]).T / (2.0 * steps)
+        slope: Array = (after[: len(steps)] - after[len(steps) :]).T / (2.0 * steps)
         return slope
 
     def forward_differences(self, section: Array, steps: Array) -> tuple[Array, Array]:
-        """Return the section state (4,) `periods` later, and the derivative by forward differences: half the runs."""
+        """Return the section state (n,) `periods` later, and the derivative by forward differences: half the runs."""
         after = self.each(np.concatenate([section[None], section + np.diag(steps)]))
         return after[0], (after[1:] - after[0]).T / steps
 
     def _advance(self, section: Array, observation: Observation) -> State:
-        state = flying(section)
+        state = self.integration.sections.flying(section)
         outcome = self.integration.advance(state, self._table, observation)
         if outcome != Outcome.DONE:
             raise NumericalFailure(outcome.sentence)
         return state
 
 
-def section_of(state: State) -> Array:
-    """Return the section state (4,) of a state of the engine; raise NumericalFailure where the grain is in contact."""
+def section_of(integration: Integration, state: State) -> Array:
+    """Return the section state (n,) of a state of the engine; raise NumericalFailure where the grain is in contact."""
     if state.mode != columns.FREE:
         raise NumericalFailure("the grain is in contact at the phase of the section")
-    return state.y[_PLACES].copy()
-
-
-def flying(section: Array) -> State:
-    """Return the engine's state of a section state (4,), at time zero."""
-    state = State.resting(0.0, 0.0)
-    state.y[_PLACES] = section
-    state.n[columns.MODE] = columns.FREE
-    return state
+    return state.y[integration.sections.places]
 
 
 def passage(
     integration: Integration, conditions: Conditions, state: State, phase: float = 0.0, periods: int = 1
 ) -> tuple[float, Array]:
-    """Return the best section, and where a motion passes it: phase, and section state (4,).
+    """Return the best section, and where a motion passes it: phase, and section state (n,).
 
     state: of the motion at `phase`, any time, contact or flight. The section is the middle of the longest free flight
     of the next `periods`, where impacts can move most before they reach it. Raises NumericalFailure where there is
@@ -213,7 +203,7 @@ def passage(
     if middle is None:
         raise NumericalFailure("the grain is always in contact: there is no free flight to take a section in")
     later = _run(integration, conditions, state, phase, middle * spacing) if middle else state
-    return (phase + middle / _SAMPLES) % 1.0, section_of(later)
+    return (phase + middle / _SAMPLES) % 1.0, section_of(integration, later)
 
 
 def _middle_of_longest(free: Array) -> int | None:

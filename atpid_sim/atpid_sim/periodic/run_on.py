@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim.engine import columns
+from atpid_sim.engine.sections import displaced_together
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.approach import rows_until
@@ -134,7 +135,7 @@ def run_on(
 
 def _found(run: _Run, seen: Array, periods: int, known: float) -> SteadyState | None:
     """Return the motion of so many periods that the run comes to; None where it is not seen to, or not yet."""
-    recent = seen[-2 * _BLOCK - periods :] / max(run.amplitude, least_size(run.conditions))
+    recent = seen[-2 * _BLOCK - periods :] / max(run.amplitude, least_size(run.integration, run.conditions))
     moved = np.abs(recent[periods:] - recent[:-periods]).max(axis=1)
     quarters = moved.reshape(4, -1).max(axis=1)
     if quarters[2:].max() <= tolerance_of(run.integration):
@@ -162,7 +163,7 @@ def _solved(run: _Run, periods: int, known: float) -> SteadyState | None:
     motion = solve(returns, section).motion
     if motion is None or motion.stability_margin <= 0.0:
         return None
-    scale = size_of(motion.amplitude, run.conditions)
+    scale = size_of(run.integration, motion.amplitude, run.conditions)
     passages = np.concatenate([section[None], returns.passages(section, _PASSAGES)])
     apart = np.abs((passages - motion.section) / scale).max(axis=1)
     if len(passages) <= _PASSAGES or apart[0] > _FAR:
@@ -184,7 +185,8 @@ def _finer(run: _Run, motion: PeriodicMotion) -> PeriodicMotion:
             found = solve(ReturnMap(fine, run.conditions, motion.phase, periods), motion.section).motion
             if found is None or found.stability_margin <= 0.0:
                 continue
-            apart = np.abs((found.section - motion.section) / size_of(motion.amplitude, run.conditions)).max()
+            scale = size_of(run.integration, motion.amplitude, run.conditions)
+            apart = np.abs((found.section - motion.section) / scale).max()
             if apart <= 10.0 * tolerance_of(run.integration) / found.stability_margin:
                 return found
     return motion
@@ -202,14 +204,13 @@ def _waited(run: _Run, periods: int, known: float) -> SteadyState | None:
     largest = float(abs(multipliers[0]))
     if largest >= 1.0:
         return None
-    places = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
     return SteadyState(
         amplitude=state.amplitude,
         error_estimate=known + tolerance_of(run.integration) / (1.0 - largest),
         periods=periods,
         multipliers=multipliers,
         followed=run.begin + run.done * run.period,
-        section=run.state.y[places].copy(),
+        section=run.state.y[run.integration.sections.places],
         phase=run.phase,
         impacts=log[: state.n[columns.IMPACTS]],
         fidelity=run.integration.fidelity,
@@ -218,27 +219,27 @@ def _waited(run: _Run, periods: int, known: float) -> SteadyState | None:
 
 
 def _multipliers(run: _Run, periods: int, amplitude: float) -> NDArray[np.complex128]:
-    """Return the multipliers (4,) of the motion that the run repeats; of a grain that never flies two are zero."""
+    """Return the multipliers (n,) of the motion that the run repeats; of a grain that never flies two are zero."""
     try:
         phase, section = passage(run.integration, run.conditions, run.state, run.phase, periods)
         returns = ReturnMap(run.integration, run.conditions, phase, periods)
-        return multipliers_at(returns, section, size_of(amplitude, run.conditions))
+        return multipliers_at(returns, section, size_of(run.integration, amplitude, run.conditions))
     except NumericalFailure:
         return np.concatenate([sorted_multipliers(_slope_without_flight(run, periods, amplitude)), np.zeros(2)])
 
 
 def _slope_without_flight(run: _Run, periods: int, amplitude: float) -> Array:
-    """Return the derivative (2, 2) of beam and grain displaced together, as they move while in contact."""
-    displaced = (columns.BEAM, columns.GRAIN), (columns.BEAM_VELOCITY, columns.GRAIN_VELOCITY)
-    scale = size_of(amplitude, run.conditions)
-    slope = np.empty((2, 2))
-    for column, places in enumerate(displaced):
+    """Return the derivative (n - 2, n - 2) of structure and grain displaced together, as they move while in contact."""
+    sections, scale = run.integration.sections, size_of(run.integration, amplitude, run.conditions)
+    together = displaced_together(len(scale))
+    slope = np.empty((len(together), len(together)))
+    for column, displaced in enumerate(together):
         ends = []
         for sign in (1.0, -1.0):
             state = run.state.copy()
-            state.y[list(places)] += sign * _WIDTH * scale[column]
+            sections.enter(state.y, state.y[sections.places] + sign * _WIDTH * scale[column] * displaced)
             run.passed(state, periods, NO_OBSERVATION)
-            ends.append(state.y[[columns.BEAM, columns.BEAM_VELOCITY]].copy())
+            ends.append(state.y[sections.places[:-2]])
         slope[:, column] = (ends[0] - ends[1]) / (2.0 * _WIDTH * scale[column])
     return slope
 

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim.engine import columns
+from atpid_sim.engine.sections import Sections
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, Slope, flying, passage
+from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap, Slope, passage
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
 
@@ -39,16 +40,17 @@ class SearchEnding(Enum):
 
 @dataclass(frozen=True)
 class PeriodicMotion:
-    """A motion that repeats itself after `periods` periods of the support."""
+    """A motion that repeats itself after `periods` periods of the drive."""
 
     conditions: Conditions
     periods: int
     phase: float  # of the section, as a share of a period
-    section: Array  # section state (4,): beam [m], its velocity [m/s], grain [m], its velocity [m/s]
+    section: Array  # section state (n,): each mode [m], its velocity [m/s], the grain [m], its velocity [m/s]
+    sections: Sections  # how that lies in a state of the engine
     amplitude: float  # half peak-to-peak of the beam [m]
     impacts: Array  # (k, 3): time after the section [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
-    slope: Array  # derivative of the return map (4, 4)
-    multipliers: NDArray[np.complex128]  # (4,), the largest modulus first
+    slope: Array  # derivative of the return map (n, n)
+    multipliers: NDArray[np.complex128]  # (n,), the largest modulus first
     multiplier_error: float  # of the largest modulus: its change when the differences are twice as wide
     residual: float  # distance between two passages, relative to the motion's size
     iterations: int
@@ -56,7 +58,7 @@ class PeriodicMotion:
     @property
     def state(self) -> State:
         """State of the engine as the motion passes the section."""
-        state = flying(self.section)
+        state = self.sections.flying(self.section)
         state.y[columns.TIME] = self.phase / self.conditions.frequency
         return state
 
@@ -98,7 +100,7 @@ def periodic_motion(
     """Return the periodic motion near a simulated one.
 
     integration: system, contact, fidelity and tolerance: fidelity `impact` is exact to rounding; with `soft` take
-    1e-10. state: a state of the simulated motion at `phase` of the support (a share of a period), settled as far as
+    1e-10. state: a state of the simulated motion at `phase` of the drive (a share of a period), settled as far as
     it may be. periods: after how many the motion is to repeat itself; each motion of period one is one of period two.
     """
     if periods < 1:
@@ -111,10 +113,10 @@ def periodic_motion(
 
 
 def solve(returns: ReturnMap, start: Array) -> Search:
-    """Return the fixed point of a return map near a section state (4,)."""
+    """Return the fixed point of a return map near a section state (n,)."""
     try:
         orbit = returns.orbit(start)
-        scale = size_of(orbit.amplitude, returns.conditions)
+        scale = size_of(returns.integration, orbit.amplitude, returns.conditions)
         section, residual, iterations = _newton(returns, start, scale)
         if residual > tolerance_of(returns.integration):
             return Search(SearchEnding.NOT_CONVERGED, None)
@@ -130,20 +132,18 @@ def tolerance_of(integration: Integration) -> float:
     return _ROUNDING if integration.fidelity == "impact" else max(_ROUNDING, _TOLERANCES * integration.rtol)
 
 
-def least_size(conditions: Conditions) -> float:
+def least_size(integration: Integration, conditions: Conditions) -> float:
     """Return the displacement [m] below which the amplitude of the beam is not the size of a motion."""
-    return max(1e-3 * conditions.amplitude, 1e-12)
+    return max(1e-3 * conditions.amplitude * integration.static_response, 1e-12)
 
 
-def size_of(amplitude: float, conditions: Conditions) -> Array:
-    """Return the size (4,) of a motion with an amplitude of the beam [m]: displacements and velocities."""
-    size = max(amplitude, least_size(conditions))
-    velocity = 2.0 * math.pi * conditions.frequency * size
-    return np.array([size, velocity, size, velocity])
+def size_of(integration: Integration, amplitude: float, conditions: Conditions) -> Array:
+    """Return the size (n,) of a motion with an amplitude of the beam [m]: displacements and velocities."""
+    return integration.sizes(conditions.frequency) * max(amplitude, least_size(integration, conditions))
 
 
 def multipliers_at(returns: ReturnMap, section: Array, scale: Array) -> NDArray[np.complex128]:
-    """Return the multipliers (4,) at a section state (4,), from finely integrated runs. Raises NumericalFailure."""
+    """Return the multipliers (n,) at a section state (n,), from finely integrated runs. Raises NumericalFailure."""
     integration = returns.integration
     fine = integration.at_level(integration.fidelity, min(integration.rtol, _DIFFERENCES))
     return sorted_multipliers(returns.by(fine).slope(section, scale).matrix)
@@ -163,7 +163,7 @@ def _newton(returns: ReturnMap, start: Array, scale: Array) -> tuple[Array, floa
         distance = _distance(change, scale)
         if distance <= tolerance_of(returns.integration):
             return section, distance, iteration
-        step = np.linalg.solve(np.eye(4) - returns.slope(section, scale).matrix, change)
+        step = np.linalg.solve(np.eye(len(section)) - returns.slope(section, scale).matrix, change)
         for halving in range(_HALVINGS):
             tried = section + step / 2.0**halving
             try:
@@ -183,7 +183,7 @@ def _distance(change: Array, scale: Array) -> float:
 
 
 def described(returns: ReturnMap, section: Array, scale: Array, residual: float, iterations: int) -> PeriodicMotion:
-    """Return the motion of a fixed point (4,) with its impacts and multipliers. Raises NumericalFailure."""
+    """Return the motion of a fixed point (n,) with its impacts and multipliers. Raises NumericalFailure."""
     orbit: Orbit = returns.orbit(section)
     slope: Slope = returns.slope(section, scale)
     multipliers = sorted_multipliers(slope.matrix)
@@ -193,6 +193,7 @@ def described(returns: ReturnMap, section: Array, scale: Array, residual: float,
         periods=returns.periods,
         phase=returns.phase,
         section=section,
+        sections=returns.integration.sections,
         amplitude=orbit.amplitude,
         impacts=orbit.impacts,
         slope=slope.matrix,

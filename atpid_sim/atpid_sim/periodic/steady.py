@@ -53,8 +53,6 @@ def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None
     """
     scene.require_prescribed_ceiling()
     choice = choose(scene, fidelity)
-    if scene.modes is not None:
-        return SteadySearch(SteadyEnding.SEVERAL_MODES)
     still = still_from(scene)
     if not scene.excitation.is_tone or still >= scene.duration:
         return SteadySearch(SteadyEnding.CHANGING)
@@ -91,7 +89,7 @@ def _solve(
 def _solved_from(
     start: Array, approach: Approach, coarse: ReturnMap, fine: Integration, known: float
 ) -> SteadyState | None:
-    """Return the stable motion to which Newton's steps from a section state (4,) lead; None where there is none.
+    """Return the stable motion to which Newton's steps from a section state (n,) lead; None where there is none.
 
     Raises NumericalFailure, LinAlgError.
     """
@@ -122,7 +120,7 @@ def _solved_from(
 
 
 def _draws_near(approach: Approach, section: Array, further: Array) -> bool:
-    """Return whether the last passages of a transient, then further ones (k, 4), lie nearer and nearer to a section."""
+    """Return whether the last passages of a transient, then further ones (k, n), lie nearer and nearer to a section."""
     passages = np.concatenate([approach.passages[-_NEARER - 1 :], further])
     apart = np.abs((passages - section) / approach.scale).max(axis=1)
     return bool((apart[1:] < apart[:-1]).all())

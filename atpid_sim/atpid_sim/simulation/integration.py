@@ -17,9 +17,10 @@ from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
+from atpid_sim.engine.sections import Sections, sections_of
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
-from atpid_sim.modal import resting
+from atpid_sim.modal import resting, static_response
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.scene.structure import Initial
@@ -120,6 +121,7 @@ class Integration:
         self.scene = scene
         self.system: System = system_of(scene)
         self.contact: Contact = contact_of(scene)
+        self.sections: Sections = sections_of(0 if self.system.modes is None else self.system.modes.shape[1])
         self._set_level(fidelity, rtol_of(scene) if rtol is None else float(rtol))
         self._table, self._start = table, start
         self._mass = mass or (scene.total_mass if is_closed(scene) else scene.beam.mass)
@@ -181,7 +183,7 @@ class Integration:
         deflection = excitation.deflection if excitation.is_free else initial.displacement
         beam = deflection - self.scene.static_deflection
         size = abs(beam) if beam != 0.0 else self.scene.grain.radius
-        modes = self._resting_modes
+        modes = self.resting_modes
         if modes is not None:
             modes[0] += deflection + disturbance * size, initial.velocity
         state = State.resting(beam + disturbance * size, initial.velocity, modes)
@@ -190,12 +192,29 @@ class Integration:
         return state
 
     @property
-    def _resting_modes(self) -> Array | None:
+    def resting_modes(self) -> Array | None:
         """Displacements and velocities (modes, 2) at rest under the weight of structure and grain; None: one mode."""
         if self.scene.modes is None:
             return None
         rest = resting(self.scene.modes.joined)
         return self.scene.modes.from_joined @ np.column_stack((rest, np.zeros(len(rest))))
+
+    @property
+    def static_response(self) -> float:
+        """How far the beam moves at most under a constant unit of the drive: of a force [m/N]."""
+        return 1.0 if self.scene.modes is None else static_response(self.scene.modes.free)
+
+    def sizes(self, frequency: float) -> Array:
+        """Return the sizes (2 modes + 2,) of a section state where the beam moves by a unit at a frequency [Hz].
+
+        Velocities are alike, and what a further mode of a higher frequency moves by at that velocity is less.
+        """
+        pace, modes = 2.0 * math.pi * frequency, self.scene.modes
+        sizes = np.tile((1.0, pace), len(self.sections.places) // 2)
+        if modes is not None:
+            fast = np.sqrt(modes.free.stiffness[1:] / modes.free.mass[1:])
+            sizes[2:-2:2] = np.minimum(1.0, pace / fast)
+        return sizes
 
     @property
     def kernel_inputs(self) -> tuple[int, System, float, int, Array, float, ContactTable]:
@@ -226,19 +245,17 @@ class Integration:
         )  # fmt: skip
 
     def pass_sections(self, sections: Array, table: Array, count: int) -> tuple[Array, str]:
-        """Return states of free flight (k, 4) mapped through a table, and why the next one of `count` is missing.
+        """Return states of free flight (k, n) mapped through a table, and why the next one of `count` is missing.
 
-        sections (n, 4): displacement and velocity of the beam, then of the grain [m, m/s, m, m/s]; runs beyond these go
-        on from the one before. The grain has to fly at the end. One call of compiled code.
+        sections (runs, n): section states (`engine.sections`); runs beyond these go on from the one before. The grain
+        has to fly at the end. One call of compiled code.
         """
-        if self.scene.modes is not None:
-            raise NumericalFailure("a section has the state of one mode; run a structure of several until it settles")
-        after = np.empty((count, 4))
+        after = np.empty((count, sections.shape[1]))
         law, parameters = self.contact
         limit = self._limit(table)
         done, ended = pass_sections(
-            self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, sections, after, limit,
-            self._contacts,
+            self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, self.sections, sections, after,
+            limit, self._contacts,
         )  # fmt: skip
         if done == count:
             return after, ""
