@@ -67,9 +67,9 @@ class Compared:
         return bool(abs(stated - own) <= _RIGHT + self.judged.unsure)
 
 
-def compare(seed: int, number: int) -> Compared:
+def compare(seed: int, number: int, modal: bool = False) -> Compared:
     """Return what `--steady` finds of a system, beside the judge."""
-    scene = drawn(seed, number)
+    scene = drawn(seed, number, modal)
     judged = judge(scene)
     begun = time.thread_time()
     state: SteadyState | None = None
@@ -90,13 +90,20 @@ def compare(seed: int, number: int) -> Compared:
 
 
 def judged_and_found(
-    seed: int, numbers: Sequence[int], workers: Workers, progress: Progress, journal: Path | None = None
+    seed: int,
+    numbers: Sequence[int],
+    workers: Workers,
+    progress: Progress,
+    journal: Path | None = None,
+    modal: bool = False,
 ) -> list[Compared]:
     """Return what the judge says of each system, and what is found; journal: file from which a run goes on."""
     record: Record[int, Compared] | None = None
     if journal is not None:
-        record = Record(journal, {"steady": 1, "seed": seed}, lambda number: (float(number),), _plain, _back)
-    done = Batch(lambda number: compare(seed, number), list(numbers)).run(workers, progress, record)
+        record = Record(
+            journal, {"steady": 1, "seed": seed, "modal": modal}, lambda number: (float(number),), _plain, _back
+        )
+    done = Batch(lambda number: compare(seed, number, modal), list(numbers)).run(workers, progress, record)
     if record is not None:
         record.finish()
     return done
@@ -165,6 +172,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the study's arguments."""
     parser.add_argument("--systems", type=whole(1, 100_000), default=64, metavar="N", help="how many; default 64")
     parser.add_argument("--seed", type=whole(0, MOST_SEED), default=1, metavar="S", help="which systems; default 1")
+    parser.add_argument("--modes", action="store_true", help="structures of two to five modes, and forces")
     parser.add_argument("--page", type=file_path, metavar="FILE", help="page whose table is made anew")
     parser.add_argument("--json", action="store_true", help="print every system as JSON instead of the table")
     add_workers(parser)
@@ -174,7 +182,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Judge, compare, print, and fill in the page; return 0."""
     with counting("systems", args.systems) as count:
-        done = judged_and_found(args.seed, range(args.systems), workers_of(args), count, args.journal)
+        done = judged_and_found(args.seed, range(args.systems), workers_of(args), count, args.journal, args.modes)
     text = table(done, args.seed)
     print(
         json.dumps(finite([asdict(each) | {"judged": each.judged._asdict()} for each in done])) if args.json else text

@@ -145,9 +145,13 @@ def _largest_multiplier(run: _Long, periods: int) -> tuple[float, float]:
         run.strobed(place * spacing, run.period)
     flies = run.state.mode == columns.FREE and room[place] > 0.0
     pace = 2.0 * math.pi / run.period
-    both = [[columns.BEAM, columns.GRAIN], [columns.BEAM_VELOCITY, columns.GRAIN_VELOCITY]]
-    apart = [[columns.BEAM], [columns.BEAM_VELOCITY], [columns.GRAIN], [columns.GRAIN_VELOCITY]]
-    places, scale = (apart, np.array([1.0, pace, 1.0, pace])) if flies else (both, np.array([1.0, pace]))
+    grain = [columns.GRAIN, columns.GRAIN_VELOCITY]
+    own = [[columns.BEAM], [columns.BEAM_VELOCITY]]
+    if run.run.system.modes is not None:  # each moves the container
+        begins = range(columns.STATE_SIZE, len(origin.y), columns.MODE_COLUMNS)
+        own = [[begin + k, own[k][0]] for begin in begins for k in (columns.Q, columns.Q_RATE)]
+    places = [*own, *([one] for one in grain)] if flies else [[*one, grain[k % 2]] for k, one in enumerate(own)]
+    scale = np.tile((1.0, pace), len(places) // 2)
     least = min(1.0, 0.1 * float(room[place]) / (amplitude * max(_WIDTHS))) if flies else 1.0
     found = [_radius(run, periods, places, scale * amplitude, least * width) for width in _WIDTHS]
     pairs = sorted((abs(a - b), b) for a, b in pairwise(found))

@@ -18,6 +18,10 @@ _GRAVITIES = (0.0, 1.62, 4.9, 9.81)
 _RESTITUTIONS, _FRACTIONS, _RATIOS, _LENGTHS = (0.05, 0.9), (0.02, 0.35), (0.7, 1.4), (60.0, 300.0)
 #: Mass of the beam [kg], its frequency [Hz] and damping ratio without the grain.
 _MASSES, _FREQUENCIES, _DAMPING = (0.05, 50.0), (1.0, 50.0), (0.003, 0.03)
+#: Logarithms of further modes' masses over the beam's, and their frequencies over its.
+_FURTHER_MASSES, _FURTHER_FREQUENCIES = (-0.7, 3.0), (1.3, 20.0)
+#: Share of systems that a force is to drive, and the largest that a scene takes [N].
+_FORCED, _LARGEST_FORCE = 0.7, 1000.0
 #: Displacement of the closed beam over the grain's radius, and clearance over half a period's travel at that.
 _SIZES, _CLEARANCES = (1.0, 30.0), (0.03, 0.5)
 #: Modulus of the grain [Pa]; stiffness of a contact over that of the grain's mass at the beam's frequency.
@@ -28,8 +32,8 @@ _GRAIN = (0.0085, 0.0362)
 _DAMPINGS = -12.0, 12.0
 
 
-def drawn(seed: int, number: int) -> Scene:
-    """Return system `number` of a seed."""
+def drawn(seed: int, number: int, modal: bool = False) -> Scene:
+    """Return system `number` of a seed; modal: with two to five modes, driven at the support or by a force."""
     rng = np.random.default_rng((seed, number))
 
     def spread(low: float, high: float) -> float:
@@ -60,7 +64,25 @@ def drawn(seed: int, number: int) -> Scene:
     }
     stiffness, modulus = spread(*_STIFFNESSES) * grain * (2.0 * math.pi * frequency) ** 2, spread(*_MODULI)
     speed = 2.0 * math.pi * frequency * size
+    if modal:
+        _add_modes(parts, rng)
     return scene_from_mapping(parts | {"contact": _contact(law, parts, restitution, stiffness, modulus, speed)})
+
+
+def _add_modes(parts: dict[str, Any], rng: np.random.Generator) -> None:
+    """Add one to four further modes, and drive the support or by a force at which the beam alone moves as far."""
+    beam = parts["beam"]
+    parts["further_modes"] = [
+        {
+            "mass": beam["mass"] * math.exp(rng.uniform(*_FURTHER_MASSES)),
+            "frequency": beam["frequency"] * rng.uniform(*_FURTHER_FREQUENCIES),
+            "damping_ratio": math.exp(rng.uniform(*np.log(_DAMPING))), "drive_factor": rng.uniform(-0.4, 0.4),
+        }
+        for _ in range(rng.integers(1, 5))
+    ]  # fmt: skip
+    force = parts["excitation"]["amplitude"] * beam["mass"] * (2.0 * math.pi * beam["frequency"]) ** 2
+    if rng.random() < _FORCED and force <= _LARGEST_FORCE:
+        parts["drive"], parts["excitation"]["amplitude"] = "force", force
 
 
 def _contact(

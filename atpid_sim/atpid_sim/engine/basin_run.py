@@ -15,7 +15,7 @@ NOWHERE, FAILED = -1, -2
 _TOUCHING = -1
 
 
-def neighbourhood_size(count):
+def neighbourhood_size(count: int) -> int:
     """Numbers of a neighbourhood, float64: section state (count,), metric (count, count), whether a wall is touched."""
     return count * (count + 1) + 1
 

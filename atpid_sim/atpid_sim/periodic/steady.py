@@ -23,8 +23,9 @@ from atpid_sim.simulation.fidelity import choose, complete_fidelity
 from atpid_sim.simulation.integration import Integration, rtol_of
 from atpid_sim.system import Array
 
-#: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed.
-_WIDTH, _FOLLOWING = 1e-5, 1e-4
+#: Width of the differences for the derivative, relative to the motion's size; tolerance of the run that is followed,
+#: with contacts from a table, and of several modes, whose contacts are integrated: differences have to be smooth.
+_WIDTH, _FOLLOWING, _FOLLOWING_MODES = 1e-5, 1e-4, 1e-7
 #: Step beyond which the derivative is taken again.
 _CURVED = 1e-2
 #: Steps with the derivative taken anew, and at the fidelity asked for, at most.
@@ -58,7 +59,8 @@ def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None
         return SteadySearch(SteadyEnding.CHANGING)
     conditions = Conditions(scene.excitation.amplitude_points[-1][1], scene.frequency_hz, scene.ceiling.heights[-1][1])
     asked = rtol_of(scene) if rtol is None else rtol
-    quick = Integration(scene, "finite" if complete_fidelity(scene) == "soft" else "impact", _FOLLOWING)
+    following = _FOLLOWING if scene.modes is None else _FOLLOWING_MODES
+    quick = Integration(scene, "finite" if complete_fidelity(scene) == "soft" else "impact", following)
     fine = quick.at_level(choice.fidelity, max(_FINEST, _SHARE * asked))
     known = choice.model_error + asked
     approach = follow(scene, quick, conditions, still)
