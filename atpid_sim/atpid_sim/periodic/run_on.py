@@ -21,6 +21,7 @@ from atpid_sim.periodic.motion import Method, SteadyEnding, SteadySearch, Steady
 from atpid_sim.periodic.return_map import Conditions, ReturnMap, passage
 from atpid_sim.periodic.solve import (
     PeriodicMotion,
+    arrives,
     least_size,
     multipliers_at,
     size_of,
@@ -167,6 +168,10 @@ def _solved(run: _Run, periods: int, known: float) -> SteadyState | None:
     passages = np.concatenate([section[None], returns.passages(section, _PASSAGES)])
     apart = np.abs((passages - motion.section) / scale).max(axis=1)
     if len(passages) <= _PASSAGES or apart[0] > _FAR:
+        return None
+    if run.integration.scene.modes is not None and not arrives(
+        returns, section, motion.section, scale, motion.largest_multiplier
+    ):
         return None
     half = len(apart) // 2
     if not apart[half:].max() <= max(apart[:half].max(), tolerance_of(run.integration)):

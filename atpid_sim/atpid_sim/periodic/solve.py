@@ -26,6 +26,8 @@ _STEPS, _HALVINGS = 20, 6
 #: Distance between two passages, relative to the motion's size, below which they are the same: rounding of
 #: instantaneous impacts, or this many tolerances of integrated contacts.
 _ROUNDING, _TOLERANCES = 1e-11, 30.0
+#: Share of its distance from a motion to which a run has to come, twice that at most, and passages that it may take.
+_ARRIVED, _PASSAGES = 0.1, 400
 #: Tolerance of runs whose differences give multipliers.
 _DIFFERENCES = 1e-9
 
@@ -140,6 +142,23 @@ def least_size(integration: Integration, conditions: Conditions) -> float:
 def size_of(integration: Integration, amplitude: float, conditions: Conditions) -> Array:
     """Return the size (n,) of a motion with an amplitude of the beam [m]: displacements and velocities."""
     return integration.sizes(conditions.frequency) * max(amplitude, least_size(integration, conditions))
+
+
+def arrives(returns: ReturnMap, start: Array, section: Array, scale: Array, leading: float) -> bool:
+    """Return whether passages from a section state (n,) come to a fixed point (n,), as its leading multiplier has it.
+
+    In more than four dimensions a run may come nearer for long and still end in another motion close by.
+    """
+    if not leading < 1.0:
+        return False
+    count = math.ceil(math.log(_ARRIVED) / math.log(max(leading, _ARRIVED)))
+    if count > _PASSAGES:
+        return False
+    passages = returns.passages(start, count)
+    if len(passages) < count:
+        return False
+    allowed = max(2.0 * _ARRIVED * _distance(start - section, scale), tolerance_of(returns.integration))
+    return _distance(passages[-1] - section, scale) <= allowed
 
 
 def multipliers_at(returns: ReturnMap, section: Array, scale: Array) -> NDArray[np.complex128]:

@@ -17,7 +17,7 @@ from atpid_sim.periodic.motion import SteadyEnding, SteadySearch, SteadyState
 from atpid_sim.periodic.newton import Newton, extrapolated
 from atpid_sim.periodic.return_map import Conditions, Orbit, ReturnMap
 from atpid_sim.periodic.run_on import run_on
-from atpid_sim.periodic.solve import multipliers_at
+from atpid_sim.periodic.solve import arrives, multipliers_at
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import choose, complete_fidelity
 from atpid_sim.simulation.integration import Integration, rtol_of
@@ -114,8 +114,12 @@ def _solved_from(
             newton.derive_again(coarse.forward_differences(section, _WIDTH * approach.scale)[1], after)
         if newton.left <= known:
             passages = approach.passages
-            further = coarse.passages(passages[-1], _FOLLOWED_ON) if newton.improved else passages[:0]
-            if not _draws_near(approach, section, further):
+            if fine.scene.modes is None:
+                further = coarse.passages(passages[-1], _FOLLOWED_ON) if newton.improved else passages[:0]
+                near = _draws_near(approach, section, further)
+            else:
+                near = arrives(coarse, passages[-1], section, approach.scale, newton.leading)
+            if not near:
                 return None
             return _described(approach, exact, orbit, section, newton.left + known)
     return None

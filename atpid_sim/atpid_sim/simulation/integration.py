@@ -205,16 +205,16 @@ class Integration:
         return 1.0 if self.scene.modes is None else static_response(self.scene.modes.free)
 
     def sizes(self, frequency: float) -> Array:
-        """Return the sizes (2 modes + 2,) of a section state where the beam moves by a unit at a frequency [Hz].
+        """Return the sizes (n,) of a section state where the beam moves by a unit at a frequency [Hz].
 
         Velocities are alike, and what a further mode of a higher frequency moves by at that velocity is less.
         """
         pace, modes = 2.0 * math.pi * frequency, self.scene.modes
-        sizes = np.tile((1.0, pace), len(self.sections.places) // 2)
+        sizes = np.tile((1.0, pace), (2 if modes is None else len(modes.free.mass) + 1, 1))
         if modes is not None:
             fast = np.sqrt(modes.free.stiffness[1:] / modes.free.mass[1:])
-            sizes[2:-2:2] = np.minimum(1.0, pace / fast)
-        return sizes
+            sizes[1:-1, 0] = np.minimum(1.0, pace / fast)
+        return sizes.ravel()[: len(self.sections.places)]
 
     @property
     def kernel_inputs(self) -> tuple[int, System, float, int, Array, float, ContactTable]:
