@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m studies peace01`: NLvib's benchmark PEACE01 by the return map, beside harmonic balance and scipy.
 
-M. Krack, J. Gross, Harmonic Balance for Nonlinear Vibration Problems, Springer 2019, and NLvib 1.4, example PEACE01: two
-masses of 1 in a chain, springs 0 (to the left), 1 and 1 (to the ground), dampers 0.06 of these, the force 0.1 cos(W t) on
-mass 2, a unilateral spring of stiffness 200 at a gap of 1 on mass 1, W from 0.8 to 1.4 of the first mode's; shown is the
+M. Krack, J. Gross, Harmonic Balance for Nonlinear Vibration Problems, Springer 2019; NLvib 1.4, example PEACE01: two
+masses of 1 in a chain, springs 0 (to the left), 1 and 1 (to the ground), dampers 0.06 of these, a force 0.1 cos(W t) on
+mass 2, a unilateral spring of stiffness 200 at a gap of 1 on mass 1, W from 0.8 to 1.4 of the first mode. Shown is the
 largest displacement of mass 2. Here mass 1 is the container, and the stop a grain too heavy to move, with the law
 `linear`. Harmonic balance with alternating frequency and time (order 15 as there, and more) is written down once more,
 and so are the equations of motion for scipy.
@@ -40,8 +40,8 @@ _RADIUS, _HEIGHT, _IMMOVABLE = 10.0, 1e3, 1e15
 _BEYOND = 1e-4
 #: Samples of a period, tolerance of runs, and points at which scipy checks.
 _SAMPLES, _RTOL, _CHECKED = 1024, 1e-10, 12
-#: Length of a step along the curve of harmonic balance, relative to the first guess 1e-1 per unknown, and least change.
-_STEP, _CONVERGED = 0.02, 1e-9
+#: Longest step along the curve of harmonic balance, and change of a Newton step below which it has converged.
+_STEP, _CONVERGED = 5e-3, 1e-9
 #: Arguments of the example in the help.
 EXAMPLE = "--order 63"
 

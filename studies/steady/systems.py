@@ -20,8 +20,8 @@ _RESTITUTIONS, _FRACTIONS, _RATIOS, _LENGTHS = (0.05, 0.9), (0.02, 0.35), (0.7, 
 _MASSES, _FREQUENCIES, _DAMPING = (0.05, 50.0), (1.0, 50.0), (0.003, 0.03)
 #: Logarithms of further modes' masses over the beam's, and their frequencies over its.
 _FURTHER_MASSES, _FURTHER_FREQUENCIES = (-0.7, 3.0), (1.3, 20.0)
-#: Share of systems that a force is to drive, and the largest that a scene takes [N].
-_FORCED, _LARGEST_FORCE = 0.7, 1000.0
+#: Share of systems that a force is to drive, the largest that a scene takes [N], and factor of restitutions.
+_FORCED, _LARGEST_FORCE, _LESS_LIVELY = 0.7, 1000.0, 0.5
 #: Displacement of the closed beam over the grain's radius, and clearance over half a period's travel at that.
 _SIZES, _CLEARANCES = (1.0, 30.0), (0.03, 0.5)
 #: Modulus of the grain [Pa]; stiffness of a contact over that of the grain's mass at the beam's frequency.
@@ -64,7 +64,8 @@ def drawn(seed: int, number: int, modal: bool = False) -> Scene:
     }
     stiffness, modulus = spread(*_STIFFNESSES) * grain * (2.0 * math.pi * frequency) ** 2, spread(*_MODULI)
     speed = 2.0 * math.pi * frequency * size
-    if modal:
+    if modal:  # of lively grains nearly all motions are irregular
+        restitution *= _LESS_LIVELY
         _add_modes(parts, rng)
     return scene_from_mapping(parts | {"contact": _contact(law, parts, restitution, stiffness, modulus, speed)})
 
