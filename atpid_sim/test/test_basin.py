@@ -12,10 +12,9 @@ import pytest
 from numpy.typing import NDArray
 from sim_program import main
 
-from atpid_sim.engine.basin_run import METRIC
 from atpid_sim.periodic.basin import Basin, Starts, _Trial, basin, sampled
 from atpid_sim.periodic.motion import SteadyState
-from atpid_sim.periodic.neighbourhood import PLACES, Flow, cycle_of
+from atpid_sim.periodic.neighbourhood import Flow, cycle_of
 from atpid_sim.periodic.return_map import Conditions
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.scene import Scene, load_scene, standard_bench
@@ -36,6 +35,18 @@ MIRRORED = with_impacts(0.72, 0.1222, gravity=0.0, amplitude=0.0078, frequency=4
 #: A motion of period 2 beside another one, under gravity.
 BISTABLE = with_impacts(0.37, 0.0476, amplitude=0.0102, frequency=6.754, mass_fraction=0.337)
 MONOSTABLE = with_impacts(0.56, 0.15, amplitude=0.0141, frequency=6.8, mass_fraction=0.063)
+FURTHER = [
+    {"mass": 2.4, "frequency": 17.0, "damping_ratio": 0.03, "drive_factor": 0.2},
+    {"mass": 1.5, "frequency": 29.0, "damping_ratio": 0.02, "drive_factor": -0.15},
+    {"mass": 5.0, "frequency": 47.0, "damping_ratio": 0.02, "drive_factor": 0.1},
+]
+
+
+def forced(scene: Scene) -> Scene:
+    """The same with the force that the support's motion exerts through spring and damper."""
+    beam, amplitude = scene.beam, scene.excitation.amplitude_points[-1][1]
+    force = amplitude * abs(complex(beam.stiffness, 2.0 * math.pi * scene.frequency_hz * beam.damping))
+    return scene.with_(drive="force", amplitude=force)
 
 
 def conditions_of(scene: Scene) -> Conditions:
@@ -49,56 +60,72 @@ def promised(scene: Scene) -> SteadyState:
 
 
 class Naive:
-    """Beams and grains (n,) in steps of one size, impacts at instants interpolated linearly: nothing of the engine."""
+    """Structures and grains (n,) in steps of one size, impacts at interpolated instants: nothing of the engine."""
 
     def __init__(self, scene: Scene, phase: float) -> None:
-        beam = scene.beam
-        self.mass, self.grain, self.gravity = beam.mass, scene.grain_mass, scene.gravity
-        self.natural, self.decay = math.sqrt(beam.stiffness / beam.mass), 0.5 * beam.damping / beam.mass
-        self.damped = math.sqrt(self.natural**2 - self.decay**2)
+        modes = [scene.beam, *scene.further_modes]
+        self.mass, stiffness, damping = (
+            np.array([getattr(mode, name) for mode in modes])[:, None] for name in ("mass", "stiffness", "damping")
+        )
+        share = np.array([1.0, *(mode.drive_factor for mode in scene.further_modes)])[:, None]
+        self.grain, self.gravity = scene.grain_mass, scene.gravity
+        self.natural, self.decay = np.sqrt(stiffness / self.mass), 0.5 * damping / self.mass
+        self.damped = np.sqrt(self.natural**2 - self.decay**2)
         self.clearance = scene.ceiling.heights[-1][1] - 2.0 * scene.grain.radius
         self.restitution = float(scene.contact.model_dump()["restitution"])
         self.omega, self.phase = 2.0 * math.pi * scene.frequency_hz, phase
-        support = complex(beam.stiffness, beam.damping * self.omega)
-        self.answer = scene.excitation.amplitude_points[-1][1] * support
-        self.answer /= complex(beam.stiffness - beam.mass * self.omega**2, beam.damping * self.omega)
+        force = share + 0.0j
+        if scene.drive == "support":
+            share[0] = 1.0 - share[1:].sum()
+            force = share * (stiffness + 1j * damping * self.omega)
+        self.answer = scene.excitation.amplitude_points[-1][1] * force
+        self.answer /= stiffness - self.mass * self.omega**2 + 1j * damping * self.omega
+        self.weight = np.where(np.arange(len(modes)) == 0, self.gravity, 0.0)[:, None] / self.natural**2
+        self.effective = float(1.0 / np.sum(1.0 / self.mass))
         self.step = 2.0 * math.pi / self.omega / STEPS
 
+    def rest(self) -> Array:
+        """Displacements of the modes (modes, 1) under the weight of structure and grain."""
+        grain: Array = self.weight + self.grain * self.gravity / (self.mass * self.natural**2)
+        return -grain
+
     def driven(self, time: Array) -> tuple[Array, Array]:
-        """Displacement and velocity that the drive alone gives, about the rest of the beam without a grain."""
+        """Displacements and velocities that the drive alone gives, about the rest of the structure without a grain."""
         turned = self.answer * np.exp(1j * (self.omega * time + 2.0 * math.pi * self.phase))
-        return turned.imag - self.gravity / self.natural**2, (1j * self.omega * turned).imag
+        return turned.imag - self.weight, (1j * self.omega * turned).imag
 
     def moved(self, states: Array, time: Array, after: Array) -> Array:
-        """Free motion of section states (4, n) from times (n,) on."""
+        """Free motion of section states (2 modes + 2, n) from times (n,) on."""
         (x, v), (x1, v1) = self.driven(time), self.driven(time + after)
-        a, b = states[0] - x, states[1] - v
+        a, b = states[:-2:2] - x, states[1:-2:2] - v
         s, c, fade = np.sin(self.damped * after), np.cos(self.damped * after), np.exp(-self.decay * after)
         sine = (b + self.decay * a) / self.damped
         swing, rate = a * c + sine * s, (sine * c - a * s) * self.damped
-        grain = states[2] + after * (states[3] - 0.5 * self.gravity * after)
-        return np.array(
-            [x1 + fade * swing, v1 + fade * (rate - self.decay * swing), grain, states[3] - self.gravity * after]
-        )
+        later = np.empty_like(states)
+        later[:-2:2], later[1:-2:2] = x1 + fade * swing, v1 + fade * (rate - self.decay * swing)
+        later[-2] = states[-2] + after * (states[-1] - 0.5 * self.gravity * after)
+        later[-1] = states[-1] - self.gravity * after
+        return later
 
     def stepped(self, states: Array, time: Array) -> Array:
         later = self.moved(states, time, np.full(states.shape[1], self.step))
         for floor in (True, False):
             gap0, gap1 = (
-                each[2] - each[0] if floor else self.clearance - each[2] + each[0] for each in (states, later)
+                gap if floor else self.clearance - gap
+                for gap in (each[-2] - each[:-2:2].sum(axis=0) for each in (states, later))
             )
-            closing = (later[1] - later[3]) * (1.0 if floor else -1.0) > 0.0
+            closing = (later[1:-2:2].sum(axis=0) - later[-1]) * (1.0 if floor else -1.0) > 0.0
             hit = np.flatnonzero((gap1 < 0.0) & closing)
             share = np.clip(gap0[hit] / np.maximum(gap0[hit] - gap1[hit], 1e-300), 0.0, 1.0)
             struck = self.moved(states[:, hit], time[hit], share * self.step)
-            impulse = (1.0 + self.restitution) * (struck[1] - struck[3]) * self.mass * self.grain
-            impulse /= self.mass + self.grain
+            impulse = (1.0 + self.restitution) * (struck[1:-2:2].sum(axis=0) - struck[-1]) * self.effective * self.grain
+            impulse /= self.effective + self.grain
             impulse = np.maximum(impulse, 0.0) if floor else np.minimum(impulse, 0.0)
-            struck[1] -= impulse / self.mass
-            struck[3] += impulse / self.grain
+            struck[1:-2:2] -= impulse / self.mass
+            struck[-1] += impulse / self.grain
             ended = self.moved(struck, time[hit] + share * self.step, (1.0 - share) * self.step)
-            wall = ended[0] + (0.0 if floor else self.clearance)
-            ended[2] = np.maximum(ended[2], wall) if floor else np.minimum(ended[2], wall)
+            wall = ended[:-2:2].sum(axis=0) + (0.0 if floor else self.clearance)
+            ended[-2] = np.maximum(ended[-2], wall) if floor else np.minimum(ended[-2], wall)
             later[:, hit] = ended
         return later
 
@@ -116,20 +143,20 @@ def naive_share(scene: Scene, starts: Starts, limit: float, count: int, seed: in
     motion, rng = promised(scene), np.random.default_rng(seed)
     naive = Naive(scene, motion.phase)
     begin = rng.integers(0, STEPS * motion.periods, count)
-    size = motion.amplitude * np.array([1.0, naive.omega, 1.0, naive.omega])
+    size = motion.amplitude * np.tile([1.0, naive.omega], len(motion.section) // 2)
     if starts.kick is None:
-        aside = rng.uniform(-starts.box, starts.box, (3, count))
-        rest = -(naive.mass + naive.grain) * naive.gravity / (naive.mass * naive.natural**2)
-        beam, velocity = rest + aside[0] * size[0], aside[1] * size[1]
-        grain = beam + rng.uniform(0.0, naive.clearance, count)
-        states = np.array([beam, velocity, grain, velocity + aside[2] * size[1]])
+        size[2:-2:2] *= np.minimum(1.0, naive.omega / naive.natural[1:, 0])
+        states = rng.uniform(-starts.box, starts.box, (len(size), count)) * size[:, None]
+        states[:-2:2] += naive.rest()
+        states[-2] = states[:-2:2].sum(axis=0) + rng.uniform(0.0, naive.clearance, count)
+        states[-1] += states[1:-2:2].sum(axis=0)
     else:
         course = [motion.section[:, None]]
         for k in range(STEPS * motion.periods - 1):
             course.append(naive.stepped(course[-1], np.array([k * naive.step])))
         states, way = np.concatenate(course, axis=1)[:, begin], rng.uniform(0.0, 2.0 * math.pi, count)
-        states[1] += starts.kick * np.cos(way)
-        states[3] += starts.kick * np.sin(way)
+        states[1:-2:2] += starts.kick * np.cos(way) * naive.effective / naive.mass
+        states[-1] += starts.kick * np.sin(way)
     periods = motion.periods * math.ceil(limit * scene.frequency_hz / motion.periods + 1.0)
     states = naive.run(states, begin, STEPS * periods)
     image, near = motion.section, np.zeros(count, dtype=bool)
@@ -147,6 +174,10 @@ def naive_share(scene: Scene, starts: Starts, limit: float, count: int, seed: in
         (BISTABLE, Starts(None, 1.5), 0.85, 0.99),
         (MONOSTABLE, Starts(None, 1.5), 0.96, 1.0),
         (MONOSTABLE, Starts(1.0), 0.96, 1.0),
+        (BISTABLE.with_(further_modes=FURTHER[:1]), Starts(None, 1.5), 0.96, 1.0),
+        (forced(MIRRORED).with_(further_modes=FURTHER[:1]), Starts(None, 1.5), 0.35, 0.5),
+        (forced(MIRRORED).with_(further_modes=FURTHER[:1]), Starts(0.5), 0.35, 0.5),
+        (forced(MONOSTABLE).with_(further_modes=FURTHER), Starts(1.0), 0.96, 1.0),
     ],
 )
 def test_a_share_is_that_of_naive_integration(scene: Scene, starts: Starts, least: float, most: float) -> None:
@@ -157,6 +188,15 @@ def test_a_share_is_that_of_naive_integration(scene: Scene, starts: Starts, leas
     naive = naive_share(scene, starts, found.limit, count, seed=8)
     chance = 2.6 * math.sqrt(naive * (1.0 - naive) / count)
     assert abs(naive - found.share) <= 0.02 + chance
+
+
+def test_a_force_that_is_the_support_s_gives_the_same_shares() -> None:
+    """Its phase is another one: starts at random phases do not depend on it."""
+    own, same = (basin(scene, Starts(0.5), count=2000) for scene in (MIRRORED, forced(MIRRORED)))
+    assert same.amplitude == pytest.approx(own.amplitude, rel=1e-9)
+    assert same.multipliers == pytest.approx(own.multipliers, rel=1e-5, abs=1e-7)
+    assert same.drive_amplitude == pytest.approx(forced(MIRRORED).excitation.largest_amplitude)
+    assert abs(same.share - own.share) <= 3.3 * math.sqrt(0.5 / 2000)
 
 
 def test_mirror_images_have_shares_alike() -> None:
@@ -216,12 +256,12 @@ def test_every_state_of_a_neighbourhood_comes_to_its_motion(scene: Scene, fideli
     cycle = cycle_of(integration, conditions, state)
     trial, ways = _Trial(integration, conditions, cycle, Starts(0.1)), np.random.default_rng(7).normal(size=(400, 4))
     place, size = trial.places[0], cycle.amplitude * np.array([1.0, 2.0 * math.pi * conditions.frequency] * 2)
-    root = np.linalg.cholesky(place[METRIC : METRIC + 16].reshape(4, 4))
+    root = np.linalg.cholesky(place[4:20].reshape(4, 4))
     states = place[:4] + np.linalg.solve(root.T, 0.999 * (ways / np.linalg.norm(ways, axis=1)[:, None]).T).T
     assert np.abs((states - place[:4]) / size).max() > 1e-3
     after = Flow(integration, conditions, cycle.phase).passed(states, cycle.state, 60 * cycle.periods)
     assert after is not None
-    assert np.abs((after - cycle.state.y[PLACES]) / size).max() < 1e-3
+    assert np.abs((after - cycle.state.y[integration.sections.places]) / size).max() < 1e-3
 
 
 def test_it_costs_a_tenth_of_running_ten_thousand_starts() -> None:

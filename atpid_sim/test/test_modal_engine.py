@@ -11,10 +11,6 @@ from scipy.integrate import solve_ivp
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.maps.response import DamperResponse, Timing
 from atpid_sim.modal import phasors
-from atpid_sim.outcome import NumericalFailure
-from atpid_sim.periodic.basin import Starts, basin
-from atpid_sim.periodic.motion import SteadyEnding
-from atpid_sim.periodic.steady import steady_state
 from atpid_sim.plant.plant import Plant, PlantError
 from atpid_sim.scene import Scene, SceneError, standard_bench
 from atpid_sim.simulation.energy import mode_residuals
@@ -182,7 +178,6 @@ def test_the_response_starts_in_the_closed_damper_s_steady_motion() -> None:
     followed = response.follow(0.02, ((0.0, 0.017),), Timing(4, 8))
     assert followed.amplitude == pytest.approx(response.closed_amplitude(0.02), rel=1e-9)
     assert followed.regular
-    assert response.cliff(0.02, response.closed_state(0.02), 0.1, 0.2) is None
     opened = response.opened(0.02, 0.1, Timing(60, 8))
     longer = simulate(scene.with_(height=0.1, duration=60.0, steady_window=[58.0, 60.0], excitation={
         "amplitude": 0.02, "frequency": 5.2}), "impact", check=False)  # fmt: skip
@@ -207,12 +202,6 @@ def test_a_force_is_no_unusual_displacement() -> None:
 
 
 def test_what_several_modes_do_not_have_is_refused() -> None:
-    scene = scene_of(modes=2)
-    assert steady_state(scene).ending is SteadyEnding.SEVERAL_MODES
-    with pytest.raises(NumericalFailure, match="several modes"):
-        basin(scene, Starts(0.1))
-    with pytest.raises(NumericalFailure, match="state of one mode"):
-        Integration(scene, "impact").pass_sections(np.zeros((1, 4)), Integration(scene, "impact").table, 1)
     with pytest.raises(PlantError, match="given force; allowed: support"):
         Plant(scene_of("force"))
     with pytest.raises(SceneError, match=r"further_modes\[0\].mass"):

@@ -110,7 +110,7 @@ def test_simulated_the_motion_is_stable_below_the_curve_and_not_above(
     inner = [each for each in curve[1:-1] if each.motion.conditions.height > 0.164]
     chosen = np.random.default_rng(26).choice(len(inner), 20, replace=False)
     for motion in (inner[place].motion for place in chosen):
-        scale = size_of(motion.amplitude, motion.conditions)
+        scale = size_of(integration, motion.amplitude, motion.conditions)
         below, above = (at_share(motion, share) for share in (0.998, 1.002))
         stable = stable_near(ReturnMap(integration, below, motion.phase), motion, scale)
         for conditions, start, stays in ((below, stable + 1e-4 * scale, True), (above, motion.section, False)):

@@ -210,11 +210,11 @@ class Integration:
         Velocities are alike, and what a further mode of a higher frequency moves by at that velocity is less.
         """
         pace, modes = 2.0 * math.pi * frequency, self.scene.modes
-        sizes = np.tile((1.0, pace), (2 if modes is None else len(modes.free.mass) + 1, 1))
-        if modes is not None:
-            fast = np.sqrt(modes.free.stiffness[1:] / modes.free.mass[1:])
-            sizes[1:-1, 0] = np.minimum(1.0, pace / fast)
-        return sizes.ravel()[: len(self.sections.places)]
+        if modes is None:
+            return np.array((1.0, pace, 1.0, pace))
+        fast = np.sqrt(modes.free.stiffness[1:] / modes.free.mass[1:])
+        moved = np.array((1.0, *np.minimum(1.0, pace / fast), 1.0))
+        return np.column_stack((moved, np.full(len(moved), pace))).ravel()[: len(self.sections.places)]
 
     @property
     def kernel_inputs(self) -> tuple[int, System, float, int, Array, float, ContactTable]:
