@@ -60,6 +60,7 @@ RUN = {
     },
     "tests/of_studies/test_designs.py": {r"python -m studies designs": "test_the_command_prints_its_tables"},
     "tests/of_studies/test_modal.py": {r"python -m studies modes": "test_the_tables_show_what_a_mode_costs"},
+    "tests/of_studies/test_peace01.py": {r"python -m studies peace01": "test_the_study_s_page_of_numbers"},
     "tests/test_emulated_stand.py": {
         r"make stand-emulated$": "test_the_emulated_stand_damps_as_the_simulated_bench_does",
         r"atpid standin": "test_the_emulated_stand_damps_as_the_simulated_bench_does",

@@ -176,7 +176,6 @@ def naive_share(scene: Scene, starts: Starts, limit: float, count: int, seed: in
         (MONOSTABLE, Starts(1.0), 0.96, 1.0),
         (BISTABLE.with_(further_modes=FURTHER[:1]), Starts(None, 1.5), 0.96, 1.0),
         (forced(MIRRORED).with_(further_modes=FURTHER[:1]), Starts(None, 1.5), 0.35, 0.5),
-        (forced(MIRRORED).with_(further_modes=FURTHER[:1]), Starts(0.5), 0.35, 0.5),
         (forced(MONOSTABLE).with_(further_modes=FURTHER), Starts(1.0), 0.96, 1.0),
     ],
 )
