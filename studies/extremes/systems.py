@@ -42,6 +42,8 @@ _ELASTIC = 0.8
 _RADIUS = 0.0085
 #: How no run may end, however extreme the system is.
 _NEVER = (Outcome.STEP_BUDGET, Outcome.STALLED, Outcome.NOT_FINITE, Outcome.ESCAPED)
+#: Least and largest stiffness of a further mode [N/m].
+_STIFFNESS = (1e-5, 1e10)
 _LAWS = ("tsuji", "linear", "hertz", "lee_herrmann", "kuwabara_kono", "walton_braun", "impact")
 
 
@@ -67,8 +69,11 @@ def case_of(plain: Mapping[str, Any]) -> Case:
     return Case(**{**plain, "outcome": Outcome(plain["outcome"])})
 
 
-def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
-    """Return system `index` of a seed, and whether its run is shorter than ten periods of its drive."""
+def extreme_scene(seed: int, index: int, modes: bool = False) -> tuple[Scene, bool]:
+    """Return system `index` of a seed, and whether its run is shorter than ten periods of its drive.
+
+    modes: with one to eight further modes, half of these structures driven by a force.
+    """
     rng = np.random.default_rng((seed, index))
     law = _LAWS[int(rng.integers(len(_LAWS)))]
     frequency: Any = _spread(rng, 0.01, 1000.0) if rng.random() < 0.5 else "resonance"
@@ -90,6 +95,9 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     second = first if rng.random() < 1.0 / 3.0 else 2.0 * _RADIUS + _spread(rng, 1e-6, 2.0)
     speed = _spread(rng, 1e-3, 10.0)
     draft = scene_from_mapping(parts)
+    if modes:
+        parts |= _modes(np.random.default_rng((seed, index, 1)), draft)
+        draft = scene_from_mapping(parts)
     whole = 10.0 / draft.frequency_hz
     plays = first - 2.0 * _RADIUS, second - 2.0 * _RADIUS
     duration = min(whole, _longest_duration(draft, *plays, speed if second != first else 0.0))
@@ -101,15 +109,39 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     return scene_from_mapping(parts), duration < whole
 
 
-def fidelities_for(seed: int, index: int, fidelities: Sequence[str]) -> list[str]:
+def _modes(rng: np.random.Generator, scene: Scene) -> dict[str, Any]:
+    """Return further modes beside a scene's beam, and how they are driven.
+
+    Frequencies the same to 10^4 apart, masses of a milligram to a thousand tonnes, damping from none to five times critical, shares of the
+    drive of both signs; one in eight has nearly a node at the container: a mass of 10^6 kg.
+    """
+    further, own = [], math.sqrt(scene.beam.stiffness / scene.beam.mass)
+    for _ in range(rng.integers(1, 9)):
+        node = rng.random() < 0.125
+        mass = 1e6 if node else _spread(rng, 1e-6, 1e6)
+        apart = 1.0 if rng.random() < 0.2 else _spread(rng, 0.1, 1e4)
+        further.append({
+            "mass": mass, "stiffness": float(np.clip((own * apart) ** 2 * mass, *_STIFFNESS)),
+            "damping_ratio": float(rng.choice([0.0, _spread(rng, 1e-4, 1.0), rng.uniform(1.0, 5.0)])),
+            "drive_factor": float(rng.choice([-1.0, 1.0])) * (1e3 if node else _spread(rng, 1e-3, 10.0)),
+        })  # fmt: skip
+    parts: dict[str, Any] = {"further_modes": further}
+    if rng.random() < 0.5:
+        tone = scene.excitation.amplitude_points[0][1]
+        excitation = {"amplitude": tone * scene.beam.stiffness, "frequency": scene.frequency_hz}
+        parts |= {"drive": "force", "excitation": excitation}
+    return parts
+
+
+def fidelities_for(seed: int, index: int, fidelities: Sequence[str], modes: bool = False) -> list[str]:
     """Return those that can integrate this system's law: an instantaneous contact has no force."""
-    scene, _ = extreme_scene(seed, index)
+    scene, _ = extreme_scene(seed, index, modes)
     return [fidelity for fidelity in fidelities if fidelity == "impact" or contact_of(scene).law != IMPACT]
 
 
-def run_case(seed: int, index: int, fidelity: str) -> Case:
+def run_case(seed: int, index: int, fidelity: str, modes: bool = False) -> Case:
     """Integrate one extreme system; every end is an outcome, never an exception."""
-    scene, shortened = extreme_scene(seed, index)
+    scene, shortened = extreme_scene(seed, index, modes)
     integration = Integration(scene, fidelity, TOLERANCE)
     table, state, limit = integration.table, integration.initial_state(), integration.step_limit
     first = state.copy()
@@ -178,7 +210,9 @@ def _longest_duration(scene: Scene, first: float, second: float, closing: float)
         crossing = _EVENTS * least / kept
     else:
         crossing = _squeezed(kept * first, first, second, closing)
-    return min(crossing, _vibration(scene, pace))
+    fastest = max((math.sqrt(mode.stiffness / mode.mass) for mode in scene.further_modes), default=0.0)
+    swings = 2.0 * math.pi * _EVENTS / fastest if fastest else math.inf
+    return min(crossing, _vibration(scene, pace), swings)
 
 
 def _squeezed(invariant: float, first: float, second: float, closing: float) -> float:
