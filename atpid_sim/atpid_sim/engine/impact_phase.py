@@ -131,7 +131,7 @@ def stick(y, n, segment, tau, until, system, control, view, out):
         step = longest if held else max(safe_velocity_step(pressing, -side * jerk, snap, longest), least)
         ahead = until if step >= until - tau else tau + step
         x1, v1, a, jerk, snap = snap_bounded_at(arc, ahead, until)
-        pressing = side * grain_acceleration(system.modes, system, segment, arc, tau, a)
+        pressing = side * grain_acceleration(system.modes, system, segment, arc, ahead, a)
         if view.observing:
             y[at.CONTACT_TIME] += ahead - tau
             record_extreme(y, x1)
