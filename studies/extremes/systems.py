@@ -238,7 +238,7 @@ def _vibration(scene: Scene, pace: float) -> float:
     reduced = 1.0 / reduced_mass(system)
     model = ContactModel(
         law, HYSTERETIC[law], overlap, 1.0, system.stiffness, system.damping, system.gravity,
-        1.0 / system.beam_mass, reduced, None, None,
+        1.0 / system.beam_mass, reduced, None,
     )  # fmt: skip
     fastest, natural = contact_pace(model, p, overlap, 0.0)
     duration = _EVENTS * 2.0 * math.pi / natural

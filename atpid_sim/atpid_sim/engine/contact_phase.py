@@ -15,7 +15,7 @@ from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.detachment import vanishing
 from atpid_sim.engine.dormand_prince import ContactModel, ContactState, Moment, rates_at, support_ahead
 from atpid_sim.engine.error_control import DEPTH_FLOOR
-from atpid_sim.engine.modal_step import enter_places, modal_rates, places_of, rows_of
+from atpid_sim.engine.modal_step import end_of, enter_end, modal_rates
 from atpid_sim.engine.modes import container_mass, fastest_mode
 from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
@@ -36,13 +36,13 @@ _ENDLESS_CONTACT = 60_000
 
 
 @kernel
-def _model(n, system, law, memory, rows):
+def _model(n, system, law, memory):
     """Collect what is constant during a contact while its deepest overlap is `memory` [m]."""
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     inverse = 1.0 / container_mass(system.modes, system)
     return ContactModel(
         law, HYSTERETIC[law], memory, side, system.stiffness, system.damping, system.gravity, inverse,
-        inverse + 1.0 / system.grain_mass, system.modes, rows,
+        inverse + 1.0 / system.grain_mass, system.modes,
     )  # fmt: skip
 
 
@@ -58,23 +58,23 @@ def _initial_motion(y, model, p, segment, diameter, moment):
         velocity = velocity - segment[at.CEILING_VELOCITY]
     overlap = max(0.0, overlap)
     u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
-    modes = places_of(model.modes, y)
-    return ContactState(x, v, overlap, velocity, _first_rates(modes, model, p, u, w, x, v, overlap, velocity), modes)
+    first = end_of(model.modes, y)
+    return ContactState(x, v, overlap, velocity, _first_rates(first, model, p, u, w, x, v, overlap, velocity), first)
 
 
 @kernel
-def _first_rates(modes, model, p, u, w, x, v, overlap, velocity):
+def _first_rates(end, model, p, u, w, x, v, overlap, velocity):
     """`Rates` at the start of the contact."""
-    if modes is None:
+    if end is None:
         return rates_at(model, p, u, w, x, v, overlap, velocity)
-    return modal_rates(model, p, u, w, modes[0], overlap, velocity)
+    return modal_rates(model, p, u, w, end, overlap, velocity)
 
 
 @kernel
 def _to_state(y, model, segment, diameter, tau, motion):
     """Enter the motion at local time tau into the state."""
     y[at.BEAM], y[at.BEAM_VELOCITY] = motion.x, motion.v
-    enter_places(motion.modes, y)
+    enter_end(model.modes, motion.end, y)
     if model.side > 0.0:
         y[at.GRAIN], y[at.GRAIN_VELOCITY] = motion.x - motion.overlap, motion.v - motion.velocity
     else:
@@ -179,7 +179,7 @@ def _detach(y, n, model, p, motion, least):
         n[at.MODE] = at.OFF_FLOOR if model.side > 0.0 else at.OFF_CEILING
     else:
         n[at.MODE] = at.FREE
-    return ContactState(motion.x, motion.v, overlap, velocity, motion.rates, motion.modes)
+    return ContactState(motion.x, motion.v, overlap, velocity, motion.rates, motion.end)
 
 
 @kernel
@@ -188,7 +188,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
 
     Leaves y at that time and n[MODE] at what follows: still in contact, overlapped without force, or free.
     """
-    model = _model(n, system, law, y[at.DEEPEST], rows_of(system.modes))
+    model = _model(n, system, law, y[at.DEEPEST])
     diameter = 2.0 * system.radius
     moving = 0.0 if model.side > 0.0 else segment[at.CEILING_VELOCITY]
     natural = math.sqrt(system.stiffness / system.beam_mass)
@@ -234,7 +234,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
             detaching = detaching and not turning
             finishing = False
             if turning:
-                end = ContactState(end.x, end.v, end.overlap, 0.0, end.rates, end.modes)
+                end = ContactState(end.x, end.v, end.overlap, 0.0, end.rates, end.end)
         n[at.CONTACT_STEPS] += 1
         elapsed = end_time - tau
         if first:
@@ -252,7 +252,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
         if motion.overlap > y[at.DEEPEST]:
             y[at.DEEPEST] = motion.overlap
             if model.hysteretic:
-                model = _model(n, system, law, motion.overlap, model.rows)
+                model = _model(n, system, law, motion.overlap)
         if detaching:
             motion = _detach(y, n, model, p, motion, control.overlap)
             break

@@ -25,7 +25,6 @@ class ContactModel(NamedTuple):
     beam_inverse: float  # 1 / beam mass
     reduced_inverse: float  # 1 / beam mass + 1 / grain mass
     modes: Any  # `modal.Modes.table` of a structure of several, else None
-    rows: Any  # room for the stages of its steps, else None
 
 
 class Moment(NamedTuple):
@@ -56,7 +55,7 @@ class ContactState(NamedTuple):
     overlap: float
     velocity: float  # of the overlap
     rates: Rates
-    modes: Any  # of a structure of several `modal_step.places_of`, else None
+    end: Any  # of a structure of several `modal_step.end_of`, else None
 
 
 class Errors(NamedTuple):

@@ -9,10 +9,9 @@ import cmath
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.arc import growth, is_resonant
+from atpid_sim.engine.modal_room import arc_row
 from atpid_sim.kernel import inlined, kernel
 
 #: A mode that is this many times as fast as the first and as the tone may be bounded by its size.
@@ -46,9 +45,6 @@ class ModeArc(NamedTuple):
     p3: float
 
 
-_COLUMNS = len(ModeArc._fields)
-
-
 class ModalArc(NamedTuple):
     """The arc of a structure of several modes from local time `start` on [SI units]."""
 
@@ -64,7 +60,7 @@ class ModalArc(NamedTuple):
     p3: float
     growing: bool  # whether a mode is resonant
     pace: float  # angular frequency of the tone or of the first mode, the higher
-    modes: Any  # (modes, columns), read by `mode_arc`
+    modes: Any  # the table, in whose room `mode_arc` finds those of the arc
 
 
 class Fast(NamedTuple):
@@ -78,34 +74,38 @@ class Fast(NamedTuple):
 
 
 @inlined
-def mode_arc(rows, i):
-    """One mode's part of an arc, from its row."""
+def mode_arc(modes, i):
+    """One mode's part of the arc that was made last."""
+    k = arc_row(modes)
     return ModeArc(
-        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 6], rows[i, 7], rows[i, 8], rows[i, 9], rows[i, 10], rows[i, 11], rows[i, 12],
-        rows[i, 13], rows[i, 14] != 0.0, rows[i, 15], rows[i, 16], rows[i, 17], rows[i, 18], rows[i, 19],
+        modes[k + 0, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i], modes[k + 5, i], modes[k + 6, i], modes[k + 7, i], modes[k + 8, i], modes[k + 9, i], modes[k + 10, i], modes[k + 11, i], modes[k + 12, i], modes[k + 13, i], modes[k + 14, i] != 0.0, modes[k + 15, i], modes[k + 16, i], modes[k + 17, i], modes[k + 18, i], modes[k + 19, i]
     )  # fmt: skip
 
 
 @kernel
-def _enter(rows, i, arc):
-    rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5] = (
-        arc.start, arc.mass, arc.stiffness, arc.decay, arc.squared, arc.damped
+def _enter(modes, i, arc):
+    k = arc_row(modes)
+    modes[k + 0, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i] = (
+        arc.start, arc.mass, arc.stiffness, arc.decay, arc.squared
     )  # fmt: skip
-    rows[i, 6], rows[i, 7], rows[i, 8], rows[i, 9], rows[i, 10], rows[i, 11] = (
-        arc.free, arc.free_velocity, arc.a1, arc.omega, arc.q0_in, arc.q0_out
+    modes[k + 5, i], modes[k + 6, i], modes[k + 7, i], modes[k + 8, i], modes[k + 9, i] = (
+        arc.damped, arc.free, arc.free_velocity, arc.a1, arc.omega
     )  # fmt: skip
-    rows[i, 12], rows[i, 13], rows[i, 14], rows[i, 15] = arc.q1_in, arc.q1_out, 1.0 if arc.resonant else 0.0, arc.beat
-    rows[i, 16], rows[i, 17], rows[i, 18], rows[i, 19] = arc.p0, arc.p1, arc.p2, arc.p3
+    modes[k + 10, i], modes[k + 11, i], modes[k + 12, i], modes[k + 13, i], modes[k + 14, i] = (
+        arc.q0_in, arc.q0_out, arc.q1_in, arc.q1_out, 1.0 if arc.resonant else 0.0
+    )  # fmt: skip
+    modes[k + 15, i], modes[k + 16, i], modes[k + 17, i], modes[k + 18, i], modes[k + 19, i] = (
+        arc.beat, arc.p0, arc.p1, arc.p2, arc.p3
+    )  # fmt: skip
 
 
 @kernel
-def modal_arc(modes, states, segment, tau):
+def modal_arc(modes, first, states, segment, tau):
     """Arc from local time tau, where the modes' displacements and velocities are in `states` (modes, 2 or more).
 
-    modes: rows of one `modal.ModeSet`.
+    first: row of the table with which the set of modes begins (`modal.ModeSet`). There is one arc at a time.
     """
     count = modes.shape[1]
-    rows = np.empty((count, _COLUMNS))
     a0, a1, omega = segment[at.A0], segment[at.A1], segment[at.OMEGA]
     c0, c1, c2, c3 = segment[at.C0], segment[at.C1], segment[at.C2], segment[at.C3]
     tone, growing = a0 != 0.0 or a1 != 0.0, False
@@ -114,15 +114,19 @@ def modal_arc(modes, states, segment, tau):
     p0_sum = p1_sum = p2_sum = p3_sum = 0.0
     pace = omega if tone else 0.0
     for i in range(count):
-        mass, stiffness, damping = modes[at.MASS, i], modes[at.STIFFNESS, i], modes[at.DAMPING, i]
-        direct, rate = modes[at.DIRECT, i], modes[at.RATE, i]
+        mass, stiffness, damping = (
+            modes[first + at.MASS, i],
+            modes[first + at.STIFFNESS, i],
+            modes[first + at.DAMPING, i],
+        )
+        direct, rate = modes[first + at.DIRECT, i], modes[first + at.RATE, i]
         decay = 0.5 * damping / mass
         squared = stiffness / mass - decay * decay
         damped = math.sqrt(abs(squared))
         p3 = direct * c3 / stiffness
         p2 = (direct * c2 + 3.0 * (rate * c3 - damping * p3)) / stiffness
         p1 = (direct * c1 + 2.0 * (rate * c2 - damping * p2) - 6.0 * mass * p3) / stiffness
-        p0 = (direct * c0 + rate * c1 - damping * p1 - mass * (modes[at.WEIGHT, i] + 2.0 * p2)) / stiffness
+        p0 = (direct * c0 + rate * c1 - damping * p1 - mass * (modes[first + at.WEIGHT, i] + 2.0 * p2)) / stiffness
         q0 = q1 = complex(0.0, 0.0)
         x, v = p0 + tau * (p1 + tau * (p2 + tau * p3)), p1 + tau * (2.0 * p2 + tau * 3.0 * p3)
         resonant, beat = False, 0.0
@@ -145,10 +149,10 @@ def modal_arc(modes, states, segment, tau):
         free = states[i, at.Q] - x
         if i == 0:
             pace = max(pace, math.sqrt(stiffness / mass))
-        _enter(rows, i, ModeArc(
+        _enter(modes, i, ModeArc(
             tau, mass, stiffness, decay, squared, damped, free, states[i, at.Q_RATE] - v + decay * free, a1, omega,
             q0.real, q0.imag, q1.real, q1.imag, resonant, beat, p0, p1, p2, p3,
         ))  # fmt: skip
     return ModalArc(
-        tau, tone, omega, segment[at.PHASE], q0_sum, q1_sum, p0_sum, p1_sum, p2_sum, p3_sum, growing, pace, rows
+        tau, tone, omega, segment[at.PHASE], q0_sum, q1_sum, p0_sum, p1_sum, p2_sum, p3_sum, growing, pace, modes
     )

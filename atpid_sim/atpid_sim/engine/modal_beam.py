@@ -7,8 +7,6 @@ What `beam` returns where an arc is of several modes; the first argument of thes
 import cmath
 import math
 
-import numpy as np
-
 from atpid_sim.engine.modal_arc import FAST, STILL, Fast, mode_arc
 from atpid_sim.engine.vibration import free_vibration, growing_envelope, grown, higher
 from atpid_sim.kernel import inlined, kernel
@@ -28,7 +26,7 @@ def _answer(arc, tau):
     q, q1 = arc.q0 + tau * arc.q1, arc.q1
     q2 = q3 = complex(0.0, 0.0)
     if arc.growing:
-        for i in range(arc.modes.shape[0]):
+        for i in range(arc.modes.shape[1]):
             mode = mode_arc(arc.modes, i)
             if mode.resonant:
                 q_in, q_out, rate_in, rate_out = grown(mode, tau - arc.start)
@@ -43,7 +41,7 @@ def _envelope(arc, q, tau, until, order):
     """Length that, times omega^order, bounds that derivative of the answer to the tone from tau to `until` [m]."""
     size = 0.0
     if arc.growing:
-        for i in range(arc.modes.shape[0]):
+        for i in range(arc.modes.shape[1]):
             mode = mode_arc(arc.modes, i)
             if mode.resonant:
                 q_in, q_out, _rate, _rate_out = grown(mode, tau - arc.start)
@@ -64,7 +62,7 @@ def modal_at(modes, arc, tau):
         x += (q * turn).imag
         v += (rate * turn).imag
         a += ((q2 + complex(0.0, arc.omega) * (q1 + rate)) * turn).imag
-    for i in range(modes.shape[0]):
+    for i in range(modes.shape[1]):
         mode = mode_arc(modes, i)
         y, y1 = free_vibration(mode, tau - arc.start)
         x, v, a = x + y, v + y1, a + higher(mode, y, y1)
@@ -84,7 +82,7 @@ def modal_bounded(modes, arc, tau, until):
         bound += arc.omega * arc.omega * arc.omega * _envelope(arc, q, tau, until, 3.0)
     fast_x = fast_v = fast_a = fast_bound = size = 0.0
     limit = FAST * FAST * arc.pace * arc.pace
-    for i in range(modes.shape[0]):
+    for i in range(modes.shape[1]):
         mode = mode_arc(modes, i)
         y, y1 = free_vibration(mode, tau - arc.start)
         natural = mode.stiffness / mode.mass
@@ -111,7 +109,7 @@ def modal_snap_bounded(modes, arc, tau, until):
         a += ((q2 + 2.0 * turning * q1 - squared * q) * turn).imag
         jerk += ((q3 + 3.0 * turning * q2 - 3.0 * squared * q1 - squared * turning * q) * turn).imag
         bound += squared * squared * _envelope(arc, q, tau, until, 4.0)
-    for i in range(modes.shape[0]):
+    for i in range(modes.shape[1]):
         mode = mode_arc(modes, i)
         y, y1 = free_vibration(mode, tau - arc.start)
         y2 = higher(mode, y, y1)
@@ -126,8 +124,9 @@ def modal_snap_bounded(modes, arc, tau, until):
 def modal_pace(modes, arc):
     """`beam.fastest_of`."""
     fastest = arc.omega if arc.tone else 0.0
-    for i in range(modes.shape[0]):
-        fastest = max(fastest, math.sqrt(modes[i, 2] / modes[i, 1]))
+    for i in range(modes.shape[1]):
+        mode = mode_arc(modes, i)
+        fastest = max(fastest, math.sqrt(mode.stiffness / mode.mass))
     return fastest
 
 
@@ -139,17 +138,20 @@ def turning_pace(arc, observing):
     """
     if not observing:
         return arc.pace
-    count = arc.modes.shape[0]
-    sizes = np.empty(count)
-    for i in range(count):
+    total, pace = abs(arc.q0), arc.pace
+    for i in range(arc.modes.shape[1]):
+        total += _size(mode_arc(arc.modes, i))
+    for i in range(arc.modes.shape[1]):
         mode = mode_arc(arc.modes, i)
-        sizes[i] = abs(mode.free) + abs(mode.free_velocity) / math.sqrt(mode.stiffness / mode.mass)
-    least = STILL * (sizes.sum() + abs(arc.q0))
-    pace = arc.pace
-    for i in range(count):
-        if sizes[i] > least:
-            pace = max(pace, math.sqrt(arc.modes[i, 2] / arc.modes[i, 1]))
+        if _size(mode) > STILL * total:
+            pace = max(pace, math.sqrt(mode.stiffness / mode.mass))
     return pace
+
+
+@inlined
+def _size(mode):
+    """About the size of a free vibration at its begin [m]."""
+    return abs(mode.free) + abs(mode.free_velocity) / math.sqrt(mode.stiffness / mode.mass)
 
 
 @kernel

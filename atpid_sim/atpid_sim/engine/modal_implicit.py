@@ -5,19 +5,21 @@ The modes are coupled by the contact alone: with displacements and modes elimina
 overlap's velocity.
 """
 
+import math
+
 import numpy as np
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine import columns as at
 from atpid_sim.engine import rosenbrock as ros
-from atpid_sim.engine.dormand_prince import Flows
+from atpid_sim.engine.dormand_prince import ContactState, Errors, Flows
 from atpid_sim.engine.hermite import cubic, cubic_velocity, hermite_velocity
-from atpid_sim.engine.modal_step import ERROR, Q_ACCELERATION, STAGE, modal_rates, reached
+from atpid_sim.engine.modal_room import Q_ACCELERATION, end_row, stage_row
+from atpid_sim.engine.modal_step import modal_rates
 from atpid_sim.engine.rosenbrock import stiffness_and_damping, support_with_acceleration
 from atpid_sim.kernel import kernel
 
-#: Stages, and the row of the work array for what stands on the right.
-_STAGES, _RIGHT = 6, 6
+_STAGES = 6
 _INCREMENTS = np.array([
     [0.0, 0.0, 0.0, 0.0, 0.0], [ros.A21, 0.0, 0.0, 0.0, 0.0], [ros.A31, ros.A32, 0.0, 0.0, 0.0],
     [ros.A41, ros.A42, ros.A43, 0.0, 0.0], [ros.A51, ros.A52, ros.A53, ros.A54, 0.0],
@@ -41,54 +43,66 @@ def _resistance(modes, i, g):
 @kernel
 def modal_implicit_step(segment, model, p, tau, h, motion):
     """One step of size h from local time tau; arguments and result as `rosenbrock.implicit_step`."""
-    modes, side, rows, (now, end) = model.modes, model.side, model.rows, motion.modes
-    count = modes.shape[1]
-    last = 2 * count + 1
+    modes, side, count = model.modes, model.side, model.modes.shape[1]
+    now, end = end_row(modes, motion.end), end_row(modes, 1 - motion.end)
+    # of each stage four rows: displacements and velocities; overlap and its velocity in the first column
+    first = stage_row(modes) + 2
+    right = first + 4 * _STAGES  # two rows: what stands on the right
     stiff, damp = stiffness_and_damping(model, p, motion.overlap, motion.velocity)
     g = 1.0 / (ros.GAMMA * h)
     through, grain_inverse = damp + stiff / g, model.reduced_inverse - model.beam_inverse
     mobility = grain_inverse
     for i in range(count):
         mobility += g / (modes[at.MASS, i] * _resistance(modes, i, g))
-    _u, w0, a0 = support_with_acceleration(segment, tau)
-    u, w = _u, w0
+    u, w0, a0 = support_with_acceleration(segment, tau)
+    w, overlap, velocity = w0, motion.overlap, motion.velocity
     for k in range(_STAGES):
         for i in range(count):
-            rows[STAGE, i], rows[STAGE, count + i] = now[i, at.Q], now[i, at.Q_RATE]
-        rows[STAGE, last - 1], rows[STAGE, last] = motion.overlap, motion.velocity
-        for c in range(last + 1):
-            rows[_RIGHT, c] = 0.0
+            modes[end + at.Q, i], modes[end + at.Q_RATE, i] = modes[now + at.Q, i], modes[now + at.Q_RATE, i]
+            modes[right, i] = modes[right + 1, i] = 0.0
+        overlap, velocity = motion.overlap, motion.velocity
+        deeper = faster = 0.0
         for j in range(k):
-            increment, coupling = _INCREMENTS[k, j], _COUPLINGS[k, j] / h
-            for c in range(last + 1):
-                rows[STAGE, c] += increment * rows[j, c]
-                rows[_RIGHT, c] += coupling * rows[j, c]
+            increment, coupling, row = _INCREMENTS[k, j], _COUPLINGS[k, j] / h, first + 4 * j
+            for i in range(count):
+                modes[end + at.Q, i] += increment * modes[row, i]
+                modes[end + at.Q_RATE, i] += increment * modes[row + 1, i]
+                modes[right, i] += coupling * modes[row, i]
+                modes[right + 1, i] += coupling * modes[row + 1, i]
+            overlap, velocity = overlap + increment * modes[row + 2, 0], velocity + increment * modes[row + 3, 0]
+            deeper, faster = deeper + coupling * modes[row + 2, 0], faster + coupling * modes[row + 3, 0]
         u, w, _a = support_with_acceleration(segment, tau + _TIMES[k] * h)
-        push = force(model.law, rows[STAGE, last - 1], rows[STAGE, last], model.memory, p)
-        change, relative = h * _CHANGES[k], rows[_RIGHT, last] + side * model.gravity - grain_inverse * push
+        push = force(model.law, overlap, velocity, model.memory, p)
+        change, relative = h * _CHANGES[k], faster + side * model.gravity - grain_inverse * push
         for i in range(count):
             mass, stiffness = modes[at.MASS, i], modes[at.STIFFNESS, i]
             pull = modes[at.DIRECT, i] * (u + change * w0) + modes[at.RATE, i] * (w + change * a0) - side * push
-            pull -= stiffness * rows[STAGE, i] + modes[at.DAMPING, i] * rows[STAGE, count + i]
-            relative -= side * rows[_RIGHT, count + i]
-            rows[_RIGHT, i] += rows[STAGE, count + i]
-            rows[_RIGHT, count + i] += (pull - stiffness * rows[_RIGHT, i] / g) / mass - modes[at.WEIGHT, i]
-            relative += side * g * rows[_RIGHT, count + i] / _resistance(modes, i, g)
-        rows[_RIGHT, last - 1] += rows[STAGE, last]
-        rest = stiff * rows[_RIGHT, last - 1] / g
-        rows[k, last] = (relative - mobility * rest) / (g + mobility * through)
-        rows[k, last - 1] = (rows[_RIGHT, last - 1] + rows[k, last]) / g
-        added = side * (through * rows[k, last] + rest)
+            pull -= stiffness * modes[end + at.Q, i] + modes[at.DAMPING, i] * modes[end + at.Q_RATE, i]
+            relative -= side * modes[right + 1, i]
+            modes[right, i] += modes[end + at.Q_RATE, i]
+            modes[right + 1, i] += (pull - stiffness * modes[right, i] / g) / mass - modes[at.WEIGHT, i]
+            relative += side * g * modes[right + 1, i] / _resistance(modes, i, g)
+        deeper += velocity
+        rest, row = stiff * deeper / g, first + 4 * k
+        modes[row + 3, 0] = (relative - mobility * rest) / (g + mobility * through)
+        modes[row + 2, 0] = (deeper + modes[row + 3, 0]) / g
+        added = side * (through * modes[row + 3, 0] + rest)
         for i in range(count):
-            rows[k, count + i] = (rows[_RIGHT, count + i] - added / modes[at.MASS, i]) / _resistance(modes, i, g)
-            rows[k, i] = (rows[_RIGHT, i] + rows[k, count + i]) / g
-    for c in range(last + 1):
-        rows[ERROR, c] = rows[_STAGES - 1, c]
-        rows[STAGE, c] += rows[ERROR, c]
+            modes[row + 1, i] = (modes[right + 1, i] - added / modes[at.MASS, i]) / _resistance(modes, i, g)
+            modes[row, i] = (modes[right, i] + modes[row + 1, i]) / g
+    row = first + 4 * (_STAGES - 1)  # the last increment is the error of the third-order solution
+    x = v = apart = sped = 0.0
     for i in range(count):
-        end[i, at.Q], end[i, at.Q_RATE] = rows[STAGE, i], rows[STAGE, count + i]
-    rates = modal_rates(model, p, u, w, end, rows[STAGE, last - 1], rows[STAGE, last])
-    to, errors = reached(model, motion, rates)
+        modes[end + at.Q, i] += modes[row, i]
+        modes[end + at.Q_RATE, i] += modes[row + 1, i]
+        x, v = x + modes[end + at.Q, i], v + modes[end + at.Q_RATE, i]
+        apart += modes[row, i] ** 2
+        sped += modes[row + 1, i] ** 2 * modes[at.MASS, i] / modes[at.STIFFNESS, i]
+    first_pace = modes[at.STIFFNESS, 0] / modes[at.MASS, 0]
+    errors = Errors(math.sqrt(apart), math.sqrt(sped * first_pace), modes[row + 2, 0], modes[row + 3, 0])
+    overlap, velocity = overlap + errors.overlap, velocity + errors.velocity
+    rates = modal_rates(model, p, u, w, 1 - motion.end, overlap, velocity)
+    to = ContactState(x, v, overlap, velocity, rates, 1 - motion.end)
     return to, errors, _flows(segment, model, p, tau, h, motion, to)
 
 
@@ -98,7 +112,8 @@ def _flows(segment, model, p, tau, h, begin, end):
 
     The force inside is that which the grain's acceleration needs.
     """
-    modes, side, (then, now) = model.modes, model.side, begin.modes
+    modes, side = model.modes, model.side
+    then, now = end_row(modes, begin.end), end_row(modes, end.end)
     twelfth = h / 12.0
     grain_mass = 1.0 / (model.reduced_inverse - model.beam_inverse)
     v0, v1 = begin.v - side * begin.velocity, end.v - side * end.velocity
@@ -106,7 +121,7 @@ def _flows(segment, model, p, tau, h, begin, end):
     a1 = end.rates.beam_acceleration - side * end.rates.overlap_acceleration
     for i in range(modes.shape[1]):
         for column in (at.Q_INPUT, at.Q_LOSS, at.Q_CONTACT):
-            now[i, column] = then[i, column]
+            modes[now + column, i] = modes[then + column, i]
     absorbed = support = damper = 0.0
     for node, weight in ((0.0, 1.0), (ros.INNER, 5.0), (1.0 - ros.INNER, 5.0), (1.0, 1.0)):
         u, w, _a = support_with_acceleration(segment, tau + node * h)
@@ -122,14 +137,14 @@ def _flows(segment, model, p, tau, h, begin, end):
             absorbed += weight * force(model.law, depth, closing, model.memory, p) * closing
         for i in range(modes.shape[1]):
             rate = hermite_velocity(
-                node, h, then[i, at.Q], then[i, at.Q_RATE], then[i, Q_ACCELERATION], now[i, at.Q], now[i, at.Q_RATE],
-                now[i, Q_ACCELERATION],
+                node, h, modes[then + at.Q, i], modes[then + at.Q_RATE, i], modes[then + Q_ACCELERATION, i], modes[now + at.Q, i], modes[now + at.Q_RATE, i],
+                modes[now + Q_ACCELERATION, i],
             )  # fmt: skip
             work = twelfth * weight * (modes[at.DIRECT, i] * u + modes[at.RATE, i] * w) * rate
             loss = twelfth * weight * modes[at.DAMPING, i] * rate * rate
-            now[i, at.Q_INPUT] += work
-            now[i, at.Q_LOSS] += loss
-            now[i, at.Q_CONTACT] -= twelfth * weight * side * push * rate
+            modes[now + at.Q_INPUT, i] += work
+            modes[now + at.Q_LOSS, i] += loss
+            modes[now + at.Q_CONTACT, i] -= twelfth * weight * side * push * rate
             support, damper = support + work, damper + loss
     impulse = side * grain_mass * (v1 - v0 + model.gravity * h)
     return Flows(absorbed * twelfth, support, damper, impulse)

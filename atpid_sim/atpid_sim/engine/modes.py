@@ -83,7 +83,7 @@ def to_joined(modes):
 @kernel
 def from_joined(modes):
     """Matrix that leads back."""
-    return modes[2 * at.SET_ROWS + modes.shape[1] :]
+    return modes[2 * at.SET_ROWS + modes.shape[1] : 2 * (at.SET_ROWS + modes.shape[1])]
 
 
 @kernel
@@ -103,12 +103,12 @@ def _arc(modes, y, mass, system, segment, tau):
 
 
 def _free_arcs(modes, y, mass, system, segment, tau):
-    return modal_arc(modes, y[at.STATE_SIZE :].reshape(-1, at.MODE_COLUMNS), segment, tau)
+    return modal_arc(modes, 0, y[at.STATE_SIZE :].reshape(-1, at.MODE_COLUMNS), segment, tau)
 
 
 def _joined_arcs(modes, y, mass, system, segment, tau):
     states = y[at.STATE_SIZE :].reshape(-1, at.MODE_COLUMNS)
-    return modal_arc(modes[at.SET_ROWS :], transformed(to_joined(modes), states), segment, tau)
+    return modal_arc(modes, at.SET_ROWS, transformed(to_joined(modes), states), segment, tau)
 
 
 #: (modes, y, mass, system, segment, tau) -> arc of the beam alone, whose `mass` is given [kg], from local time tau.
@@ -120,8 +120,8 @@ joined_arc = chosen(_arc, _joined_arcs)
 @kernel
 def coordinates(modes, arc, tau):
     """Displacements and velocities (modes, 2) of the modes of an arc at local time tau."""
-    found = np.empty((arc.modes.shape[0], 2))
-    for i in range(arc.modes.shape[0]):
+    found = np.empty((arc.modes.shape[1], 2))
+    for i in range(arc.modes.shape[1]):
         found[i, at.Q], found[i, at.Q_RATE] = mode_at(mode_arc(arc.modes, i), arc.phase, tau)
     return found
 
