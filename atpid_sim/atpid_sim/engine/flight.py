@@ -105,7 +105,7 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
                 grain = x if wall > 0 else x + height + ceiling_velocity * tau - diameter
                 y[at.DEEPEST] = -1.0
                 break
-            if step < longest:
+            if step < 0.5 * longest:
                 step = _past_fast(fast, step, gap, gap_velocity, opening, clearance, gap_acceleration, jerk, longest)
         else:
             overlap = -gap if side > 0.0 else gap - (height + ceiling_velocity * tau - diameter)

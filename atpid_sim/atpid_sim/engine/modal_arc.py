@@ -78,14 +78,17 @@ def mode_arc(modes, i):
     """One mode's part of the arc that was made last."""
     k = arc_row(modes)
     return ModeArc(
-        modes[k + 0, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i], modes[k + 5, i], modes[k + 6, i], modes[k + 7, i], modes[k + 8, i], modes[k + 9, i], modes[k + 10, i], modes[k + 11, i], modes[k + 12, i], modes[k + 13, i], modes[k + 14, i] != 0.0, modes[k + 15, i], modes[k + 16, i], modes[k + 17, i], modes[k + 18, i], modes[k + 19, i]
+        modes[k, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i],
+        modes[k + 5, i], modes[k + 6, i], modes[k + 7, i], modes[k + 8, i], modes[k + 9, i],
+        modes[k + 10, i], modes[k + 11, i], modes[k + 12, i], modes[k + 13, i], modes[k + 14, i] != 0.0,
+        modes[k + 15, i], modes[k + 16, i], modes[k + 17, i], modes[k + 18, i], modes[k + 19, i],
     )  # fmt: skip
 
 
 @kernel
 def _enter(modes, i, arc):
     k = arc_row(modes)
-    modes[k + 0, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i] = (
+    modes[k, i], modes[k + 1, i], modes[k + 2, i], modes[k + 3, i], modes[k + 4, i] = (
         arc.start, arc.mass, arc.stiffness, arc.decay, arc.squared
     )  # fmt: skip
     modes[k + 5, i], modes[k + 6, i], modes[k + 7, i], modes[k + 8, i], modes[k + 9, i] = (

@@ -136,10 +136,9 @@ def _flows(segment, model, p, tau, h, begin, end):
         else:
             absorbed += weight * force(model.law, depth, closing, model.memory, p) * closing
         for i in range(modes.shape[1]):
-            rate = hermite_velocity(
-                node, h, modes[then + at.Q, i], modes[then + at.Q_RATE, i], modes[then + Q_ACCELERATION, i], modes[now + at.Q, i], modes[now + at.Q_RATE, i],
-                modes[now + Q_ACCELERATION, i],
-            )  # fmt: skip
+            q0, v0_i, a0_i = modes[then + at.Q, i], modes[then + at.Q_RATE, i], modes[then + Q_ACCELERATION, i]
+            q1, v1_i, a1_i = modes[now + at.Q, i], modes[now + at.Q_RATE, i], modes[now + Q_ACCELERATION, i]
+            rate = hermite_velocity(node, h, q0, v0_i, a0_i, q1, v1_i, a1_i)
             work = twelfth * weight * (modes[at.DIRECT, i] * u + modes[at.RATE, i] * w) * rate
             loss = twelfth * weight * modes[at.DAMPING, i] * rate * rate
             modes[now + at.Q_INPUT, i] += work

@@ -21,7 +21,7 @@ Q_ACCELERATION, END_ROWS = at.MODE_COLUMNS, at.MODE_COLUMNS + 1
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def _unowned(typing_context, array):  # type: ignore[no-untyped-def]
+def unowned(typing_context, array):  # type: ignore[no-untyped-def]
     """Return the same array without a reference to its owner, which has to outlive it."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
@@ -42,7 +42,7 @@ def _with_room(modes, system):
     own[modes.shape[0] + _STAGES] = 1.0 / modes[at.MASS]
     return System(
         system.beam_mass, system.grain_mass, system.stiffness, system.damping, system.gravity, system.radius,
-        _unowned(own),
+        unowned(own),
     ), own  # fmt: skip
 
 

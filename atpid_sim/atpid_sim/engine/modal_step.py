@@ -103,8 +103,8 @@ def modal_explicit_step(segment, model, p, smooth, moment, h, motion):
     g1 = 0.2 * p1
     o2 = o1 + (g1 * r1)
     r2 = r1 + (g1 * b1)
-    f2, c2, grain = _forces(model, p, o2, r2)
-    thrust, container = side * f2, 0.0
+    _f2, _c2, grain = _forces(model, p, o2, r2)
+    thrust, container = side * _f2, 0.0
     for i in range(count):
         q = modes[now + at.Q, i] + (g1 * modes[now + at.Q_RATE, i])
         v = modes[now + at.Q_RATE, i] + (g1 * modes[now + Q_ACCELERATION, i])

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of the support and loss of the beam's damper while beam or beam and grain move in closed form."""
 
+import cmath
 import math
 
 import numpy as np
@@ -11,7 +12,8 @@ from atpid_sim.engine.beam import beam_at, fastest_of
 from atpid_sim.engine.modal_arc import mode_arc
 from atpid_sim.engine.modal_beam import mode_at
 from atpid_sim.engine.modes import from_joined
-from atpid_sim.kernel import chosen, kernel
+from atpid_sim.engine.vibration import free_vibration, grown
+from atpid_sim.kernel import chosen, inlined, kernel
 
 # Gauss-Legendre, six points on [0, 1]
 _NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
@@ -48,15 +50,51 @@ def _free_mode_work(modes, i, y, arc, left, right, segment):
             continue
         panels = 1 + int(pace * (end - begin) / _MODAL_PANEL)
         length = (end - begin) / panels
+        swings = mode.squared > 0.0 and not mode.resonant
         work = loss = 0.0
-        for panel in range(panels):
-            for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba's zip takes no keyword
-                tau = begin + length * (panel + node)
-                u, w = support_at(segment, tau)
-                v = mode_at(mode, arc.phase, tau)[1]
+        for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba's zip takes no keyword
+            tau = begin + length * node
+            # from panel to panel, tone and free vibration only turn by the same angle
+            tone_turn = free_turn = tone_at = free_at = complex(1.0, 0.0)
+            if arc.tone:
+                tone_at = cmath.exp(complex(0.0, arc.omega * tau + arc.phase))
+            if swings:
+                free_at = cmath.exp(complex(-mode.decay, mode.damped) * (tau - mode.start))
+            if panels > 1:
+                tone_turn = cmath.exp(complex(0.0, tone * length))
+                free_turn = cmath.exp(complex(-mode.decay, mode.damped) * length)
+            for _panel in range(panels):
+                u, w, v = _driven_velocity(mode, segment, tau, tone_at)
+                if swings:
+                    sine = free_at.imag / mode.damped
+                    y1 = mode.free_velocity * (free_at.real - mode.decay * sine)
+                    y1 -= mode.free * (mode.decay * free_at.real + mode.squared * sine)
+                else:
+                    y1 = free_vibration(mode, tau - mode.start)[1]
+                v += y1
                 work += weight * (modes[at.DIRECT, i] * u + modes[at.RATE, i] * w) * v
                 loss += weight * v * v
+                tau += length
+                tone_at, free_at = tone_at * tone_turn, free_at * free_turn
         _enter_flows(y, i, length * work, length * modes[at.DAMPING, i] * loss, 0.0)
+
+
+@inlined
+def _driven_velocity(mode, segment, tau, turn):
+    """The drive's signal, its rate, and the velocity with which a mode answers; turn: of the tone, complex."""
+    u = segment[at.C0] + tau * (segment[at.C1] + tau * (segment[at.C2] + tau * segment[at.C3]))
+    w = segment[at.C1] + tau * (2.0 * segment[at.C2] + tau * 3.0 * segment[at.C3])
+    amplitude = segment[at.A0] + segment[at.A1] * tau
+    u += amplitude * turn.imag
+    w += segment[at.A1] * turn.imag + segment[at.OMEGA] * amplitude * turn.real
+    v = mode.p1 + tau * (2.0 * mode.p2 + tau * 3.0 * mode.p3)
+    if mode.resonant:
+        q_in, q_out, rate_in, rate_out = grown(mode, tau - mode.start)
+    else:
+        rate_in, rate_out = mode.q1_in, mode.q1_out
+        q_in, q_out = mode.q0_in + tau * rate_in, mode.q0_out + tau * rate_out
+    v += (rate_in - mode.omega * q_out) * turn.imag + (rate_out + mode.omega * q_in) * turn.real
+    return u, w, v
 
 
 @kernel
