@@ -13,6 +13,8 @@ from atpid_sim.kernel import chosen, inlined, kernel
 
 #: A gap below this fraction of the motion's size is a touch; it is far above rounding and far below any overlap.
 _TOUCH = 1e-14
+#: Jerk of fast free vibrations over all others from which a step past them is worth its search.
+_WORTH = 2.0
 #: A difference of velocities below this fraction of them is rounding.
 _ROUNDING = 1e-15
 
@@ -40,9 +42,9 @@ def _same_step(fast, step, gap, velocity, opening, clearance, acceleration, jerk
 
 def _longer_step(fast, step, gap, velocity, opening, clearance, acceleration, jerk, longest):
     floor, ceiling = gap + fast.x - fast.size, clearance - fast.x - fast.size
-    if floor <= 0.0 or ceiling <= 0.0:
-        return step
     slow, others = acceleration + fast.a, jerk - fast.jerk
+    if floor <= 0.0 or ceiling <= 0.0 or fast.jerk < _WORTH * others:
+        return step
     below = safe_step(floor, velocity + fast.v, slow, others, longest)
     if below <= step:
         return step
