@@ -16,7 +16,7 @@ from atpid_sim.engine.detachment import vanishing
 from atpid_sim.engine.dormand_prince import ContactModel, ContactState, Moment, rates_at, support_ahead
 from atpid_sim.engine.error_control import DEPTH_FLOOR
 from atpid_sim.engine.modal_step import end_of, enter_end, modal_rates
-from atpid_sim.engine.modes import container_mass, fastest_mode
+from atpid_sim.engine.modes import container_mass, mode_paces, resting_place
 from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
@@ -26,7 +26,7 @@ from atpid_sim.kernel import inlined, kernel
 #: Steps times the contact's pace from which stability limits the explicit method.
 _STIFF = 2.0
 #: Share of the pace of the fastest of several modes that counts: it is followed by order and error control.
-_MODAL_STEP = 0.2
+_MODAL_STEP = 0.5
 #: Steps of one uninterrupted contact before stiffness is checked: a short contact costs less with explicit steps.
 _FIRST_CHECK = 100
 #: Steps of one uninterrupted contact after which the vibration of a grain in static contact counts by displacement.
@@ -193,8 +193,9 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     moving = 0.0 if model.side > 0.0 else segment[at.CEILING_VELOCITY]
     natural = math.sqrt(system.stiffness / system.beam_mass)
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
-    pace = max(tone, natural, _MODAL_STEP * fastest_mode(system.modes))
-    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    own, rate = mode_paces(system.modes)
+    pace, implicit_pace = max(tone, natural, _MODAL_STEP * rate), max(tone, natural, _MODAL_STEP * own)
+    rest = resting_place(system.modes, system)
     motion = _initial_motion(y, model, p, segment, diameter, _moment(segment, tau, 0.0))
     method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[at.FIRST_STEP], (until - tau) ** 0.25)
     if motion.overlap > 0.0:
@@ -208,7 +209,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     taken = 0
     due = next_sample(n, out, view)
     while tau < until and steps_used(n) < control.budget:
-        longest = (0.3 if method == IMPLICIT else 0.15) / pace
+        longest = 0.3 / implicit_pace if method == IMPLICIT else 0.15 / pace
         h, end_time, finishing = _fitted(method, h, tau, origin, s, until, longest)
         end, errors, flows = trial_step(method, segment, model, p, moment, h, motion)
         error = _weighted_error(model, p, motion, end, errors, deepest, fastest, natural, rest, control, taken)

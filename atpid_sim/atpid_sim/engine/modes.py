@@ -41,14 +41,26 @@ def container_mass(modes, system):
 
 
 @kernel
-def fastest_mode(modes):
-    """Highest angular frequency of several modes [rad/s]; 0 where there is one."""
+def resting_place(modes, system):
+    """Displacement of the container at rest with the grain on it [m]."""
     if modes is None:
-        return 0.0
-    highest = 0.0
+        return -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    sag = system.beam_mass * system.gravity / system.stiffness
     for i in range(modes.shape[1]):
-        highest = max(highest, modes[at.STIFFNESS, i] / modes[at.MASS, i])
-    return math.sqrt(highest)
+        sag += system.grain_mass * system.gravity / modes[at.STIFFNESS, i]
+    return -sag
+
+
+@kernel
+def mode_paces(modes):
+    """Highest angular frequency of several modes, and fastest rate at which one moves [rad/s]; 0 where there is one."""
+    highest = rate = 0.0
+    if modes is not None:
+        for i in range(modes.shape[1]):
+            natural, decay = modes[at.STIFFNESS, i] / modes[at.MASS, i], 0.5 * modes[at.DAMPING, i] / modes[at.MASS, i]
+            highest = max(highest, math.sqrt(natural))
+            rate = max(rate, math.sqrt(natural), decay + math.sqrt(max(0.0, decay * decay - natural)))
+    return highest, rate
 
 
 def _fastest(modes, arc, observing):
