@@ -38,6 +38,7 @@ class Modes(NamedTuple):
     joined: ModeSet
     to_joined: Array  # (modes, modes)
     from_joined: Array
+    damping: Array  # of the joined modes together, over the roots of their masses (modes, modes) [1/s]
 
     @property
     def table(self) -> Array:
@@ -59,12 +60,29 @@ def modes_of(free: ModeSet, grain_mass: float, gravity: float) -> Modes:
     order = [first, *(k for k in range(len(squares)) if k != first)]
     shapes, squares, mass = (shapes / at_container)[:, order], squares[order], at_container[order] ** -2.0
     weight = -free.mass * free.gravity - grain_mass * gravity
+    damping = shapes.T @ (free.damping[:, None] * shapes)
     joined = ModeSet(
-        mass, squares * mass, np.einsum("ij,i,ij->j", shapes, free.damping, shapes), shapes.T @ free.direct,
+        mass, squares * mass, damping.diagonal().copy(), shapes.T @ free.direct,
         shapes.T @ free.rate, -(shapes.T @ weight) / mass,
     )  # fmt: skip
     to_joined = np.ascontiguousarray((shapes / mass).T @ joined_mass)
-    return Modes(free, joined, to_joined, np.ascontiguousarray(shapes))
+    return Modes(free, joined, to_joined, np.ascontiguousarray(shapes), damping / np.sqrt(np.outer(mass, mass)))
+
+
+def coupling(modes: Modes) -> float:
+    """Return how much the damping left out couples joined modes: its power over the distance of their squares [-].
+
+    Of two modes that is |c| w / |w1^2 - w2^2|, w the larger angular frequency; the error of a motion is about its
+    square (Hasselman, AIAA J. 14 (1976) 1627).
+    """
+    squares = modes.joined.stiffness / modes.joined.mass
+    first, second = np.triu_indices(len(squares), 1)
+    left_out = np.abs(modes.damping[first, second]) * np.sqrt(np.maximum(squares[first], squares[second]))
+    apart = np.abs(squares[first] - squares[second])
+    # what is damped alike is not coupled, however close: rounding of the shapes is no damping
+    counts = left_out > 1e-9 * np.maximum(squares[first], squares[second])
+    with np.errstate(divide="ignore"):
+        return float(np.max(left_out[counts] / apart[counts], initial=0.0))
 
 
 def free_of(table: Array) -> ModeSet:

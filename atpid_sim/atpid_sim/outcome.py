@@ -16,6 +16,7 @@ class Outcome(IntEnum):
     OVERLAP_TOO_DEEP = 4
     CEILING_CRUSHES = 5
     STALLED = 6
+    LEDGER_OPEN = 7
 
     @property
     def sentence(self) -> str:
@@ -30,6 +31,7 @@ _SENTENCES = {
     Outcome.ESCAPED: "the grain left the container beyond its overlap: the result must not be used",
     Outcome.OVERLAP_TOO_DEEP: "the grain was pressed deeper into a wall than its radius: no contact law holds there",
     Outcome.CEILING_CRUSHES: "the ceiling came closer than the grain's diameter: keep the height at or above 2 r",
+    Outcome.LEDGER_OPEN: "energy has come or gone that no force explains: tighten the tolerance, or take fidelity soft",
     Outcome.STALLED: "time stopped advancing: events follow each other faster than the clock resolves",
 }
 

@@ -32,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=whole(0, MOST_SEED), default=1, metavar="N", help="which sequence of systems; default 1"
     )
+    parser.add_argument(
+        "--modes", action="store_true", help="structures of two to nine modes, half of them driven by a force"
+    )
     levels = "levels to run; default soft,impact"
     parser.add_argument("--fidelities", type=_fidelities, default="soft,impact", metavar="F,F", help=levels)
     parser.add_argument(
@@ -50,20 +53,21 @@ def _fidelities(text: str) -> list[str]:
 def run(args: argparse.Namespace) -> int:
     """Run all systems and write the table; return 0. Raises NumericalFailure where one breaks a guarantee."""
     folder = output.folder(args.out)
+    drawn = range(args.first, args.first + args.systems)
     jobs = [
         (index, fidelity)
-        for index in range(args.first, args.first + args.systems)
-        for fidelity in fidelities_for(args.seed, index, args.fidelities)
+        for index in drawn
+        for fidelity in fidelities_for(args.seed, index, args.fidelities, args.modes)
     ]
-    purpose = {"extremes": 1, "seed": args.seed, "tolerance": TOLERANCE}
+    purpose = {"extremes": 1, "seed": args.seed, "modes": args.modes, "tolerance": TOLERANCE}
     record: Record[tuple[int, str], Case] = Record(
         beside(folder / "extremes.json"), purpose, tuple, Case._asdict, case_of
     )
-    batch = Batch(lambda job: run_case(args.seed, *job), jobs)
+    batch = Batch(lambda job: run_case(args.seed, *job, args.modes), jobs)
     with counting("extreme systems", len(jobs)) as count:
         cases = batch.run(workers_of(args), count, record)
     wrong = [text for text in map(broken, cases) if text]
-    summary = _summary(cases, args.seed, wrong)
+    summary = _summary(cases, args.seed, wrong) | {"refused": len(drawn) * len(args.fidelities) - len(jobs)}
     text = _markdown(cases, summary)
     with output.writing(folder):
         (folder / "extremes.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")

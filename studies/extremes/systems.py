@@ -22,15 +22,15 @@ from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.kernel_inputs import contact_of, restitution_of, system_of
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import Scene, scene_from_mapping
-from atpid_sim.simulation.integration import Integration, Observation
+from atpid_sim.simulation.integration import OPEN, Integration, Observation
 from atpid_sim.system import reduced_mass
 
 TOLERANCE = 1e-4
-#: Residual of the energy ledger from which it does not close, at that tolerance.
-OPEN = 0.1
 #: A run lasts ten periods of the drive, but no longer than this many crossings of the clearance or
 #: vibrations on a wall.
 _EVENTS = 50_000.0
+#: Vibrations of the fastest of several modes, and steps, for which such a run lasts at most.
+_SWINGS, _STEPS = 2000.0, 2_000_000
 #: Share of a run before the ceiling moves.
 _STILL = 0.3
 #: Clearance below which a grain does not cross it: it is in contact all the time [m].
@@ -41,7 +41,11 @@ _FADED = 100.0
 _ELASTIC = 0.8
 _RADIUS = 0.0085
 #: How no run may end, however extreme the system is.
-_NEVER = (Outcome.STEP_BUDGET, Outcome.STALLED, Outcome.NOT_FINITE, Outcome.ESCAPED)
+_NEVER = (Outcome.STEP_BUDGET, Outcome.STALLED, Outcome.NOT_FINITE, Outcome.ESCAPED, Outcome.LEDGER_OPEN)
+#: Least and largest stiffness of a further mode [N/m].
+_STIFFNESS = (1e-5, 1e10)
+#: How one of several modes may end: a grain of 10^4 times the container's mass can leave it and touch without end.
+_OF_MODES = (Outcome.STEP_BUDGET, Outcome.LEDGER_OPEN)
 _LAWS = ("tsuji", "linear", "hertz", "lee_herrmann", "kuwabara_kono", "walton_braun", "impact")
 
 
@@ -60,6 +64,7 @@ class Case(NamedTuple):
     finite: bool
     inside: bool  # whether the grain ended between the walls, within its own radius
     shortened: bool
+    modes: bool = False
 
 
 def case_of(plain: Mapping[str, Any]) -> Case:
@@ -67,8 +72,11 @@ def case_of(plain: Mapping[str, Any]) -> Case:
     return Case(**{**plain, "outcome": Outcome(plain["outcome"])})
 
 
-def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
-    """Return system `index` of a seed, and whether its run is shorter than ten periods of its drive."""
+def extreme_scene(seed: int, index: int, modes: bool = False) -> tuple[Scene, bool]:
+    """Return system `index` of a seed, and whether its run is shorter than ten periods of its drive.
+
+    modes: with one to eight further modes, half of these structures driven by a force.
+    """
     rng = np.random.default_rng((seed, index))
     law = _LAWS[int(rng.integers(len(_LAWS)))]
     frequency: Any = _spread(rng, 0.01, 1000.0) if rng.random() < 0.5 else "resonance"
@@ -90,6 +98,9 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     second = first if rng.random() < 1.0 / 3.0 else 2.0 * _RADIUS + _spread(rng, 1e-6, 2.0)
     speed = _spread(rng, 1e-3, 10.0)
     draft = scene_from_mapping(parts)
+    if modes:
+        parts |= _modes(np.random.default_rng((seed, index, 1)), draft)
+        draft = scene_from_mapping(parts)
     whole = 10.0 / draft.frequency_hz
     plays = first - 2.0 * _RADIUS, second - 2.0 * _RADIUS
     duration = min(whole, _longest_duration(draft, *plays, speed if second != first else 0.0))
@@ -101,17 +112,51 @@ def extreme_scene(seed: int, index: int) -> tuple[Scene, bool]:
     return scene_from_mapping(parts), duration < whole
 
 
-def fidelities_for(seed: int, index: int, fidelities: Sequence[str]) -> list[str]:
-    """Return those that can integrate this system's law: an instantaneous contact has no force."""
-    scene, _ = extreme_scene(seed, index)
-    return [fidelity for fidelity in fidelities if fidelity == "impact" or contact_of(scene).law != IMPACT]
+def _modes(rng: np.random.Generator, scene: Scene) -> dict[str, Any]:
+    """Return further modes beside a scene's beam, and how they are driven.
+
+    Frequencies the same to 10^4 apart, masses of a milligram to a thousand tonnes, damping from none to five times
+    critical, shares of the drive of both signs; one in eight has nearly a node at the container: a mass of 10^6 kg.
+    """
+    further, own = [], math.sqrt(scene.beam.stiffness / scene.beam.mass)
+    for _ in range(rng.integers(1, 9)):
+        node = rng.random() < 0.125
+        mass = 1e6 if node else _spread(rng, 1e-6, 1e6)
+        apart = 1.0 if rng.random() < 0.2 else _spread(rng, 0.1, 1e4)
+        further.append({
+            "mass": mass, "stiffness": float(np.clip((own * apart) ** 2 * mass, *_STIFFNESS)),
+            "damping_ratio": float(rng.choice([0.0, _spread(rng, 1e-4, 1.0), rng.uniform(1.0, 5.0)])),
+            "drive_factor": float(rng.choice([-1.0, 1.0])) * (1e3 if node else _spread(rng, 1e-3, 10.0)),
+        })  # fmt: skip
+    parts: dict[str, Any] = {"further_modes": further}
+    if rng.random() < 0.5:
+        tone = scene.excitation.amplitude_points[0][1]
+        excitation = {"amplitude": tone * scene.beam.stiffness, "frequency": scene.frequency_hz}
+        parts |= {"drive": "force", "excitation": excitation}
+    return parts
 
 
-def run_case(seed: int, index: int, fidelity: str) -> Case:
+def fidelities_for(seed: int, index: int, fidelities: Sequence[str], modes: bool = False) -> list[str]:
+    """Return those that can integrate this system: an instantaneous contact has no force, and damping couples modes."""
+    scene, _ = extreme_scene(seed, index, modes)
+    return [fidelity for fidelity in fidelities if not _refused(scene, fidelity)]
+
+
+def _refused(scene: Scene, fidelity: str) -> bool:
+    try:
+        Integration(scene, fidelity, TOLERANCE)
+    except ValueError:
+        return True
+    return False
+
+
+def run_case(seed: int, index: int, fidelity: str, modes: bool = False) -> Case:
     """Integrate one extreme system; every end is an outcome, never an exception."""
-    scene, shortened = extreme_scene(seed, index)
+    scene, shortened = extreme_scene(seed, index, modes)
     integration = Integration(scene, fidelity, TOLERANCE)
     table, state, limit = integration.table, integration.initial_state(), integration.step_limit
+    if modes:
+        limit = min(limit, _STEPS)
     first = state.copy()
     begin = time.perf_counter()
     outcome = integration.advance(state, table, Observation(scene.steady_window), limit)
@@ -120,10 +165,12 @@ def run_case(seed: int, index: int, fidelity: str) -> Case:
     turnover = abs(ledger.input) + ledger.beam_loss + abs(ledger.ceiling_work) + abs(ledger.stored)
     clearance = drive.ceiling_height(table, state.time) - 2.0 * _RADIUS
     inside = -_RADIUS <= state.grain - state.beam <= clearance + _RADIUS
+    if modes and outcome == Outcome.DONE and abs(ledger.residual) > OPEN:
+        outcome = Outcome.LEDGER_OPEN  # as a run of the scene ends
     finite = bool(np.isfinite(state.y[: columns.CEILING_WORK + 1]).all())
     return Case(
         index, fidelity, scene.contact.law, outcome, state.steps, limit, wall, abs(ledger.residual),
-        ledger.contact_loss / turnover if turnover > 0.0 else 0.0, finite, inside, shortened,
+        ledger.contact_loss / turnover if turnover > 0.0 else 0.0, finite, inside, shortened, modes,
     )  # fmt: skip
 
 
@@ -131,8 +178,9 @@ def broken(case: Case) -> str:
     """Return which guarantee a case breaks, in words; empty: none."""
     done = case.outcome == Outcome.DONE
     unsound = not (case.finite and case.inside and case.contact_loss >= -1e-9)
+    named = case.modes and case.outcome in _OF_MODES
     rules = (
-        (case.outcome in _NEVER, case.outcome.sentence),
+        (case.outcome in _NEVER and not named, case.outcome.sentence),
         (case.steps > case.budget, f"{case.steps} steps, {case.budget} allowed"),
         (done and unsound, "not finite, outside the walls, or energy from a contact"),
         (done and case.residual > OPEN, f"the ledger is open by {100.0 * case.residual:.0f} %"),
@@ -178,7 +226,9 @@ def _longest_duration(scene: Scene, first: float, second: float, closing: float)
         crossing = _EVENTS * least / kept
     else:
         crossing = _squeezed(kept * first, first, second, closing)
-    return min(crossing, _vibration(scene, pace))
+    fastest = max((math.sqrt(mode.stiffness / mode.mass) for mode in scene.further_modes), default=0.0)
+    swings = 2.0 * math.pi * _SWINGS / fastest if fastest else math.inf
+    return min(crossing, _vibration(scene, pace), swings)
 
 
 def _squeezed(invariant: float, first: float, second: float, closing: float) -> float:

@@ -86,6 +86,7 @@ QUANTITIES: dict[str, Quantity] = {
     "sm_agreement": Quantity("amplitude of the Simplified Model over that of the Complex Model", "-", 4),
     "first_motion": Quantity("motion type at the first guess"),
     "peak": Quantity("peak of the primary mass", "A", 12),
+    "over_gap": Quantity("amplitude over half the clearance", "-", 4),
     "multiplier": Quantity("largest multiplier of the return map", "-", 6),
     "force": Quantity("largest force", "N", 10),
     "overlap": Quantity("largest overlap", "m", 10),

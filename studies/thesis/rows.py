@@ -65,7 +65,8 @@ def _against(expected: Expected, jobs: Sequence[Job], measured: Sequence[Measure
     for job, found in zip(jobs, measured, strict=True):
         if expected.quantity in found.values and matches(job.point, expected.at):
             ours, closed = float(found.values[expected.quantity]), float(found.values[str(expected.against)])
-            agrees = abs(ours - closed) <= CLOSED_FORM * abs(closed)
+            within = CLOSED_FORM * abs(closed) if expected.within is None else expected.within
+            agrees = abs(ours - closed) <= within
             rows.append(Row(expected.figure, _text(expected, described(job.point)), quantity.unit, ours, closed,
                             ours - closed, agrees, expected.why, quantity.digits))  # fmt: skip
     return rows

@@ -12,10 +12,10 @@ at the start of the arc (docs/no_missed_impact.md).
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, END, OMEGA, PHASE, START
-from atpid_sim.kernel import kernel
+from atpid_sim.kernel import inlined, kernel
 
 #: A tone is close to resonance where the beam resists it with less than this share of its stiffness ...
 _RESONANT = 0.03
@@ -41,7 +41,7 @@ class Arc(NamedTuple):
     c3: float
     q0_in: float  # the forced part is q0 + q1 tau; in phase with sin
     q0_out: float  # and with cos
-    q1_in: float  # close to resonance q0 + q1 (tau - start) is what makes it grow, see `_growth`
+    q1_in: float  # close to resonance q0 + q1 (tau - start) is what makes it grow, see `growth`
     q1_out: float
     resonant: bool
     beat: float  # close to resonance: the beam's damped angular frequency less that of the tone
@@ -52,11 +52,7 @@ class Arc(NamedTuple):
     damped: float  # root of its absolute value
     free: float  # free vibration at `start`
     free_velocity: float  # its velocity there, corrected for the decay
-    others: Any  # arcs of further modes (n, OTHER_COLUMNS), None: there are none
-
-
-#: Numbers of an arc of a further mode.
-OTHER_COLUMNS = len(Arc._fields) - 1
+    modes: None  # one; `modal_arc.ModalArc` has several
 
 
 @kernel
@@ -83,8 +79,17 @@ def forced(q_in, q_out, rate_in, rate_out, omega, phase, c0, c1, c2, c3, w0, w1,
     return x, v
 
 
+@inlined
+def is_resonant(transfer, stiffness, omega, segment):
+    """Whether a tone is close to resonance, and the steady response reached only after the row's end."""
+    resistance = abs(transfer.real) + abs(transfer.imag)
+    if resistance < _RESONANT * stiffness:
+        return resistance * omega * (segment[END] - segment[START]) < _UNSETTLED * stiffness
+    return False
+
+
 @kernel
-def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):
+def growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):
     """Close to resonance: the two coefficients that make the forced part grow, and the beat [SI units].
 
     With x = Im[q e^(i omega tau)] the equation reads (D - slow)(D - fast) q = force / mass, where slow * fast is
@@ -97,11 +102,10 @@ def _growth(mass, transfer, drive, damping, a0, a1, omega, decay, damped):
 
 
 @kernel
-def arc_from(mass, system, segment, tau, x, v, others=None):
+def arc_from(mass, system, segment, tau, x, v):
     """Coefficients of the motion that starts at local time tau [s] with displacement x [m] and velocity v [m/s].
 
     `segment` is one row of the drive table, (12,) float64; `mass` is what moves: the beam alone, or beam and grain.
-    `others`: arcs of further modes, whose motion adds to this one's in all that `beam_at` and the bounds return.
     """
     stiffness, damping, gravity = system.stiffness, system.damping, system.gravity
     a0, a1, omega, phase = segment[A0], segment[A1], segment[OMEGA], segment[PHASE]
@@ -114,11 +118,9 @@ def arc_from(mass, system, segment, tau, x, v, others=None):
     if a0 != 0.0 or a1 != 0.0:
         transfer = complex(stiffness - mass * omega * omega, damping * omega)
         drive = complex(stiffness, omega * damping)
-        resistance = abs(transfer.real) + abs(transfer.imag)
-        if resistance < _RESONANT * stiffness:
-            resonant = resistance * omega * (segment[END] - segment[START]) < _UNSETTLED * stiffness
+        resonant = is_resonant(transfer, stiffness, omega, segment)
         if resonant:
-            q0, q1, beat = _growth(mass, transfer, drive, damping, a0 + a1 * tau, a1, omega, decay, damped)
+            q0, q1, beat = growth(mass, transfer, drive, damping, a0 + a1 * tau, a1, omega, decay, damped)
             q_rate = q0
         else:
             q1 = drive * a1 / transfer
@@ -130,26 +132,5 @@ def arc_from(mass, system, segment, tau, x, v, others=None):
     free = x - xp
     return Arc(
         tau, mass, stiffness, damping, gravity, a0, a1, omega, phase, c0, c1, c2, c3, q0.real, q0.imag, q1.real,
-        q1.imag, resonant, beat, w0, w1, decay, squared, damped, free, v - vp + decay * free, others,
-    )  # fmt: skip
-
-
-@kernel
-def enter_other(row, arc):
-    """Write the arc of a further mode into its row (OTHER_COLUMNS,)."""
-    row[0], row[1], row[2], row[3], row[4] = arc.start, arc.mass, arc.stiffness, arc.damping, arc.gravity
-    row[5], row[6], row[7], row[8] = arc.a0, arc.a1, arc.omega, arc.phase
-    row[9], row[10], row[11], row[12] = arc.c0, arc.c1, arc.c2, arc.c3
-    row[13], row[14], row[15], row[16] = arc.q0_in, arc.q0_out, arc.q1_in, arc.q1_out
-    row[17], row[18], row[19], row[20] = 1.0 if arc.resonant else 0.0, arc.beat, arc.w0, arc.w1
-    row[21], row[22], row[23], row[24], row[25] = arc.decay, arc.squared, arc.damped, arc.free, arc.free_velocity
-
-
-@kernel
-def other_arc(row):
-    """Return the arc of a further mode from its row (OTHER_COLUMNS,)."""
-    return Arc(
-        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
-        row[13], row[14], row[15], row[16], row[17] != 0.0, row[18], row[19], row[20], row[21], row[22], row[23],
-        row[24], row[25], None,
+        q1.imag, resonant, beat, w0, w1, decay, squared, damped, free, v - vp + decay * free, None,
     )  # fmt: skip

@@ -15,15 +15,18 @@ from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.detachment import vanishing
 from atpid_sim.engine.dormand_prince import ContactModel, ContactState, Moment, rates_at, support_ahead
 from atpid_sim.engine.error_control import DEPTH_FLOOR
-from atpid_sim.engine.modal_step import modal_rates
-from atpid_sim.engine.modes import container_mass, enter_states, fastest_mode, states_of
-from atpid_sim.engine.rosenbrock import EXPLICIT, FOURTH_ROOT, IMPLICIT, contact_pace, trial_step
+from atpid_sim.engine.modal_step import end_of, enter_end, modal_rates
+from atpid_sim.engine.modes import container_mass, mode_paces, resting_place
+from atpid_sim.engine.rosenbrock import contact_pace
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
+from atpid_sim.engine.stepping import EXPLICIT, FOURTH_ROOT, IMPLICIT, trial_step
 from atpid_sim.kernel import inlined, kernel
 
 #: Steps times the contact's pace from which stability limits the explicit method.
 _STIFF = 2.0
+#: Share of the pace of the fastest of several modes that counts: it is followed by order and error control.
+_MODAL_STEP = 0.5
 #: Steps of one uninterrupted contact before stiffness is checked: a short contact costs less with explicit steps.
 _FIRST_CHECK = 100
 #: Steps of one uninterrupted contact after which the vibration of a grain in static contact counts by displacement.
@@ -55,23 +58,23 @@ def _initial_motion(y, model, p, segment, diameter, moment):
         velocity = velocity - segment[at.CEILING_VELOCITY]
     overlap = max(0.0, overlap)
     u, w = support_ahead(segment, moment.tau, 0.0, moment.sine, moment.cosine)
-    modes = states_of(model.modes, y)
-    return ContactState(x, v, overlap, velocity, _first_rates(modes, model, p, u, w, x, v, overlap, velocity), modes)
+    first = end_of(model.modes, y)
+    return ContactState(x, v, overlap, velocity, _first_rates(first, model, p, u, w, x, v, overlap, velocity), first)
 
 
 @kernel
-def _first_rates(modes, model, p, u, w, x, v, overlap, velocity):
+def _first_rates(end, model, p, u, w, x, v, overlap, velocity):
     """`Rates` at the start of the contact."""
-    if modes is None:
+    if end is None:
         return rates_at(model, p, u, w, x, v, overlap, velocity)
-    return modal_rates(model, p, u, w, modes[:, at.Q], modes[:, at.Q_RATE], overlap, velocity)
+    return modal_rates(model, p, u, w, end, overlap, velocity)
 
 
 @kernel
 def _to_state(y, model, segment, diameter, tau, motion):
     """Enter the motion at local time tau into the state."""
     y[at.BEAM], y[at.BEAM_VELOCITY] = motion.x, motion.v
-    enter_states(motion.modes, y)
+    enter_end(model.modes, motion.end, y)
     if model.side > 0.0:
         y[at.GRAIN], y[at.GRAIN_VELOCITY] = motion.x - motion.overlap, motion.v - motion.velocity
     else:
@@ -176,7 +179,7 @@ def _detach(y, n, model, p, motion, least):
         n[at.MODE] = at.OFF_FLOOR if model.side > 0.0 else at.OFF_CEILING
     else:
         n[at.MODE] = at.FREE
-    return ContactState(motion.x, motion.v, overlap, velocity, motion.rates, motion.modes)
+    return ContactState(motion.x, motion.v, overlap, velocity, motion.rates, motion.end)
 
 
 @kernel
@@ -190,14 +193,14 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     moving = 0.0 if model.side > 0.0 else segment[at.CEILING_VELOCITY]
     natural = math.sqrt(system.stiffness / system.beam_mass)
     tone = segment[at.OMEGA] if segment[at.A0] != 0.0 or segment[at.A1] != 0.0 else 0.0
-    pace = max(tone, natural, fastest_mode(system.modes))
-    explicit = system.modes is not None
-    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    own, rate = mode_paces(system.modes)
+    pace, implicit_pace = max(tone, natural, _MODAL_STEP * rate), max(tone, natural, _MODAL_STEP * own)
+    rest = resting_place(system.modes, system)
     motion = _initial_motion(y, model, p, segment, diameter, _moment(segment, tau, 0.0))
     method, origin, s, h = FOURTH_ROOT, tau, 0.0, min(y[at.FIRST_STEP], (until - tau) ** 0.25)
     if motion.overlap > 0.0:
         # a force near zero for long: the error of explicit steps would cause spurious detachment
-        method = IMPLICIT if n[at.CONTACT_STEPS] > _ENDLESS_CONTACT and not explicit else EXPLICIT
+        method = IMPLICIT if n[at.CONTACT_STEPS] > _ENDLESS_CONTACT else EXPLICIT
         origin, s, h = 0.0, tau, 1e-2 * y[at.FIRST_STEP] ** 4
     moment = _moment(segment, tau, s)
     start = support_at(segment, tau)[0]
@@ -206,7 +209,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
     taken = 0
     due = next_sample(n, out, view)
     while tau < until and steps_used(n) < control.budget:
-        longest = (0.3 if method == IMPLICIT else 0.15) / pace
+        longest = 0.3 / implicit_pace if method == IMPLICIT else 0.15 / pace
         h, end_time, finishing = _fitted(method, h, tau, origin, s, until, longest)
         end, errors, flows = trial_step(method, segment, model, p, moment, h, motion)
         error = _weighted_error(model, p, motion, end, errors, deepest, fastest, natural, rest, control, taken)
@@ -232,7 +235,7 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
             detaching = detaching and not turning
             finishing = False
             if turning:
-                end = ContactState(end.x, end.v, end.overlap, 0.0, end.rates, end.modes)
+                end = ContactState(end.x, end.v, end.overlap, 0.0, end.rates, end.end)
         n[at.CONTACT_STEPS] += 1
         elapsed = end_time - tau
         if first:
@@ -264,13 +267,13 @@ def contact(y, n, segment, tau, until, system, law, p, control, view, out):
             # from the deepest point on in time: s^4 would only slow the step control down
             h = 4.0 * s * s * s * h
             method, origin = EXPLICIT, 0.0
-        if method != IMPLICIT and taken > _FIRST_CHECK and taken % 8 == 0 and not explicit:
+        if method != IMPLICIT and taken > _FIRST_CHECK and taken % 8 == 0:
             stiff = elapsed * contact_pace(model, p, motion.overlap, motion.velocity)[0] > _STIFF
             if stiff or taken > _LONG_CONTACT:
                 method, h = IMPLICIT, elapsed
         moment = _moment(segment, tau, s if method == FOURTH_ROOT else tau)
         s = moment.s
-    if not explicit:
+    if system.modes is None:
         y[at.INPUT] += 0.5 * system.stiffness * (support_at(segment, tau)[0] ** 2 - start**2)
     if view.observing and n[at.MODE] != at.ON_FLOOR:
         y[at.LONGEST] = max(y[at.LONGEST], view.origin + tau - y[at.BEGUN])

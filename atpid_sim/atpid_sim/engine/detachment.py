@@ -4,7 +4,7 @@
 import math
 
 from atpid_sim.contact.dispatch import force
-from atpid_sim.engine.rosenbrock import trial_step
+from atpid_sim.engine.stepping import trial_step
 from atpid_sim.kernel import kernel
 
 

@@ -24,7 +24,7 @@ class ContactModel(NamedTuple):
     gravity: float
     beam_inverse: float  # 1 / beam mass
     reduced_inverse: float  # 1 / beam mass + 1 / grain mass
-    modes: Any  # `modal.Modes` of a structure of several, else None
+    modes: Any  # `modal.Modes.table` of a structure of several, else None
 
 
 class Moment(NamedTuple):
@@ -55,7 +55,7 @@ class ContactState(NamedTuple):
     overlap: float
     velocity: float  # of the overlap
     rates: Rates
-    modes: Any  # of a structure of several modes their states (modes, MODE_COLUMNS), else None
+    end: Any  # of a structure of several `modal_step.end_of`, else None
 
 
 class Errors(NamedTuple):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from atpid_sim.contact.dispatch import restitution
 from atpid_sim.engine.columns import A0, A1, BEAM, BEAM_VELOCITY, C0, C2, END, OMEGA, START
 from atpid_sim.engine.detachment import static_overlap
-from atpid_sim.engine.modes import container_mass
+from atpid_sim.engine.modes import container_mass, resting_place
 from atpid_sim.kernel import kernel
 
 #: Share of the tolerance with which the contacts of an elastic grain are integrated, and the finest there is.
@@ -45,7 +45,7 @@ def _error_scale(table, system, law, p, y):
     displacement a thousandth of the run's typical one.
     """
     natural = system.stiffness / system.beam_mass
-    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    rest = resting_place(system.modes, system)
     motion = natural * abs(y[BEAM] - rest) + math.sqrt(natural) * abs(y[BEAM_VELOCITY])
     for row in range(table.shape[0]):
         a0, a1, omega = abs(table[row, A0]), abs(table[row, A1]), table[row, OMEGA]

@@ -4,15 +4,17 @@
 from atpid_sim.contact.dispatch import detachment_velocity, residual_overlap
 from atpid_sim.engine import columns as at
 from atpid_sim.engine.beam import bounded_at, fastest_of
-from atpid_sim.engine.modes import free_arc, leave_flight
+from atpid_sim.engine.modes import free_arc, leave_flight, stride_pace
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
 from atpid_sim.engine.sampling import flight_extreme, flight_samples, record_extreme
 from atpid_sim.engine.state import steps_used
 from atpid_sim.engine.work import flight_work
-from atpid_sim.kernel import inlined, kernel
+from atpid_sim.kernel import chosen, inlined, kernel
 
 #: A gap below this fraction of the motion's size is a touch; it is far above rounding and far below any overlap.
 _TOUCH = 1e-14
+#: Jerk of fast free vibrations over all others from which a step past them is worth its search.
+_WORTH = 2.0
 #: A difference of velocities below this fraction of them is rounding.
 _ROUNDING = 1e-15
 
@@ -32,6 +34,25 @@ def _free_step(gap, velocity, opening, clearance, acceleration, jerk, longest, t
     elif clearance <= touch and (opening < 0.0 or above == 0.0):
         wall = -1
     return min(step, above), wall
+
+
+def _same_step(fast, step, gap, velocity, opening, clearance, acceleration, jerk, longest):
+    return step
+
+
+def _longer_step(fast, step, gap, velocity, opening, clearance, acceleration, jerk, longest):
+    floor, ceiling = gap + fast.x - fast.size, clearance - fast.x - fast.size
+    slow, others = acceleration + fast.a, jerk - fast.jerk
+    if floor <= 0.0 or ceiling <= 0.0 or fast.jerk < _WORTH * others:
+        return step
+    below = safe_step(floor, velocity + fast.v, slow, others, longest)
+    if below <= step:
+        return step
+    return max(step, min(below, safe_step(ceiling, opening - fast.v, -slow, others, longest)))
+
+
+#: (fast, step, ...) -> step that surely reaches no wall where fast free vibrations may be anywhere within their size.
+_past_fast = chosen(_same_step, _longer_step)
 
 
 @inlined
@@ -56,10 +77,13 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
     grain0, velocity0, begin = y[at.GRAIN], y[at.GRAIN_VELOCITY], tau
     height, ceiling_velocity = segment[at.HEIGHT], segment[at.CEILING_VELOCITY]
     diameter = 2.0 * system.radius
-    stride = 1.0 / fastest_of(arc)  # a sixth of a period: two turning points are never in one step
+    radian = 1.0 / fastest_of(arc)
+    stride = 1.0 / stride_pace(
+        system.modes, arc, view.observing
+    )  # a sixth of a period: two turning points are never in one step
     side = 1.0 if n[at.MODE] == at.OFF_FLOOR else -1.0
     flying = n[at.MODE]
-    _x, _v, a, jerk = bounded_at(arc, tau, until)
+    _x, _v, a, jerk, fast = bounded_at(arc, tau, until)
     # unrounded: a grain just detached has a gap velocity of exactly zero or opening
     x, v = y[at.BEAM], y[at.BEAM_VELOCITY]
     while True:
@@ -83,6 +107,8 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
                 grain = x if wall > 0 else x + height + ceiling_velocity * tau - diameter
                 y[at.DEEPEST] = -1.0
                 break
+            if step < 0.5 * longest:
+                step = _past_fast(fast, step, gap, gap_velocity, opening, clearance, gap_acceleration, jerk, longest)
         else:
             overlap = -gap if side > 0.0 else gap - (height + ceiling_velocity * tau - diameter)
             closing = -gap_velocity if side > 0.0 else gap_velocity - ceiling_velocity
@@ -93,7 +119,7 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
                 continue
             step, held = _overlapped_step(law, p, y[at.DEEPEST], overlap, closing, acceleration, jerk, longest)
             # at the instant of detachment the force is zero to within rounding: first cross a hundredth of the overlap
-            least = min(1e-2 * overlap / abs(closing) if closing != 0.0 else longest, 1e-6 * stride)
+            least = min(1e-2 * overlap / abs(closing) if closing != 0.0 else longest, 1e-6 * radian)
             if tau == begin:
                 held = False
             step = max(step, min(least, longest))
@@ -107,7 +133,7 @@ def flight(y, n, segment, tau, until, system, law, p, control, view, out):
         ahead = until if step >= until - tau else tau + step
         if ahead == tau:  # below the clock's resolution: take the surface as reached
             ahead = min(until, tau * (1.0 + 4e-16) + 1e-300)
-        x1, v1, a, jerk = bounded_at(arc, ahead, until)
+        x1, v1, a, jerk, fast = bounded_at(arc, ahead, until)
         if view.observing:
             record_extreme(y, x1)
             if v * v1 < 0.0:

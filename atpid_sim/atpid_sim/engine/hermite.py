@@ -37,3 +37,11 @@ def cubic(s, h, x0, v0, x1, v1):
     d = x1 - x0 - h * v0
     e = h * (v1 - v0) - 2.0 * d
     return x0 + s * (h * v0 + s * (d - e + s * e))
+
+
+@kernel
+def cubic_velocity(s, h, x0, v0, x1, v1):
+    """Velocity of the same cubic."""
+    d = x1 - x0 - h * v0
+    e = h * (v1 - v0) - 2.0 * d
+    return v0 + s * (2.0 * (d - e) + 3.0 * s * e) / h

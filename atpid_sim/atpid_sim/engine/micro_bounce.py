@@ -13,7 +13,7 @@ from atpid_sim.engine import columns as at
 from atpid_sim.engine.arc import support_at
 from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.engine.dormand_prince import support_ahead
-from atpid_sim.engine.modes import container_mass, free_acceleration, kick, states_of
+from atpid_sim.engine.modes import container_mass, free_acceleration, kick, resting_place, states_of
 from atpid_sim.kernel import kernel
 
 #: Low bounces before static contact: bounces that die out by themselves are a few, or a few dozen.
@@ -48,7 +48,7 @@ def only_micro_bounces(y, n, segment, tau, system, share):
     Returns whether nearly all of the last flights were so low, and wall and grain press together now.
     """
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
-    rest = -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    rest = resting_place(system.modes, system)
     size = abs(y[at.BEAM] - rest) + abs(y[at.BEAM_VELOCITY]) / math.sqrt(system.stiffness / system.beam_mass)
     clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
     pressing = side * _support_force(system.modes, y, segment, tau, system) / container_mass(system.modes, system)

@@ -10,53 +10,11 @@ import math
 import numpy as np
 
 from atpid_sim.engine import columns as at
-from atpid_sim.engine.arc import OTHER_COLUMNS, arc_from, enter_other, other_arc, support_at
-from atpid_sim.engine.beam import mode_at
+from atpid_sim.engine.arc import arc_from, support_at
+from atpid_sim.engine.beam import fastest_of
+from atpid_sim.engine.modal_arc import modal_arc, mode_arc
+from atpid_sim.engine.modal_beam import mode_at, turning_pace
 from atpid_sim.kernel import chosen, kernel
-from atpid_sim.system import System
-
-
-@kernel
-def _signal_of(modes, i, segment, row):
-    """Write the support's motion that drives a mode as the row's signal does; returns nothing."""
-    stiffness, damping, direct, rate = (
-        modes[at.STIFFNESS, i],
-        modes[at.DAMPING, i],
-        modes[at.DIRECT, i],
-        modes[at.RATE, i],
-    )
-    row[:] = segment
-    c0, c1, c2, c3 = segment[at.C0], segment[at.C1], segment[at.C2], segment[at.C3]
-    row[at.C3] = direct * c3 / stiffness
-    row[at.C2] = (direct * c2 + 3.0 * (rate * c3 - damping * row[at.C3])) / stiffness
-    row[at.C1] = (direct * c1 + 2.0 * (rate * c2 - damping * row[at.C2])) / stiffness
-    row[at.C0] = (direct * c0 + rate * c1 - damping * row[at.C1]) / stiffness
-    if segment[at.A0] == 0.0 and segment[at.A1] == 0.0:
-        return
-    omega = segment[at.OMEGA]
-    share = complex(direct, omega * rate) / complex(stiffness, omega * damping)
-    size = abs(share)
-    row[at.A0], row[at.A1] = size * segment[at.A0], size * segment[at.A1]
-    row[at.PHASE] = segment[at.PHASE] + math.atan2(share.imag, share.real)
-
-
-@kernel
-def _arcs(modes, states, segment, tau):
-    """Arcs of all modes from local time tau, whose displacements and velocities are in `states` (modes, ...)."""
-    count = modes.shape[1]
-    others, row = np.empty((count - 1, OTHER_COLUMNS)), np.empty(at.DRIVE_COLUMNS)
-    for i in range(1, count):
-        _signal_of(modes, i, segment, row)
-        arc = arc_from(modes[at.MASS, i], _mode(modes, i), row, tau, states[i, at.Q], states[i, at.Q_RATE])
-        enter_other(others[i - 1], arc)
-    _signal_of(modes, 0, segment, row)
-    return arc_from(modes[at.MASS, 0], _mode(modes, 0), row, tau, states[0, at.Q], states[0, at.Q_RATE], others)
-
-
-@kernel
-def _mode(modes, i):
-    """The system that one mode is."""
-    return System(modes[at.MASS, i], 0.0, modes[at.STIFFNESS, i], modes[at.DAMPING, i], modes[at.WEIGHT, i], 0.0, None)
 
 
 def _no_states(modes, y):
@@ -72,13 +30,6 @@ states_of = chosen(_no_states, _own_states)
 
 
 @kernel
-def enter_states(states, y):
-    """Enter the modes' part of a state."""
-    if states is not None:
-        y[at.STATE_SIZE :] = states.ravel()
-
-
-@kernel
 def container_mass(modes, system):
     """Mass that an impulse at the container meets [kg]."""
     if modes is None:
@@ -90,14 +41,38 @@ def container_mass(modes, system):
 
 
 @kernel
-def fastest_mode(modes):
-    """Highest angular frequency of several modes [rad/s]; 0 where there is one."""
+def resting_place(modes, system):
+    """Displacement of the container at rest with the grain on it [m]."""
     if modes is None:
-        return 0.0
-    highest = 0.0
+        return -(system.beam_mass + system.grain_mass) * system.gravity / system.stiffness
+    sag = system.beam_mass * system.gravity / system.stiffness
     for i in range(modes.shape[1]):
-        highest = max(highest, modes[at.STIFFNESS, i] / modes[at.MASS, i])
-    return math.sqrt(highest)
+        sag += system.grain_mass * system.gravity / modes[at.STIFFNESS, i]
+    return -sag
+
+
+@kernel
+def mode_paces(modes):
+    """Highest angular frequency of several modes, and fastest rate at which one moves [rad/s]; 0 where there is one."""
+    highest = rate = 0.0
+    if modes is not None:
+        for i in range(modes.shape[1]):
+            natural, decay = modes[at.STIFFNESS, i] / modes[at.MASS, i], 0.5 * modes[at.DAMPING, i] / modes[at.MASS, i]
+            highest = max(highest, math.sqrt(natural))
+            rate = max(rate, math.sqrt(natural), decay + math.sqrt(max(0.0, decay * decay - natural)))
+    return highest, rate
+
+
+def _fastest(modes, arc, observing):
+    return fastest_of(arc)
+
+
+def _turning(modes, arc, observing):
+    return turning_pace(arc, observing)
+
+
+#: (modes, arc, observing) -> reciprocal of the longest step in flight [rad/s]: two turning points are never in one.
+stride_pace = chosen(_fastest, _turning)
 
 
 @kernel
@@ -120,7 +95,19 @@ def to_joined(modes):
 @kernel
 def from_joined(modes):
     """Matrix that leads back."""
-    return modes[2 * at.SET_ROWS + modes.shape[1] :]
+    return modes[2 * at.SET_ROWS + modes.shape[1] : 2 * (at.SET_ROWS + modes.shape[1])]
+
+
+@kernel
+def transformed(matrix, states):
+    """Displacements and velocities (modes, 2) in other coordinates; states (modes, 2 or more)."""
+    count = matrix.shape[0]
+    found = np.zeros((count, 2))
+    for i in range(count):
+        for k in range(count):
+            found[i, at.Q] += matrix[i, k] * states[k, at.Q]
+            found[i, at.Q_RATE] += matrix[i, k] * states[k, at.Q_RATE]
+    return found
 
 
 def _arc(modes, y, mass, system, segment, tau):
@@ -128,11 +115,12 @@ def _arc(modes, y, mass, system, segment, tau):
 
 
 def _free_arcs(modes, y, mass, system, segment, tau):
-    return _arcs(modes, states_of(modes, y), segment, tau)
+    return modal_arc(modes, 0, y[at.STATE_SIZE :].reshape(-1, at.MODE_COLUMNS), segment, tau)
 
 
 def _joined_arcs(modes, y, mass, system, segment, tau):
-    return _arcs(modes[at.SET_ROWS :], to_joined(modes) @ states_of(modes, y), segment, tau)
+    states = y[at.STATE_SIZE :].reshape(-1, at.MODE_COLUMNS)
+    return modal_arc(modes, at.SET_ROWS, transformed(to_joined(modes), states), segment, tau)
 
 
 #: (modes, y, mass, system, segment, tau) -> arc of the beam alone, whose `mass` is given [kg], from local time tau.
@@ -144,17 +132,17 @@ joined_arc = chosen(_arc, _joined_arcs)
 @kernel
 def coordinates(modes, arc, tau):
     """Displacements and velocities (modes, 2) of the modes of an arc at local time tau."""
-    found = np.empty((arc.others.shape[0] + 1, 2))
-    found[0, 0], found[0, 1], _a, _u, _w = mode_at(arc, tau)
-    for i in range(arc.others.shape[0]):
-        found[i + 1, 0], found[i + 1, 1], _a, _u, _w = mode_at(other_arc(arc.others[i]), tau)
+    found = np.empty((arc.modes.shape[1], 2))
+    for i in range(arc.modes.shape[1]):
+        found[i, at.Q], found[i, at.Q_RATE] = mode_at(mode_arc(arc.modes, i), arc.phase, tau)
     return found
 
 
 @kernel
 def _enter_coordinates(y, found):
     states = y[at.STATE_SIZE :].reshape(-1, at.MODE_COLUMNS)
-    states[:, at.Q], states[:, at.Q_RATE] = found[:, 0], found[:, 1]
+    for i in range(states.shape[0]):
+        states[i, at.Q], states[i, at.Q_RATE] = found[i, at.Q], found[i, at.Q_RATE]
 
 
 @kernel
@@ -168,7 +156,7 @@ def leave_flight(modes, y, arc, tau):
 def leave_joined(modes, y, arc, tau):
     """Enter where the motion with the grain held has led the modes."""
     if modes is not None:
-        _enter_coordinates(y, from_joined(modes) @ coordinates(modes, arc, tau))
+        _enter_coordinates(y, transformed(from_joined(modes), coordinates(modes, arc, tau)))
 
 
 @kernel
@@ -181,7 +169,7 @@ def grain_acceleration(modes, system, segment, arc, tau, a):
     if modes is None:
         return a + system.gravity
     u, w = support_at(segment, tau)
-    apart = free_acceleration(modes, from_joined(modes) @ coordinates(modes, arc, tau), u, w)
+    apart = free_acceleration(modes, transformed(from_joined(modes), coordinates(modes, arc, tau)), u, w)
     return apart / (1.0 + system.grain_mass / container_mass(modes, system))
 
 

@@ -12,34 +12,31 @@ import math
 
 from atpid_sim.contact.dispatch import force
 from atpid_sim.engine.columns import A0, A1, C0, C1, C2, C3, OMEGA, PHASE
-from atpid_sim.engine.dormand_prince import ContactState, Errors, Flows, explicit_step, rates_at
+from atpid_sim.engine.dormand_prince import ContactState, Errors, Flows, rates_at
 from atpid_sim.engine.hermite import hermite, hermite_velocity
-from atpid_sim.engine.modal_step import modal_step
-from atpid_sim.kernel import chosen, inlined, kernel
+from atpid_sim.kernel import inlined, kernel
 
 #: Relative distance over which the force is differenced; its error, 1e-8, is far below that of a step.
 _APART = 1e-4
-#: Methods: explicit in the fourth root of the time since the contact began, explicit in time, implicit in time.
-FOURTH_ROOT, EXPLICIT, IMPLICIT = range(3)
 
-_GAMMA = 0.25
-_A21 = 1.544
-_A31, _A32 = 0.9466785280815826, 0.2557011698983284
-_A41, _A42, _A43 = 3.314825187068521, 2.896124015972201, 0.9986419139977817
-_A51, _A52, _A53, _A54 = 1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950
-_C21 = -5.6688
-_C31, _C32 = -2.430093356833875, -0.2063599157091915
-_C41, _C42, _C43 = -0.1073529058151375, -9.594562251023355, -20.47028614809616
-_C51, _C52, _C53, _C54 = 7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160
-_C61, _C62, _C63, _C64, _C65 = 8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054  # fmt: skip # noqa: E501
-_T2, _T3, _T4 = 0.386, 0.21, 0.63
-_D1, _D2, _D3, _D4 = 0.25, -0.1043, 0.1035, -0.0362
+GAMMA = 0.25
+A21 = 1.544
+A31, A32 = 0.9466785280815826, 0.2557011698983284
+A41, A42, A43 = 3.314825187068521, 2.896124015972201, 0.9986419139977817
+A51, A52, A53, A54 = 1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950
+C21 = -5.6688
+C31, C32 = -2.430093356833875, -0.2063599157091915
+C41, C42, C43 = -0.1073529058151375, -9.594562251023355, -20.47028614809616
+C51, C52, C53, C54 = 7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160
+C61, C62, C63, C64, C65 = 8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054  # fmt: skip # noqa: E501
+T2, T3, T4 = 0.386, 0.21, 0.63
+D1, D2, D3, D4 = 0.25, -0.1043, 0.1035, -0.0362
 #: The inner node of Lobatto's four-point rule.
-_INNER = 0.5 - 0.5 / math.sqrt(5.0)
+INNER = 0.5 - 0.5 / math.sqrt(5.0)
 
 
 @inlined
-def _support(segment, at):
+def support_with_acceleration(segment, at):
     """Support displacement, velocity and acceleration at local time `at` [s]."""
     angle = segment[OMEGA] * at + segment[PHASE]
     s, c = math.sin(angle), math.cos(angle)
@@ -89,82 +86,82 @@ def implicit_step(segment, model, p, tau, h, motion):
     x, v, overlap, velocity, k, _modes = motion
     side, inverse, reduced = model.side, model.beam_inverse, model.reduced_inverse
     stiff, damp = stiffness_and_damping(model, p, overlap, velocity)
-    g = 1.0 / (_GAMMA * h)
+    g = 1.0 / (GAMMA * h)
     # Jacobian of the two accelerations; displacements are eliminated, which leaves two equations for the velocities
     ax, av, ao, ar = -model.stiffness * inverse, -model.damping * inverse, -side * stiff * inverse, -side * damp * inverse  # fmt: skip # noqa: E501
     bx, bv, bo, br = side * ax, side * av, -stiff * reduced, -damp * reduced
     m11, m12 = g - av - ax / g, -(ar + ao / g)
     m21, m22 = -(bv + bx / g), g - br - bo / g
     scale = 1.0 / (m11 * m22 - m12 * m21)
-    _u0, w0, a0 = _support(segment, tau)
+    _u0, w0, a0 = support_with_acceleration(segment, tau)
     pull_rate = model.stiffness * w0 + model.damping * a0
     fa, fb = h * pull_rate * inverse, h * side * pull_rate * inverse
     ih = 1.0 / h
 
     # stage 1
-    s, t = k.beam_acceleration + _D1 * fa, k.overlap_acceleration + _D1 * fb
+    s, t = k.beam_acceleration + D1 * fa, k.overlap_acceleration + D1 * fb
     ev = s + (ax * v + ao * velocity) / g
     er = t + (bx * v + bo * velocity) / g
     v1, r1 = (m22 * ev - m12 * er) * scale, (m11 * er - m21 * ev) * scale
     x1, o1 = (v + v1) / g, (velocity + r1) / g
 
     # stage 2
-    u2, w2, _a = _support(segment, tau + _T2 * h)
-    vs, rs = v + _A21 * v1, velocity + _A21 * r1
-    s, t = _accelerations(model, p, u2, w2, x + _A21 * x1, vs, overlap + _A21 * o1, rs)
-    px, po = vs + _C21 * ih * x1, rs + _C21 * ih * o1
-    ev = s + _C21 * ih * v1 + _D2 * fa + (ax * px + ao * po) / g
-    er = t + _C21 * ih * r1 + _D2 * fb + (bx * px + bo * po) / g
+    u2, w2, _a = support_with_acceleration(segment, tau + T2 * h)
+    vs, rs = v + A21 * v1, velocity + A21 * r1
+    s, t = _accelerations(model, p, u2, w2, x + A21 * x1, vs, overlap + A21 * o1, rs)
+    px, po = vs + C21 * ih * x1, rs + C21 * ih * o1
+    ev = s + C21 * ih * v1 + D2 * fa + (ax * px + ao * po) / g
+    er = t + C21 * ih * r1 + D2 * fb + (bx * px + bo * po) / g
     v2, r2 = (m22 * ev - m12 * er) * scale, (m11 * er - m21 * ev) * scale
     x2, o2 = (px + v2) / g, (po + r2) / g
 
     # stage 3
-    u3, w3, _a = _support(segment, tau + _T3 * h)
-    vs, rs = v + _A31 * v1 + _A32 * v2, velocity + _A31 * r1 + _A32 * r2
+    u3, w3, _a = support_with_acceleration(segment, tau + T3 * h)
+    vs, rs = v + A31 * v1 + A32 * v2, velocity + A31 * r1 + A32 * r2
     s, t = _accelerations(
-        model, p, u3, w3, x + _A31 * x1 + _A32 * x2, vs, overlap + _A31 * o1 + _A32 * o2, rs
+        model, p, u3, w3, x + A31 * x1 + A32 * x2, vs, overlap + A31 * o1 + A32 * o2, rs
     )  # fmt: skip
-    px, po = vs + ih * (_C31 * x1 + _C32 * x2), rs + ih * (_C31 * o1 + _C32 * o2)
-    ev = s + ih * (_C31 * v1 + _C32 * v2) + _D3 * fa + (ax * px + ao * po) / g
-    er = t + ih * (_C31 * r1 + _C32 * r2) + _D3 * fb + (bx * px + bo * po) / g
+    px, po = vs + ih * (C31 * x1 + C32 * x2), rs + ih * (C31 * o1 + C32 * o2)
+    ev = s + ih * (C31 * v1 + C32 * v2) + D3 * fa + (ax * px + ao * po) / g
+    er = t + ih * (C31 * r1 + C32 * r2) + D3 * fb + (bx * px + bo * po) / g
     v3, r3 = (m22 * ev - m12 * er) * scale, (m11 * er - m21 * ev) * scale
     x3, o3 = (px + v3) / g, (po + r3) / g
 
     # stage 4
-    u4, w4, _a = _support(segment, tau + _T4 * h)
-    vs, rs = v + _A41 * v1 + _A42 * v2 + _A43 * v3, velocity + _A41 * r1 + _A42 * r2 + _A43 * r3
+    u4, w4, _a = support_with_acceleration(segment, tau + T4 * h)
+    vs, rs = v + A41 * v1 + A42 * v2 + A43 * v3, velocity + A41 * r1 + A42 * r2 + A43 * r3
     s, t = _accelerations(
         model, p, u4, w4,
-        x + _A41 * x1 + _A42 * x2 + _A43 * x3, vs, overlap + _A41 * o1 + _A42 * o2 + _A43 * o3, rs,
+        x + A41 * x1 + A42 * x2 + A43 * x3, vs, overlap + A41 * o1 + A42 * o2 + A43 * o3, rs,
     )  # fmt: skip
-    px = vs + ih * (_C41 * x1 + _C42 * x2 + _C43 * x3)
-    po = rs + ih * (_C41 * o1 + _C42 * o2 + _C43 * o3)
-    ev = s + ih * (_C41 * v1 + _C42 * v2 + _C43 * v3) + _D4 * fa + (ax * px + ao * po) / g
-    er = t + ih * (_C41 * r1 + _C42 * r2 + _C43 * r3) + _D4 * fb + (bx * px + bo * po) / g
+    px = vs + ih * (C41 * x1 + C42 * x2 + C43 * x3)
+    po = rs + ih * (C41 * o1 + C42 * o2 + C43 * o3)
+    ev = s + ih * (C41 * v1 + C42 * v2 + C43 * v3) + D4 * fa + (ax * px + ao * po) / g
+    er = t + ih * (C41 * r1 + C42 * r2 + C43 * r3) + D4 * fb + (bx * px + bo * po) / g
     v4, r4 = (m22 * ev - m12 * er) * scale, (m11 * er - m21 * ev) * scale
     x4, o4 = (px + v4) / g, (po + r4) / g
 
     # stage 5
-    u5, w5, _a = _support(segment, tau + h)
-    xs = x + _A51 * x1 + _A52 * x2 + _A53 * x3 + _A54 * x4
-    vs = v + _A51 * v1 + _A52 * v2 + _A53 * v3 + _A54 * v4
-    os = overlap + _A51 * o1 + _A52 * o2 + _A53 * o3 + _A54 * o4
-    rs = velocity + _A51 * r1 + _A52 * r2 + _A53 * r3 + _A54 * r4
+    u5, w5, _a = support_with_acceleration(segment, tau + h)
+    xs = x + A51 * x1 + A52 * x2 + A53 * x3 + A54 * x4
+    vs = v + A51 * v1 + A52 * v2 + A53 * v3 + A54 * v4
+    os = overlap + A51 * o1 + A52 * o2 + A53 * o3 + A54 * o4
+    rs = velocity + A51 * r1 + A52 * r2 + A53 * r3 + A54 * r4
     s, t = _accelerations(model, p, u5, w5, xs, vs, os, rs)
-    px = vs + ih * (_C51 * x1 + _C52 * x2 + _C53 * x3 + _C54 * x4)
-    po = rs + ih * (_C51 * o1 + _C52 * o2 + _C53 * o3 + _C54 * o4)
-    ev = s + ih * (_C51 * v1 + _C52 * v2 + _C53 * v3 + _C54 * v4) + (ax * px + ao * po) / g
-    er = t + ih * (_C51 * r1 + _C52 * r2 + _C53 * r3 + _C54 * r4) + (bx * px + bo * po) / g
+    px = vs + ih * (C51 * x1 + C52 * x2 + C53 * x3 + C54 * x4)
+    po = rs + ih * (C51 * o1 + C52 * o2 + C53 * o3 + C54 * o4)
+    ev = s + ih * (C51 * v1 + C52 * v2 + C53 * v3 + C54 * v4) + (ax * px + ao * po) / g
+    er = t + ih * (C51 * r1 + C52 * r2 + C53 * r3 + C54 * r4) + (bx * px + bo * po) / g
     v5, r5 = (m22 * ev - m12 * er) * scale, (m11 * er - m21 * ev) * scale
     x5, o5 = (px + v5) / g, (po + r5) / g
 
     # stage 6: its increment is the error of the third-order solution
     xs, vs, os, rs = xs + x5, vs + v5, os + o5, rs + r5
     s, t = _accelerations(model, p, u5, w5, xs, vs, os, rs)
-    px = vs + ih * (_C61 * x1 + _C62 * x2 + _C63 * x3 + _C64 * x4 + _C65 * x5)
-    po = rs + ih * (_C61 * o1 + _C62 * o2 + _C63 * o3 + _C64 * o4 + _C65 * o5)
-    ev = s + ih * (_C61 * v1 + _C62 * v2 + _C63 * v3 + _C64 * v4 + _C65 * v5) + (ax * px + ao * po) / g
-    er = t + ih * (_C61 * r1 + _C62 * r2 + _C63 * r3 + _C64 * r4 + _C65 * r5) + (bx * px + bo * po) / g
+    px = vs + ih * (C61 * x1 + C62 * x2 + C63 * x3 + C64 * x4 + C65 * x5)
+    po = rs + ih * (C61 * o1 + C62 * o2 + C63 * o3 + C64 * o4 + C65 * o5)
+    ev = s + ih * (C61 * v1 + C62 * v2 + C63 * v3 + C64 * v4 + C65 * v5) + (ax * px + ao * po) / g
+    er = t + ih * (C61 * r1 + C62 * r2 + C63 * r3 + C64 * r4 + C65 * r5) + (bx * px + bo * po) / g
     v6, r6 = (m22 * ev - m12 * er) * scale, (m11 * er - m21 * ev) * scale
     errors = Errors((px + v6) / g, v6, (po + r6) / g, r6)
     xs, vs, os, rs = xs + errors.x, vs + v6, os + errors.overlap, rs + r6
@@ -183,8 +180,8 @@ def _flows(segment, model, p, tau, h, begin, end):
     x1, v1, overlap1, velocity1, last, _modes = end
     absorbed, work = k.contact_power + last.contact_power, k.support_power + last.support_power
     loss = k.damper_power + last.damper_power
-    for node in (_INNER, 1.0 - _INNER):
-        u, w, _a = _support(segment, tau + node * h)
+    for node in (INNER, 1.0 - INNER):
+        u, w, _a = support_with_acceleration(segment, tau + node * h)
         xm = hermite(node, h, x, v, k.beam_acceleration, x1, v1, last.beam_acceleration)
         vm = hermite_velocity(node, h, x, v, k.beam_acceleration, x1, v1, last.beam_acceleration)
         d = overlap1 - overlap - h * velocity
@@ -201,23 +198,3 @@ def _flows(segment, model, p, tau, h, begin, end):
     gained = (v1 - model.side * velocity1) - (v - model.side * velocity)
     impulse = model.side * grain_mass * (gained + model.gravity * h)
     return Flows(absorbed * twelfth, work * twelfth, loss * twelfth, impulse)
-
-
-def _one_mode_step(modes, method, segment, model, p, moment, h, motion):
-    if method == IMPLICIT:
-        return implicit_step(segment, model, p, moment.tau, h, motion)
-    return explicit_step(segment, model, p, method == FOURTH_ROOT, moment, h, motion)
-
-
-def _modal_step(modes, method, segment, model, p, moment, h, motion):
-    return modal_step(segment, model, p, method == FOURTH_ROOT, moment, h, motion)
-
-
-#: Chosen when it is compiled: one more call would cost a run of one mode a fifth.
-_step = chosen(_one_mode_step, _modal_step)
-
-
-@inlined
-def trial_step(method, segment, model, p, moment, h, motion):
-    """One step of size h in the method's own variable; arguments and result as `dormand_prince.explicit_step`."""
-    return _step(model.modes, method, segment, model, p, moment, h, motion)

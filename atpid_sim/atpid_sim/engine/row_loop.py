@@ -15,6 +15,7 @@ from atpid_sim.engine.finite_contact import hold, tabulated_contact
 from atpid_sim.engine.flight import flight
 from atpid_sim.engine.impact_phase import begin_impact_row, collide, is_held, press_held, stick
 from atpid_sim.engine.micro_bounce import closing_speed, only_micro_bounces, replace_by_static_contact
+from atpid_sim.engine.modal_room import keep, unowned, with_room
 from atpid_sim.engine.modes import container_mass
 from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import SampleView, record_extreme
@@ -182,6 +183,18 @@ def _control(fidelity, table, system, law, p, rtol, budget, y):
 @kernel
 def _integrate(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts):
     """`integrate`, with an `Outcome`."""
+    own, owner = with_room(system.modes, system)
+    ended = _advance(
+        fidelity, unowned(table), own, mass, law, unowned(p), control, unowned(y), unowned(n), window, sampling,
+        unowned(out), unowned(impacts), contacts,
+    )  # fmt: skip
+    keep(owner)
+    return ended
+
+
+@kernel
+def _advance(fidelity, table, system, mass, law, p, control, y, n, window, sampling, out, impacts, contacts):
+    """The same, of a system with room for what is computed of its modes."""
     with_grain = mass != system.beam_mass
     diameter = 2.0 * system.radius
     stuck, fast = 0, _fast(system, law, p)

@@ -20,7 +20,7 @@ from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate
 from atpid_sim.engine.sections import Sections, sections_of
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact, contact_of, system_of
-from atpid_sim.modal import resting, static_response
+from atpid_sim.modal import coupling, resting, static_response
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.scene.structure import Initial
@@ -36,12 +36,16 @@ FIDELITIES = ("simplified", "impact", "finite", "soft")
 SUPPORT = [columns.A0, columns.A1, columns.C0, columns.C1, columns.C2, columns.C3]
 #: Loosest relative tolerance of the integrator: beyond, a step's error is the size of what it computes.
 LOOSEST = 0.1
+#: Residual of the energy ledger from which a run must not be used.
+OPEN = 0.1
 #: The integrator's relative tolerance is this share of the amplitude error asked for (measured: docs/tradeoff.md).
 _TOLERANCE_SHARE = 0.3
 #: Steps any run may take, hundreds of times those of the standard task, and more for every cycle of beam or drive,
 #: eight times those of the standard task: no run is endless, a hard case still ends, and so does a very long one.
 _STEPS = 5_000_000
 _STEPS_PER_CYCLE, _STEPS_PER_ROW = 1_000, 20
+#: Largest coupling of the modes of a structure with its grain held (`modal.coupling`) that may be left out.
+_MOST_COUPLED = 0.5
 #: Share of the static deflection, or of the grain's radius, below which a displacement is negligible.
 _NEGLIGIBLE = 1e-8
 
@@ -142,6 +146,12 @@ class Integration:
             raise ValueError(
                 f"fidelity {fidelity}: the contact law impact has no force to integrate; "
                 "use fidelity impact, or another law"
+            )
+        if fidelity == "impact" and self.scene.modes is not None and coupling(self.scene.modes) > _MOST_COUPLED:
+            raise ValueError(
+                "fidelity impact: the damping of the modes couples them while the grain is held, by "
+                f"{coupling(self.scene.modes):.2g} of what keeps them apart; allowed: at most {_MOST_COUPLED:g}; "
+                "use fidelity soft and a contact law with a force"
             )
         self.fidelity, self.rtol = fidelity, rtol
         self._fidelity = int(Fidelity[fidelity.upper()])
@@ -305,7 +315,10 @@ class Integration:
             raise NumericalFailure(failure_at(outcome, state))
         samples = observation.samples[:, : state.n[columns.SAMPLE]]
         impacts = observation.impacts[: state.n[columns.IMPACTS]]
-        return FinishedRun(state, samples, impacts, self.ledger(first, state, rows))
+        ledger = self.ledger(first, state, rows)
+        if abs(ledger.residual) > OPEN:
+            raise NumericalFailure(failure_at(Outcome.LEDGER_OPEN, state))
+        return FinishedRun(state, samples, impacts, ledger)
 
     def ledger(self, first: State, last: State, table: Array) -> Ledger:
         """Return the energy ledger between two states of a run through `table`."""

@@ -13,6 +13,7 @@ from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.integration import Integration, Observation, impact_log, sample_series
 from studies.theory.closed_forms import bouncing_time, hertz_impact, thornton_gamma
+from studies.theory.impact_sink import ImpactSink
 from studies.theory.two_impacts import TwoImpacts, symmetric_motions
 from studies.thesis.measured import Measured
 from studies.thesis.measures.shaking import shaking_table
@@ -28,6 +29,8 @@ _HEAVIER = 1e5
 #: Mass of a wall held by a spring [kg].
 _STIFF_WALL = 1e3
 
+#: Samples a cycle, of which the fundamental is taken.
+_A_CYCLE = 64
 #: Samples of a contact, from which its deepest overlap is read by a parabola.
 _SAMPLES = 20_000
 
@@ -62,6 +65,31 @@ def two_impacts(
         "closed_peak": force * stable[0].peak if stable else math.nan,
         "multiplier": stable[0].multiplier if stable else math.nan,
     }
+
+
+def impact_sink(
+    mass_share: float, damping_ratio: float, restitution: float, clearance: float, frequency_ratio: float,
+    periods: int = 3000,
+) -> dict[str, float | str]:  # fmt: skip
+    """Return the amplitude of an oscillator with a vibro-impact sink under a force, over half the sink's clearance.
+
+    The grain begins in the middle. clearance: half of it, over the resonance's amplitude with the grain held.
+    """
+    sink = ImpactSink(mass_share, damping_ratio, restitution)
+    cycle = 2.0 * math.pi / frequency_ratio
+    scene = standard_bench(
+        beam={"mass": 1.0 - mass_share, "stiffness": 1.0, "damping": 2.0 * damping_ratio},
+        grain={"mass_fraction": mass_share, "radius": 0.5}, contact={"law": "impact", "restitution": restitution},
+        drive="force", excitation={"amplitude": 2.0 * damping_ratio / clearance, "frequency": 1.0 / cycle},
+        ceiling={"height": 3.0}, gravity=0.0, initial={"grain_height": 1.0, "grain_velocity": 0.0},
+        duration=periods * cycle, steady_window=[(periods - 20) * cycle, periods * cycle],
+    )  # fmt: skip
+    samples = sample_series(20 * _A_CYCLE)
+    seen = Observation(scene.steady_window, scene.steady_window[0], cycle / _A_CYCLE, samples)
+    beam = Integration(scene, "impact", _RTOL).run(seen).samples[columns.S_BEAM]
+    turn = np.exp(-2j * math.pi * np.arange(len(beam)) / _A_CYCLE)
+    found = sink.amplitudes(clearance, frequency_ratio)
+    return {"over_gap": float(2.0 * abs(np.mean(beam * turn))), "closed_over_gap": found[0] if found else math.nan}
 
 
 def hertz(radius: float, modulus: float, poisson: float, density: float, speed: float) -> dict[str, float | str]:
@@ -165,6 +193,7 @@ def _top(values: Any) -> float:
 
 _KINDS: dict[str, Callable[..., dict[str, float | str]]] = {
     "two_impacts": two_impacts,
+    "impact_sink": impact_sink,
     "hertz": hertz,
     "rebound": rebound,
     "thornton": thornton,
