@@ -148,7 +148,8 @@ def _show(
             shown = ("" if math.isnan(value) else f"{value:.4f}" for value in (stage.height, stage.amplitude))
             steps.add_row(stage.name, *shown, stage.note)
         console.print(steps)
-    if chosen.no_use:
-        console.print(chosen.no_use, highlight=False, markup=False, soft_wrap=True)
+    for line in (chosen.no_use, "" if chosen.stages else chosen.note):
+        if line:
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
     for line in warnings:
         console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_control.design.forces import forces
-from atpid_control.design.problem import Case, Problem, bare_range, case, cases, drawn_frequencies
+from atpid_control.design.problem import Case, Problem, case, cases, drawn_frequencies
+from atpid_control.design.today import bare_range
 from atpid_sim.maps import ALL_APPROACHES, FROM_CLOSED, Approach, Timing, best_height
 from atpid_sim.maps.approaches import at_once, opened
 from atpid_sim.maps.best import Best
@@ -69,7 +70,7 @@ class FrequencyPoint(NamedTuple):
 class Point:
     """The design at one support amplitude."""
 
-    amplitude: float  # of the support [m]
+    amplitude: float  # of the support [m] or the force [N]
     height: float  # of the ceiling [m]
     clearance: float  # height less the grain's diameter [m]
     frequency: float  # of the excitation where the given structure moves most [Hz]
@@ -108,7 +109,8 @@ class Structures:
     @staticmethod
     def of(problem: Problem, fraction: float) -> "Structures":
         """Return the structures with a grain of a mass fraction [-]. Raises SceneError for an invalid value."""
-        box, inner = np.vstack([np.zeros(8), corners(8)]), inside(_RANDOM, 8, _SEED)
+        count = problem.quantities
+        box, inner = np.vstack([np.zeros(count), corners(count)]), inside(_RANDOM, count, _SEED)
         return Structures(
             problem, fraction, [list(cases(problem, fraction, box, [f] * len(box))) for f in problem.frequencies],
             list(cases(problem, fraction, inner, drawn_frequencies(problem, _RANDOM, _SEED))),
@@ -185,7 +187,7 @@ def _all_responses(
 ) -> list[Response]:
     """Return the responses of all cases at a height [m], first those of `structures.every`, which are known."""
     run: Callable[..., Response] = partial(response_of, amplitude=amplitude, height=height)
-    box, found = corners(8), list(known)
+    box, found = corners(structures.problem.quantities), list(known)
     for number, (given, *others) in enumerate(structures.at):
         begin = number * (1 + len(others)) + 1
         own = known[begin : begin + len(others)]
@@ -273,7 +275,7 @@ def _forces(structures: Structures, amplitude: float, height: float, longer: flo
     number = max(range(len(given)), key=lambda k: given[k].ceiling)
     own = structures.at[number]
     found = [given[number], *(forces(one, amplitude, height) for one in own[1:])]
-    hardest = adverse(corners(8), np.array([one.ceiling for one in found[1:]]))
+    hardest = adverse(corners(structures.problem.quantities), np.array([one.ceiling for one in found[1:]]))
     at = [structures.problem.frequencies[number]] * 2
     extremes = cases(structures.problem, structures.fraction, np.array([hardest, -hardest]), at)
     found += [*given, *(forces(one, amplitude, height) for one in extremes)]
