@@ -192,7 +192,8 @@ def physics(problem: Problem, fraction: float, amplitude: float, off: Deviation,
 def steady(p: Physics, grain: float) -> NDArray[np.complex128]:
     """Return the phasors of the modes (modes,) with a mass [kg] held at the container, against the drive's sine [m]."""
     resistance = np.diag(p.stiffness - p.mass * p.omega**2 + 1j * p.omega * p.damping) - grain * p.omega**2
-    return np.linalg.solve(resistance, p.amplitude * (p.direct + 1j * p.omega * p.rate))
+    force = p.amplitude * (p.direct + 1j * p.omega * p.rate)
+    return np.asarray(np.linalg.solve(resistance, force), dtype=np.complex128)
 
 
 def linear(p: Physics, grain: float) -> float:

@@ -196,7 +196,8 @@ def compare(systems: int, seed: int, modal: bool = False) -> Compared:
         # the closed damper moves with 5 to 30 g, as without gravity
         moves = between(5.0, 30.0) * 9.81 / (2.0 * math.pi * closed) ** 2
         support = max(2.0 * damping * math.sqrt(1.0 - fraction) * moves, 2e-6)
-        mass, more = between(0.1, 60.0), {}
+        mass = between(0.1, 60.0)
+        more: dict[str, Any] = {}
         if modal:
             more["drive"] = ("support", "force")[number // 2 % 2]
             more["further_modes"] = [
