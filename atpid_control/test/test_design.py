@@ -138,7 +138,7 @@ def test_the_largest_force_is_that_of_one_impact_at_the_closing_speed() -> None:
 
 def test_corners_are_a_fractional_factorial_design_of_resolution_four() -> None:
     box = corners(8)
-    assert box.shape == (16, len(Deviation._fields))
+    assert box.shape == (16, len(Uncertainty.model_fields))
     assert np.array_equal(box.T @ box, 16.0 * np.eye(8))
     products = np.array([box[:, i] * box[:, k] for i in range(8) for k in range(i)])
     assert not (products @ box).any()
