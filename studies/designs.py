@@ -159,7 +159,10 @@ def _force_off(problem: Problem, fraction: float, one: Point, frequency: float |
     """Return how far the force on the ceiling is from the expected one [-]; NaN: the given structure is irregular."""
     given = motion(physics(problem, fraction, one.amplitude, NOMINAL, frequency), one.height)
     regular = response_of(case(problem, fraction, frequency=frequency), one.amplitude, one.height).regular
-    return abs(given.ceiling / one.ceiling_force.expected - 1.0) if regular and given.regular else math.nan
+    expected = one.ceiling_force.expected
+    if not (regular and given.regular) or expected == given.ceiling == 0.0:
+        return math.nan
+    return abs(given.ceiling / expected - 1.0) if expected > 0.0 else math.inf
 
 
 def _stated(points: list[Point]) -> tuple[list[float], list[float]]:

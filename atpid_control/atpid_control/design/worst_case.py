@@ -35,7 +35,8 @@ _LOWER = 2
 _IRREGULAR = 0.15
 #: Forces of impacts grow with their speed to this power.
 _SPEED_POWER = 1.2
-#: What lies between the cases and between the amplitudes may be so much farther out: efficiency [-].
+#: What lies between the cases and between the amplitudes may be so much farther out: efficiency [-]; with the further
+#: quantities of several modes twice as much.
 _UNSEEN = 0.005
 #: Random structures inside the box, and the seed that draws them.
 _RANDOM, _SEED = 24, 1
@@ -211,7 +212,7 @@ def _described(structures: Structures, amplitude: float, height: float, response
     fine = response_of(case(problem, fraction, rtol=_FINE, frequency=frequency), amplitude, height).amplitude
     error = abs(fine / expected.amplitude - 1.0)
     regular = all(one.regular for one in responses)
-    wider = error + (0.0 if regular else _IRREGULAR)
+    wider, unseen = error + (0.0 if regular else _IRREGULAR), _UNSEEN * (2.0 if problem.further_modes else 1.0)
     gravity, omega = problem.gravity, 2.0 * np.pi * damper.frequency
     closed = damper.closed_amplitude(amplitude)
     amplitudes = [one.amplitude for one in responses]
@@ -224,12 +225,12 @@ def _described(structures: Structures, amplitude: float, height: float, response
             FrequencyPoint(row[0].damper.frequency, one.amplitude, one.bare, one.reduction)
             for row, one in zip(structures.at, responses[:: len(structures.at[0])], strict=False)
         ],
-        efficiency=_widened(expected.efficiency, [one.efficiency for one in responses], wider),
-        reduction=_widened(expected.reduction, [one.reduction for one in responses], wider),
+        efficiency=_widened(expected.efficiency, [one.efficiency for one in responses], wider, unseen),
+        reduction=_widened(expected.reduction, [one.reduction for one in responses], wider, unseen),
         beam_amplitude=Interval(
             expected.amplitude,
-            max(min(amplitudes) * (1.0 - wider) - _UNSEEN * closed, 0.0),
-            max(amplitudes) * (1.0 + wider) + _UNSEEN * closed,
+            max(min(amplitudes) * (1.0 - wider) - unseen * closed, 0.0),
+            max(amplitudes) * (1.0 + wider) + unseen * closed,
         ),
         bare_amplitude=Interval(expected.bare, *bare_range(problem, fraction, amplitude)),
         closed_amplitude=closed,
@@ -244,10 +245,10 @@ def _described(structures: Structures, amplitude: float, height: float, response
     )
 
 
-def _widened(expected: float, seen: Sequence[float], wider: float) -> Interval:
+def _widened(expected: float, seen: Sequence[float], wider: float, unseen: float) -> Interval:
     """Return the interval of a share of an amplitude that is taken off, where the rest may be off by a share."""
     low, high = min(seen), max(seen)
-    return Interval(expected, low - wider * (1.0 - low) - _UNSEEN, min(high + wider * (1.0 - high) + _UNSEEN, 1.0))
+    return Interval(expected, low - wider * (1.0 - low) - unseen, min(high + wider * (1.0 - high) + unseen, 1.0))
 
 
 def _height_error(given: Case, amplitude: float, height: float, expected: Response) -> float:
