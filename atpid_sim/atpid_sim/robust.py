@@ -38,8 +38,9 @@ def corners(quantities: int) -> Array:
     matrix = np.ones((1, 1))
     while len(matrix) < _CORNERS:
         matrix = np.block([[matrix, matrix], [matrix, -matrix]])
-    columns = _COLUMNS.get(quantities, (*_COLUMNS[8], *itertools.islice(itertools.cycle(_FURTHER), quantities - 8)))
-    return matrix[:, columns]
+    if quantities in _COLUMNS:
+        return matrix[:, _COLUMNS[quantities]]
+    return matrix[:, (*_COLUMNS[8], *itertools.islice(itertools.cycle(_FURTHER), quantities - 8))]
 
 
 def inside(count: int, quantities: int, seed: int) -> Array:
