@@ -20,6 +20,8 @@ from atpid_sim.system import Array
 
 #: Frequency ratios among which a peak is looked for where no band is given; how far apart, and how many at least.
 ANY_FREQUENCY, _APART, _FEWEST = (0.3, 2.0), 1e-3, 101
+#: In place of no resistance, at the resonance of a mode without damping: the quotient of two infinities is then right.
+_NONE = 1e-30
 #: Least damping of a tuned mass, as defined below: a spring and its guide have that of themselves [-].
 _LEAST_DAMPING = 0.002
 
@@ -79,6 +81,7 @@ class TunedBeam:
         carried = self.mass_ratio * r * r * spring / (spring - r * r)
         s, x = self.structure, r[..., None]
         resistance = s.stiffness - s.mass * x * x + 1j * x * s.damping
+        resistance = np.where(resistance == 0.0, _NONE, resistance)
         alone = ((s.direct + 1j * x * s.rate) / resistance).sum(axis=-1)
         return np.asarray(alone / (1.0 - carried * (1.0 / resistance).sum(axis=-1)))
 
