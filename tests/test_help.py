@@ -89,7 +89,7 @@ def test_the_example_runs(program: str, command: str, in_a_copy: Path, capsys: p
         ("atpid", "validate a", "COMMAND: given validate; did you mean bag validate?; allowed: simulate, "),
         (
             "atpid", "design --mass=2 --outt x",
-            "the following arguments are required: --frequency, --damping, --amplitudes, --out; given --outt; did you "
+            "the following arguments are required: --amplitudes, --out; given --outt; did you "
             "mean --out?; ",
         ),
         ("atpid", "simulate a.yaml --height 0,2", "--height: given 0,2; allowed: a number with a decimal point: 0.2; "),

@@ -25,7 +25,6 @@ from atpid_control.design.problem import (
     NOMINAL,
     Deviation,
     Problem,
-    bare_range,
     case,
     deviation,
     grain_mass,
@@ -35,6 +34,7 @@ from atpid_control.design.problem import (
     resonance,
     scene_of,
 )
+from atpid_control.design.today import bare_range
 from atpid_control.design.tuned_mass import TunedBeam, optimised
 from atpid_control.design.worst_case import Point, Structures, response_of
 from atpid_sim.scene import scene_from_mapping

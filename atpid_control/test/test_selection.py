@@ -9,7 +9,7 @@ import pytest
 
 from atpid_control.selection import METHODS, Excitation, HeightSelector, Selection, SelectionError, make_selector
 from atpid_control.selection.protocol import violations
-from atpid_sim.scene import Scene, load_scene, standard_bench
+from atpid_sim.scene import Scene, load_scene
 from atpid_sim.scene.ceiling import CONTROLLERS
 
 ROOT = Path(__file__).parents[2]
@@ -111,9 +111,3 @@ class Careless:
 def test_the_contract_names_each_violation() -> None:
     careless: Any = Careless()
     assert len(violations(careless, 0.03, 0.017)) == 6
-
-
-def test_the_predictive_algorithm_refuses_several_modes() -> None:
-    further = [{"mass": 1.0, "frequency": 40.0, "damping_ratio": 0.01}]
-    with pytest.raises(SelectionError, match="several modes"):
-        make_selector("pca", standard_bench(further_modes=further)).select(Excitation(0.01, 0.0))

@@ -87,7 +87,14 @@ def coupling(modes: Modes) -> float:
 
 def free_of(table: Array) -> ModeSet:
     """Return the modes in flight from what kernels take."""
-    return ModeSet(*table[: len(ModeSet._fields)])
+    return modes_in(table).free
+
+
+def modes_in(table: Array) -> Modes:
+    """Return the modes from what kernels take (`Modes.table`)."""
+    rows, count = len(ModeSet._fields), table.shape[1]
+    free, joined, both = np.split(table, (rows, 2 * rows))
+    return Modes(ModeSet(*free), ModeSet(*joined), both[:count], both[count:])
 
 
 def container_mass(modes: ModeSet) -> float:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The worst case over a box of uncertain quantities: points of it, scenes with its values, the best height there."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -19,6 +20,8 @@ _CORNERS = 16
 #: Experimenters, table 6.22). Five: the design 2^(5-1) of resolution V, E = ABCD, products of two clear of each other.
 #: Eight: 2^(8-4) of resolution IV, E = BCD, F = ACD, G = ABC, H = ABD, main effects clear of products of two.
 _COLUMNS = {5: (1, 2, 4, 8, 15), 8: (1, 2, 4, 8, 14, 13, 7, 11)}
+#: The columns that are left, for the ninth quantity and further ones.
+_FURTHER = (3, 5, 6, 9, 10, 12, 15)
 #: Speed at which a restitution is changed [m/s]; how far the damping of the contact is changed for it, as a factor.
 _SPEED, _WIDEST = 1.0, 128.0
 #: Largest restitution of a contact with damping [-].
@@ -28,11 +31,16 @@ RUMBLE = 1.5
 
 
 def corners(quantities: int) -> Array:
-    """Return corners of the box (16, `quantities`), each value +1 or -1: a two-level design of 5 or 8 quantities."""
+    """Return corners of the box (16, `quantities`), each value +1 or -1: a two-level design of 5, 8 or more quantities.
+
+    Up to 15 their main effects are apart; those beyond change with one of the ninth to fifteenth.
+    """
     matrix = np.ones((1, 1))
     while len(matrix) < _CORNERS:
         matrix = np.block([[matrix, matrix], [matrix, -matrix]])
-    return matrix[:, _COLUMNS[quantities]]
+    if quantities in _COLUMNS:
+        return matrix[:, _COLUMNS[quantities]]
+    return matrix[:, (*_COLUMNS[8], *itertools.islice(itertools.cycle(_FURTHER), quantities - 8))]
 
 
 def inside(count: int, quantities: int, seed: int) -> Array:

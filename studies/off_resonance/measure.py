@@ -3,7 +3,8 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,8 @@ RATIOS = (0.7, 1.4)  # excitation over the natural frequency [-]
 _AMPLITUDES = (0.005, 0.04)  # of the support [m]
 _FRACTIONS = (0.05, 0.3)  # grain over total mass [-]
 _DAMPING = (0.01, 0.04)  # of the beam without grain [-]
+#: Mass [kg] and stiffness [N/m] of the beam.
+_MASS, _STIFFNESS = 0.3258, 427.6
 #: Clearances that brute force tries, over half a period's travel of the faster of grainless beam and closed damper:
 #: 2.3 % apart, and around the best few 0.4 %.
 _LEAST, _MOST, _COUNT, _CLOSER, _NEAR = 0.004, 1.5, 260, 3, 5
@@ -43,12 +46,24 @@ class System:
     amplitude: float  # of the support [m]
     mass_fraction: float  # [-]
     damping_ratio: float  # of the beam without grain [-]
+    further: tuple[tuple[float, float, float, float], ...] = ()  # mass, frequency, damping ratio, share of the drive
+    drive: str = "support"  # then `amplitude` is over the beam's stiffness, such as that of a support
 
     def scene(self) -> Scene:
         """Return the standard bench with these values."""
-        beam = {"mass": 0.3258, "stiffness": 427.6, "damping_ratio": self.damping_ratio}
-        scene = standard_bench(beam=beam).with_(mass_fraction=self.mass_fraction, amplitude=self.amplitude)
+        beam = {"mass": _MASS, "stiffness": _STIFFNESS, "damping_ratio": self.damping_ratio}
+        changes: dict[str, Any] = {"beam": beam}
+        if self.further:
+            keys = ("mass", "frequency", "damping_ratio", "drive_factor")
+            modes = [dict(zip(keys, one, strict=True)) for one in self.further]
+            changes |= {"further_modes": modes, "drive": self.drive}
+        scene = standard_bench(**changes).with_(mass_fraction=self.mass_fraction, amplitude=self.drive_amplitude)
         return scene.with_(frequency=self.ratio * scene.natural_frequency_hz)
+
+    @property
+    def drive_amplitude(self) -> float:
+        """Amplitude of the support [m] or the force [N]."""
+        return self.amplitude * (_STIFFNESS if self.drive == "force" else 1.0)
 
 
 @dataclass(frozen=True)
@@ -74,7 +89,27 @@ def systems(count: int, seed: int) -> list[System]:
         np.exp(rng.uniform(math.log(low), math.log(high), count)) for low, high in (_AMPLITUDES, _FRACTIONS, _DAMPING)
     ]
     rows = zip(ratios, *drawn, strict=True)
-    return [System(k, *(float(f"{value:.4g}") for value in row)) for k, row in enumerate(rows, start=1)]
+    rounded = ([float(f"{value:.4g}") for value in row] for row in rows)
+    return [
+        System(k, ratio, amplitude, share, damping) for k, (ratio, amplitude, share, damping) in enumerate(rounded, 1)
+    ]
+
+
+def modal_systems(count: int, seed: int) -> list[System]:
+    """Return random systems of two and three modes, each second pair under a force, at most 8 % off resonance."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for one in systems(count, seed):
+        ratio = 1.0 + (one.ratio - 1.0) / 5.0
+        modes = [
+            (_MASS * 10.0 ** rng.uniform(-0.2, 1.2), 5.5 * rng.uniform(1.5, 15.0), 10.0 ** rng.uniform(-2.3, -1.3),
+             rng.uniform(-0.5, 0.5))
+            for _ in range(1 + one.number % 2)
+        ]  # fmt: skip
+        further = tuple((m, f, d, s) for m, f, d, s in np.array([[float(f"{v:.4g}") for v in row] for row in modes]))
+        drive = ("support", "force")[one.number // 2 % 2]
+        found.append(replace(one, ratio=float(f"{ratio:.4g}"), further=further, drive=drive))
+    return found
 
 
 def compared(
@@ -92,10 +127,11 @@ def compare(system: System, methods: Sequence[str]) -> Outcome:
     """Return what methods and brute force make of one system, all of them with the ceiling opened from closed."""
     scene = system.scene()
     damper = DamperResponse(scene, _RTOL)
-    closed = damper.closed_amplitude(system.amplitude)
-    brute = _brute_force(damper, system.amplitude)
-    heights = {name: make_selector(name, scene).select(Excitation(system.amplitude)).height for name in methods}
-    rated = {name: efficiency(lasting(damper, system.amplitude, height), closed) for name, height in heights.items()}
+    amplitude = system.drive_amplitude
+    closed = damper.closed_amplitude(amplitude)
+    brute = _brute_force(damper, amplitude)
+    heights = {name: make_selector(name, scene).select(Excitation(amplitude)).height for name in methods}
+    rated = {name: efficiency(lasting(damper, amplitude, height), closed) for name, height in heights.items()}
     best = efficiency(brute[0], closed)
     rated = {name: value if heights[name] > damper.diameter else 0.0 for name, value in rated.items()}
     height = brute[1] if best > 0.0 else damper.diameter
@@ -117,9 +153,7 @@ def _brute_force(damper: DamperResponse, amplitude: float) -> tuple[float, float
     """Return the least amplitude [m] that lasts at the best rated of all heights tried, and that height [m]."""
     if damper.rests(amplitude):
         return damper.closed_amplitude(amplitude), damper.diameter
-    s, w = damper.system, 2.0 * math.pi * damper.frequency
-    grainless = abs(complex(s.stiffness, s.damping * w) / complex(s.stiffness - s.beam_mass * w * w, s.damping * w))
-    unit = math.pi * max(amplitude * grainless, damper.closed_amplitude(amplitude))
+    unit = math.pi * max(damper.bare_amplitude(amplitude), damper.closed_amplitude(amplitude))
     wide = np.geomspace(_LEAST, _MOST, _COUNT) * unit
     rated = _rated(damper, amplitude, wide)
     step = wide[1] / wide[0]
@@ -148,20 +182,24 @@ def _run(damper: DamperResponse, amplitude: float, height: float, approach: Appr
 
 def table_lines(done: Sequence[Outcome], methods: Sequence[str]) -> Iterator[str]:
     """Yield the lines of the Markdown table of the outcomes, in percent and metres."""
-    heads = ["f / f_0", "A [m]", "φ", "damping ratio", "closed [m]", "brute force", *(f"`{name}`" for name in methods)]
+    modal = any(one.system.further for one in done)
+    heads = ["f / f_0", "A [m, N]" if modal else "A [m]", "φ", "damping ratio", "closed [m]", "brute force",
+             *(f"`{name}`" for name in methods), *(["further modes: kg, Hz"] if modal else [])]  # fmt: skip
     yield "| " + " | ".join(heads) + " |"
     yield "|" + "---|" * len(heads)
     for one in done:
         s = one.system
         cells = [
             f"{s.ratio:g}",
-            f"{s.amplitude:g}",
+            f"{s.amplitude:g}" if not modal else f"{s.drive_amplitude:.4g} {'N' if s.drive == 'force' else 'm'}",
             f"{s.mass_fraction:g}",
             f"{s.damping_ratio:g}",
             f"{one.closed:.4f}",
         ]
         cells += [_cell(one.brute, one.heights["brute force"])]
         cells += [_cell(one.reductions[name], one.heights[name]) for name in methods]
+        if modal:
+            cells.append("; ".join(f"{mass:.3g}, {frequency:.3g}" for mass, frequency, *_ in s.further))
         yield "| " + " | ".join(cells) + " |"
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from pydantic_core import PydanticUndefined
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -13,7 +14,7 @@ from rich.table import Table
 from atpid_common import output
 from atpid_common.arguments import file_path, number, refuse, refuse_number, rising
 from atpid_control.design.make import Design, design, steps_of
-from atpid_control.design.problem import Problem, Uncertainty, problem_of
+from atpid_control.design.problem import RISING, DesignError, Problem, Uncertainty, problem_of
 from atpid_sim.display import counting
 
 _DEFAULTS = {name: field.default for name, field in Problem.model_fields.items()}
@@ -23,10 +24,15 @@ EXAMPLE = "--mass 2 --frequency 15 --damping 0.02 --amplitudes 0.001:0.003 --out
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    support = "LO:HI, two rising amplitudes in metres, at most 1, such as 0.001:0.004; 1 mm is 0.001"
-    kinds: dict[str, Callable[[str], Any]] = {"amplitudes": rising(1e-6, 1.0, support), "excitation-frequency": _band}
+    kinds: dict[str, Callable[[str], Any]] = {"amplitudes": rising(1e-6, 1e3, RISING), "excitation-frequency": _band}
+    parser.add_argument(
+        "--structure", type=file_path, metavar="FILE.yaml",
+        help="beam, further_modes and drive of a scene, or of what `atpid modes` writes, in place of --mass, "
+        "--frequency and --damping",
+    )  # fmt: skip
+    parser.add_argument("--drive", choices=("support", "force"), help="what shakes the structure; default support")
     for name, metavar, needed in (
-        ("mass", "KG", True), ("frequency", "HZ", True), ("damping", "RATIO", True),
+        ("mass", "KG", False), ("frequency", "HZ", False), ("damping", "RATIO", False),
         ("restitution", "E", False), ("young-modulus", "PA", False), ("density", "KG/M3", False),
         ("gravity", "G", False), ("side-friction", "MU", False), ("slope", "RAD/M", False),
         ("max-mass-fraction", "SHARE", False), ("max-height", "M", False),
@@ -47,12 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _help(option: str, needed: bool) -> str:
     name = option.replace("-", "_")
     text, default = (Problem.model_fields[name].description or "").replace("%", "%%"), _DEFAULTS[name]
-    return text if needed or default is None else f"{text}; default {default:g}"
+    return text if needed or default in (None, PydanticUndefined) else f"{text}; default {default:g}"
 
 
 def run(args: argparse.Namespace) -> int:
     """Make the design and its files, print the result; return 0. Raises DesignError, NumericalFailure, OutputError."""
-    problem = problem_of(**{name: value for name in _DEFAULTS if (value := getattr(args, name)) is not None})
+    problem = problem_of(**_given(args))
     output.folder(args.out)
     with counting("design", steps_of(problem)) as count:
         made = design(problem, count)
@@ -68,6 +74,23 @@ def run(args: argparse.Namespace) -> int:
     for path in written:
         print(path)
     return 0
+
+
+def _given(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the values of `Problem` that are given, by option or in the file of the structure."""
+    given = {name: value for name in _DEFAULTS if (value := getattr(args, name, None)) is not None}
+    own = [f"--{name}" for name in ("mass", "frequency", "damping") if name in given]
+    if args.structure is None:
+        if len(own) < 3:
+            raise DesignError(f"structure: given {' '.join(own) or 'none'}; allowed: --structure FILE.yaml, or all of "
+                              "--mass --frequency --damping")  # fmt: skip
+        return given
+    if own or args.drive:
+        named = " ".join([*own, *(["--drive"] if args.drive else [])])
+        raise DesignError(f"--structure: given beside {named}; allowed: the file alone, or the options")
+    from atpid_control.design.structure_file import structure_in
+
+    return structure_in(args.structure) | given
 
 
 def _band(text: str) -> tuple[float, float]:
@@ -96,12 +119,13 @@ def _uncertainty(text: str) -> dict[str, float]:
 
 def _summary(made: Design) -> Table:
     from atpid_control.design.kicked import comes_back
-    from atpid_control.design.page import headline, mass, tone, verdict
+    from atpid_control.design.page import headline, mass, structure, tone, verdict
 
     drive, (low, high) = made.motor, made.heights
     table = Table(title=headline(made), title_justify="left", show_header=False, box=SIMPLE_HEAD, pad_edge=False)
     table.add_row("grain", f"{mass(made.grain_mass)}, {100 * made.mass_fraction:.3g} % of beam and grain, "
                   f"diameter {2e3 * made.radius:.1f} mm")  # fmt: skip
+    table.add_row("structure", structure(made.problem))
     table.add_row("excitation", f"{tone(made)}; the resonance moves from {made.problem.frequency:.2f} to "
                   f"{made.resonance:.2f} Hz, damper closed")  # fmt: skip
     table.add_row("heights of the ceiling", f"{1e3 * low:.1f} to {1e3 * high:.1f} mm, closed "
@@ -124,14 +148,15 @@ def _over_amplitudes(made: Design) -> Table:
     from atpid_control.design.page import acceleration, span
 
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("support\n[mm]", "height\n[mm]", "structure\n(at most) [mm]", "\n[g]", "today\n[mm]",
+    scale, unit = made.problem.unit
+    for name in (f"{made.problem.drive}\n[{unit}]", "height\n[mm]", "structure\n(at most) [mm]", "\n[g]", "today\n[mm]",
                  "reduction [%]\n(all cases)", "efficiency [%]\n(all cases)",
                  "ceiling\nbears [N]", "floor\nbears [N]"):  # fmt: skip
         table.add_column(name, justify="right", no_wrap=True)
     for one in made.points:
         beam = one.beam_amplitude
         table.add_row(
-            f"{1e3 * one.amplitude:.3g}", f"{1e3 * one.height:.1f}",
+            f"{scale * one.amplitude:.3g}", f"{1e3 * one.height:.1f}",
             f"{1e3 * beam.expected:.3g} ({1e3 * beam.high:.3g})",
             f"{acceleration(one, beam.high):.2g}", f"{1e3 * one.bare_amplitude.expected:.3g}",
             span(one.reduction, 100.0, ".0f"), span(one.efficiency, 100.0, ".0f"), f"{one.ceiling_force.high:.4g}",

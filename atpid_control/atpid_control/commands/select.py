@@ -53,6 +53,8 @@ def run(args: argparse.Namespace) -> int:
     args.method = args.method or scene.ceiling.controller
     if not args.method:
         raise SelectionError("--method: not given, and the scene's ceiling has no controller; give one (--help)")
+    if scene.excitation.is_stationary:
+        return _by_rms(args, scene)
     amplitude = steady_amplitude(scene)
     selector = _selector(args, scene)
     try:
@@ -70,7 +72,30 @@ def run(args: argparse.Namespace) -> int:
         shown = to_json(chosen) | today | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
         print(json.dumps(shown, allow_nan=False))
     else:
-        _show(str(args.scene), scene, amplitude, chosen, warnings, bare)
+        unit = "m" if scene.drive == "support" else "N"
+        _show(f"{args.scene}: {chosen.method} at {amplitude:g} {unit}", scene, chosen, warnings, bare)
+    return 0
+
+
+def _by_rms(args: argparse.Namespace, scene: Scene) -> int:
+    """Select by root mean square and print; return 0. Raises SelectionError."""
+    given = [f"--{name.replace('_', '-')}" for name in ("margin", "amplitude_std", "deadline") if getattr(args, name)]
+    if args.method != "direct" or given:
+        raise SelectionError(
+            f"excitation: given a {scene.excitation.kind} one with {', '.join([f'method {args.method}', *given])}; "
+            "allowed: method direct alone, which selects by root mean square, or a tone {amplitude, frequency}"
+        )
+    from atpid_control.selection.by_rms import least_rms
+
+    chosen, bare, unsure = least_rms(scene)
+    reduction = efficiency(chosen.beam_amplitude, bare)
+    warnings = [*scene.warnings(), *range_warnings(scene, chosen), *unsure, *worse_than_without(reduction)]
+    if args.json:
+        shown = to_json(chosen) | {"bare_amplitude": bare, "reduction": reduction, "warnings": warnings}
+        shown |= {"resonance": scene.natural_frequency_hz, "measure": "root mean square"}
+        print(json.dumps(_without_nan(shown), allow_nan=False))
+    else:
+        _show(f"{args.scene}: direct, by root mean square", scene, chosen, warnings, bare, "RMS of the beam")
     return 0
 
 
@@ -127,14 +152,13 @@ def _without_nan(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _show(
-    name: str, scene: Scene, amplitude: float, chosen: Selection, warnings: list[str], bare: float
+    title: str, scene: Scene, chosen: Selection, warnings: list[str], bare: float, measure: str = "beam amplitude"
 ) -> None:  # fmt: skip
-    unit = "m" if scene.drive == "support" else "N"
-    table = Table(title=f"{name}: {chosen.method} at {amplitude:g} {unit}", show_header=False)
+    table = Table(title=title, show_header=False)
     table.add_row("height", f"{chosen.height:.4f} m")
-    table.add_row("beam amplitude there", f"{chosen.beam_amplitude:.4f} m")
+    table.add_row(f"{measure} there", f"{chosen.beam_amplitude:.4f} m")
     table.add_row("efficiency, against the damper closed", f"{100 * chosen.efficiency:.1f} %")
-    table.add_row("beam amplitude without the damper", f"{bare:.4f} m")
+    table.add_row(f"{measure} without the damper", f"{bare:.4f} m")
     table.add_row("reduction, against that", f"{100 * efficiency(chosen.beam_amplitude, bare):.1f} %")
     table.add_row("price of the margin", f"{100 * chosen.price:.2f} %" if math.isfinite(chosen.price) else "unknown")
     table.add_row("resonance, damper closed", f"{scene.natural_frequency_hz:.4f} Hz")
@@ -143,12 +167,13 @@ def _show(
     console = Console()
     console.print(table)
     if chosen.stages:
-        steps = Table("stage", "height [m]", "beam amplitude [m]", "")
+        steps = Table("stage", "height [m]", f"{measure} [m]", "")
         for stage in chosen.stages:
             shown = ("" if math.isnan(value) else f"{value:.4f}" for value in (stage.height, stage.amplitude))
             steps.add_row(stage.name, *shown, stage.note)
         console.print(steps)
-    if chosen.no_use:
-        console.print(chosen.no_use, highlight=False, markup=False, soft_wrap=True)
+    for line in (chosen.no_use, "" if chosen.stages else chosen.note):
+        if line:
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
     for line in warnings:
         console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)

@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_control.design.check import height_at
-from atpid_control.design.problem import NOMINAL, Case, Deviation, Problem, case, grain_mass
-from atpid_control.design.tuned_mass import ANY_FREQUENCY, TunedBeam, Tuning, optimised
+from atpid_control.design.problem import NOMINAL, Case, Deviation, Problem, case, grain_mass, modes_of
+from atpid_control.design.tuned_mass import ANY_FREQUENCY, TunedBeam, Tuning, optimised, over
 from atpid_control.design.worst_case import Point, response_of
+from atpid_sim.modal import ModeSet
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.simulation.batch import on_all_cores
 from atpid_sim.simulation.quantities import efficiency
@@ -29,7 +30,7 @@ class MassRow(NamedTuple):
     """The structure's amplitude in one state, without a damper and with each; NaN: a run failed."""
 
     state: str
-    amplitude: float  # of the support [m]
+    amplitude: float  # of the support [m] or the force [N]
     frequency: float  # of the excitation [Hz]
     bare: float  # without a damper [m]
     closed: float  # with the damper closed [m]
@@ -60,13 +61,16 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
     """Return the comparison for the design heights of points at rising amplitudes."""
     mass = grain_mass(problem, fraction)
     ratio, band = mass / problem.mass, _band(problem)
-    tuning = optimised(ratio, problem.damping, band)
+    tuning = optimised(ratio, problem.damping, band, _over_beam(problem, fraction, NOMINAL))
     middle, last = points[len(points) // 2], points[-1]
-    changes = [*((f"support ±{1e3 * one.amplitude:.3g} mm", one, NOMINAL) for one in (points[0], middle, last))]
+    changes = [
+        *((f"{problem.drive} {problem.level(one.amplitude)}", one, NOMINAL) for one in (points[0], middle, last))
+    ]
+    every, by = len(problem.further_modes), (-CHANGE, -0.5 * CHANGE, 0.5 * CHANGE, CHANGE)
+    changes += [(f"excitation {100 * c:+.0f} %", middle, Deviation(detuning=c)) for c in by]
     changes += [
-        (f"{words} {100 * change:+.0f} %", middle, Deviation(**{name: change}))
-        for words, name in (("excitation", "detuning"), ("natural frequency", "frequency"))
-        for change in (-CHANGE, -0.5 * CHANGE, 0.5 * CHANGE, CHANGE)
+        (f"natural frequency {100 * c:+.0f} %", middle, Deviation(frequency=c, further=((0.0, c, 0.0),) * every))
+        for c in by
     ]
     # as far as the resonance of the structure without a damper, if that is higher
     most = max(CHANGE, 1.03 * problem.frequency / middle.frequency - 1.0)
@@ -81,7 +85,7 @@ def compare(problem: Problem, fraction: float, points: Sequence[Point]) -> Compa
         damping_ratio=tuning.damping / tuning.frequency,
         band=(band[0] * problem.frequency, band[1] * problem.frequency),
         stroke=last.amplitude * float(
-            TunedBeam(ratio, problem.damping, tuning).stroke(last.frequency / problem.frequency)
+            _tuned(problem, fraction, tuning, NOMINAL).stroke(last.frequency / problem.frequency)
         ),
         rows=[rows[k] for k in range(len(changes))],
         over_frequency=[rows[k] for k in range(len(changes), len(jobs))],
@@ -102,18 +106,27 @@ def _row(
 ) -> MassRow:
     frequency = None if problem.excitation_frequency is None else at.frequency
     one = case(problem, fraction, off, frequency=frequency)
-    # spring and damper of the tuned mass stay when the structure changes
-    natural = problem.frequency * (1.0 + off.frequency)
-    scale = problem.frequency / natural
-    beam = TunedBeam(
-        grain_mass(problem, fraction) / problem.mass, problem.damping,
-        Tuning(scale * tuning.frequency, scale * tuning.damping),
-    )  # fmt: skip
     return MassRow(
         state, at.amplitude, one.damper.frequency, one.bare(at.amplitude), one.damper.closed_amplitude(at.amplitude),
         _damped(one, at.amplitude, height_at(points, at.amplitude)),
-        at.amplitude * float(beam.beam(one.damper.frequency / natural)),
+        at.amplitude * float(_tuned(problem, fraction, tuning, off).beam(
+            one.damper.frequency / (problem.frequency * (1.0 + off.frequency))
+        )),
     )  # fmt: skip
+
+
+def _tuned(problem: Problem, fraction: float, tuning: Tuning, off: Deviation) -> TunedBeam:
+    """Return the structure off by a deviation with the tuned mass, whose spring and damper stay."""
+    scale = 1.0 / (1.0 + off.frequency)
+    return TunedBeam(
+        grain_mass(problem, fraction) / problem.mass, problem.damping,
+        Tuning(scale * tuning.frequency, scale * tuning.damping), _over_beam(problem, fraction, off),
+    )  # fmt: skip
+
+
+def _over_beam(problem: Problem, fraction: float, off: Deviation) -> ModeSet | None:
+    modes = modes_of(problem, fraction, off)
+    return None if modes is None else over(modes.free, problem.mass, problem.frequency * (1.0 + off.frequency))
 
 
 def _damped(one: Case, amplitude: float, height: float) -> float:

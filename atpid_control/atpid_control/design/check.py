@@ -59,7 +59,7 @@ def drawn(problem: Problem, fraction: float, points: Sequence[Point], place: int
     """
     amplitude = between(points)[place]
     height = height_at(points, amplitude)
-    box = inside(DRAWN, 8, _SEED + place)
+    box = inside(DRAWN, problem.quantities, _SEED + place)
     box[::2] = np.sign(box[::2])
     at = drawn_frequencies(problem, DRAWN, _SEED + place)
     # beside the resonance several motions exist, and which one is found depends on the path

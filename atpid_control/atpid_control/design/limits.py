@@ -36,7 +36,7 @@ def warnings_of(
     return [
         *_aim(problem, points),
         *_worse(problem, points),
-        *_impossible(fraction, points),
+        *_impossible(problem, fraction, points),
         *_materials(problem),
         *_gravity(problem, points),
         *_sideways(problem, points),
@@ -48,8 +48,9 @@ def warnings_of(
     ]
 
 
-def _mm(*points: Point) -> str:
-    return ", ".join(f"±{1e3 * one.amplitude:.3g}" for one in points) + " mm"
+def _at(problem: Problem, *points: Point) -> str:
+    scale, unit = problem.unit
+    return ", ".join(f"±{scale * one.amplitude:.3g}" for one in points) + f" {unit}"
 
 
 def _aim(problem: Problem, points: Sequence[Point]) -> Iterator[str]:
@@ -79,27 +80,28 @@ def _worse(problem: Problem, points: Sequence[Point]) -> Iterator[str]:
         else "if the machine stays there, leave the structure as it is, or allow another grain (--max-mass-fraction)"
     )
     for frequency, found in sure.items():
-        yield f"reduction below 0: the damper makes it worse at {frequency:.4g} Hz and {_mm(*found)}; {beside}"
+        yield f"reduction below 0: the damper makes it worse at {frequency:.4g} Hz and {_at(problem, *found)}; {beside}"
     if possible and not sure:
         least = 100.0 * min(one.reduction.low for one in possible)
         yield (
-            f"reduction below 0 in some of the cases at {_mm(*possible)}, down to {least:.0f} %: within the "
+            f"reduction below 0 in some of the cases at {_at(problem, *possible)}, down to {least:.0f} %: within the "
             f"uncertainties the damper may make it worse; {beside}"
         )
 
 
-def _impossible(fraction: float, points: Sequence[Point]) -> Iterator[str]:
+def _impossible(problem: Problem, fraction: float, points: Sequence[Point]) -> Iterator[str]:
     """Name motions that no structure survives, and a grain too heavy for it."""
     last = points[-1]
     omega = 2.0 * math.pi * last.frequency
     moves = max(last.closed_amplitude, last.bare_amplitude.expected)
     acceleration, velocity = omega**2 * moves / STANDARD_GRAVITY, omega * moves
     if acceleration > _HARSH or velocity > _FAST:
+        units = "metres and those of the support" if problem.drive == "support" else "newtons"
         yield (
-            f"structure: a support of {_mm(last)} would move it by ±{1e3 * moves:.3g} mm undamped, "
+            f"structure: a {problem.drive} of {_at(problem, last)} would move it by ±{1e3 * moves:.3g} mm undamped, "
             f"{acceleration:.0f} g and {velocity:.2g} m/s (limits {_HARSH:g} g, {_FAST:g} m/s; a steel "
-            f"beam in bending bears some {_STRESS:g} MPa for each m/s): are --amplitudes in metres and those "
-            "of the support, and is --damping right?"
+            f"beam in bending bears some {_STRESS:g} MPa for each m/s): are --amplitudes in {units}, "
+            "and is --damping right?"
         )
     weight = fraction / (1.0 - fraction)
     if weight > _HEAVY:
@@ -124,13 +126,13 @@ def _gravity(problem: Problem, points: Sequence[Point]) -> Iterator[str]:
         omega = 2.0 * math.pi * heavy[0].frequency
         least = problem.gravity / (omega**2 * heavy[0].closed_amplitude / heavy[0].amplitude)
         yield (
-            f"gravity: up to {_mm(heavy[-1])} the beam's acceleration stays below gravity and the grain rests on the "
-            f"floor; the open damper does nothing below ±{1e3 * least:.3g} mm"
+            f"gravity: up to {_at(problem, heavy[-1])} the beam's acceleration stays below gravity and the grain rests "
+            f"on the floor; the open damper does nothing below {problem.level(least)}"
         )
     idle = [one for one in points if one.rate == 0.0 and one.acceleration >= 1.0]
     if idle:
         yield (
-            f"gravity: up to {_mm(idle[-1])} the grain does not reach the ceiling at the best height "
+            f"gravity: up to {_at(problem, idle[-1])} the grain does not reach the ceiling at the best height "
             f"(acceleration of the closed damper {idle[-1].acceleration:.0f} g): the floor alone reduces the motion"
         )
 
@@ -144,9 +146,10 @@ def _sideways(problem: Problem, points: Sequence[Point]) -> Iterator[str]:
     if (most := max(ratios)) > FRICTION_LIMIT:
         beyond = [one for one, ratio in zip(points, ratios, strict=True) if ratio > FRICTION_LIMIT]
         yield (
-            f"side wall: at {_mm(*beyond)} friction decelerates the grain by up to {most:.2g} of the closed damper's "
-            f"acceleration (limit {FRICTION_LIMIT:g}); sliding and rolling are left out and change the amplitude: "
-            "smoother walls (--side-friction), larger amplitudes, or find the height on the stand (docs/horizontal.md)"
+            f"side wall: at {_at(problem, *beyond)} friction decelerates the grain by up to {most:.2g} of the closed "
+            f"damper's acceleration (limit {FRICTION_LIMIT:g}); sliding and rolling are left out and change the "
+            "amplitude: smoother walls (--side-friction), larger amplitudes, or find the height on the stand "
+            "(docs/horizontal.md)"
         )
     angle = problem.slope * max(one.closed_amplitude for one in points)
     if angle > SLOPE_LIMIT:
@@ -179,12 +182,12 @@ def _sensitivity(problem: Problem, points: Sequence[Point], found: Check) -> Ite
     wide = [one for one in points if (seen := getattr(one, problem.aim)).high - seen.low > _SENSITIVE]
     if wide:
         what = "uncertainties" if problem.excitation_frequency is None else "uncertainties and frequencies"
-        yield f"sensitive: the {problem.aim} changes by more than 15 points over the {what} at {_mm(*wide)}"
+        yield f"sensitive: the {problem.aim} changes by more than 15 points over the {what} at {_at(problem, *wide)}"
     rough = [one for one in points if not one.regular]
     if rough:
         yield (
-            f"irregular motion in some of the cases at {_mm(*rough)}: the intervals are widened by 15 % of the "
-            "amplitude"
+            f"irregular motion in some of the cases at {_at(problem, *rough)}: the intervals are widened by 15 % of "
+            "the amplitude"
         )
     if found.outside:
         yield (
@@ -215,4 +218,4 @@ def _container(problem: Problem, points: Sequence[Point]) -> Iterator[str]:
         )
     stopped = [one for one in points if one.best_height > 0.999 * problem.max_height]
     if stopped:
-        yield f"container: from {_mm(stopped[0])} on the height is limited by --max-height"
+        yield f"container: from {_at(problem, stopped[0])} on the height is limited by --max-height"

@@ -16,10 +16,10 @@ from atpid_control.design.check import Check, drawn, widened
 from atpid_control.design.grain_choice import Candidate
 from atpid_control.design.limits import warnings_of
 from atpid_control.design.motor import Motor, motor
-from atpid_control.design.problem import Problem, resonance
+from atpid_control.design.problem import Problem, modes_of, resonance
 from atpid_control.design.worst_case import Interval, Point, Structures, point, response_of
+from atpid_sim.modal import phasors
 from atpid_sim.outcome import NumericalFailure
-from atpid_sim.robust import corners
 from atpid_sim.simulation.batch import on_all_cores
 from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.simulation.simulate import finite
@@ -40,7 +40,7 @@ _TRIES = 3
 class Landscape:
     """The beam's amplitude over the height, at one support amplitude, where the given structure moves most."""
 
-    amplitude: float  # of the support [m]
+    amplitude: float  # of the support [m] or the force [N]
     heights: Array  # (n,) [m]
     given: Array  # (n,) over that of the closed damper [-]
     cases: Array  # (n, 16) the same of the corners of the box [-]
@@ -90,6 +90,8 @@ class Design:
     def bare_resonance_amplitude(self) -> float:
         """Amplitude at the largest of the support without the damper, at the resonance the structure then has [m]."""
         p = self.problem
+        if (modes := modes_of(p, self.mass_fraction)) is not None:
+            return float(p.amplitudes[1] * abs(phasors(modes.free, p.frequency).sum()))
         return bare_amplitude(1.0, 1.0, 2.0 * p.damping, p.amplitudes[1], 1.0 / (2.0 * math.pi))
 
     def to_json(self) -> dict[str, Any]:
@@ -251,7 +253,7 @@ def _landscape(structures: Structures, middle: Point, count: Callable[[], None])
         try:
             return [1.0 - response_of(one, middle.amplitude, height).efficiency for one in every]
         except NumericalFailure:
-            return [math.nan] * (1 + len(corners(8)))
+            return [math.nan] * len(every)
 
     rows = np.array(_in_order(left, heights, count))
     return Landscape(middle.amplitude, np.array(heights), rows[:, 0], rows[:, 1:])

@@ -12,7 +12,7 @@ from atpid_control.design import motor
 from atpid_control.design.beside_tuned_mass import MassRow
 from atpid_control.design.make import Design
 from atpid_control.design.picture import draw_each
-from atpid_control.design.problem import STANDARD_GRAVITY, Uncertainty
+from atpid_control.design.problem import STANDARD_GRAVITY, Problem, Uncertainty
 from atpid_control.design.sketch import sketch
 from atpid_control.design.worst_case import Interval, Point
 from atpid_control.views.report.stages import per_cent
@@ -38,10 +38,24 @@ def headline(made: Design) -> str:
     left = f"±{1e3 * last.beam_amplitude.high:.3g} mm, {acceleration(last, last.beam_amplitude.high):.2g} g"
     today = f"today ±{1e3 * max(tone.bare for tone in last.over_frequency):.3g} mm"
     return (
-        f"With a grain of {mass(made.grain_mass)} the structure moves by at most {left}, {today}, at a support of "
-        f"±{1e3 * last.amplitude:.3g} mm and {tone(made)}; reduction {per_cent(made.reduction)}, efficiency "
-        f"{per_cent(made.efficiency)} over all amplitudes"
+        f"With a grain of {mass(made.grain_mass)} the structure moves by at most {left}, {today}, at a "
+        f"{made.problem.drive} of {made.problem.level(last.amplitude)} and {tone(made)}; reduction "
+        f"{per_cent(made.reduction)}, efficiency {per_cent(made.efficiency)} over all amplitudes"
     )
+
+
+def structure(p: Problem) -> str:
+    """Return the structure in words, one mode after the other."""
+    own = f"{p.mass:.4g} kg · {p.frequency:.4g} Hz · damping ratio {p.damping:.3g}"
+    if not p.is_modal:
+        return f"{own} of the beam alone"
+    further = (
+        f"{one.mass:.4g} kg · {math.sqrt(one.stiffness / one.mass) / (2.0 * math.pi):.4g} Hz · damping ratio "
+        f"{0.5 * one.damping / math.sqrt(one.stiffness * one.mass):.3g} · {one.drive_factor:.3g} of the drive"
+        for one in p.further_modes
+    )
+    modes = "; ".join(f"mode {k}: {words}" for k, words in enumerate([own, *further], 1))
+    return f"{modes}; {'driven by a force' if p.drive == 'force' else 'driven at its support'}"
 
 
 def tone(made: Design) -> str:
@@ -62,7 +76,7 @@ def mass(value: float) -> str:
 
 def _header(made: Design) -> str:
     p = made.problem
-    given = f"{p.mass:g} kg · {p.frequency:g} Hz · damping ratio {p.damping:g} of the beam alone"
+    given = structure(p)
     moves = f"The grain moves the resonance from {p.frequency:.2f} to {made.resonance:.2f} Hz (damper closed). "
     if p.excitation_frequency is None:
         stated = (
@@ -88,7 +102,7 @@ def _tiles(made: Design) -> str:
     drive, last = made.motor, made.points[-1]
     shown = (
         (f"±{1e3 * last.beam_amplitude.high:.3g} mm", "structure, at most",
-         f"{acceleration(last, last.beam_amplitude.high):.2g} g at ±{1e3 * last.amplitude:.3g} mm"),
+         f"{acceleration(last, last.beam_amplitude.high):.2g} g at {made.problem.level(last.amplitude)}"),
         (per_cent(made.reduction[:1] * 2), "reduction, at least",
          f"at most {per_cent(made.reduction[1:] * 2)}; efficiency at least {per_cent(made.efficiency[:1] * 2)}"),
         (mass(made.grain_mass), f"grain, {100 * made.mass_fraction:.3g} % of all", f"⌀ {2e3 * made.radius:.1f} mm"),
@@ -128,11 +142,12 @@ def _address(figure: Figure) -> str:
 
 
 def _promise(made: Design) -> str:
-    heads = ("support [mm]", "height [mm]", "structure [mm]", "acceleration [g]", "today [mm]", "reduction [%]",
+    (scale, unit), drive = made.problem.unit, made.problem.drive
+    heads = (f"{drive} [{unit}]", "height [mm]", "structure [mm]", "acceleration [g]", "today [mm]", "reduction [%]",
              "efficiency [%]", "force, ceiling [N]", "force, floor [N]", "overlap / r")  # fmt: skip
     rows = [
         (
-            f"±{1e3 * one.amplitude:.3g}", f"{1e3 * one.height:.1f}", _bounds(one.beam_amplitude, 1e3, ".3g"),
+            f"±{scale * one.amplitude:.3g}", f"{1e3 * one.height:.1f}", _bounds(one.beam_amplitude, 1e3, ".3g"),
             _bounds(one.beam_amplitude, acceleration(one, 1.0), ".2g"), _bounds(one.bare_amplitude, 1e3, ".3g"),
             _bounds(one.reduction, 100.0, ".1f"), _bounds(one.efficiency, 100.0, ".1f"),
             _bounds(one.ceiling_force, 1.0, ".3g"), _plain(f"{one.floor_force:.3g}"), f"{one.overlap:.3f}",
@@ -226,11 +241,12 @@ def _motor(made: Design) -> str:
 
 def _tuned_mass(made: Design) -> str:
     one = made.tuned_mass
-    heads = ("state", "support [mm]", "excitation [Hz]", "today [mm]", "this damper [mm]", "tuned mass [mm]",
+    (scale, unit), drive = made.problem.unit, made.problem.drive
+    heads = ("state", f"{drive} [{unit}]", "excitation [Hz]", "today [mm]", "this damper [mm]", "tuned mass [mm]",
              "reduction by this damper [%]", "by the tuned mass [%]")  # fmt: skip
     rows = [
         (
-            row.state, f"±{1e3 * row.amplitude:.3g}", f"{row.frequency:.4g}", f"±{1e3 * row.bare:.3g}",
+            row.state, f"±{scale * row.amplitude:.3g}", f"{row.frequency:.4g}", f"±{1e3 * row.bare:.3g}",
             f"±{1e3 * row.damper:.3g}", f"±{1e3 * row.tuned:.3g}",
             *(f"{100 * value:.1f}" for value in row.reductions),
         )
@@ -281,6 +297,12 @@ def _assumed(made: Design) -> str:
         "contact": f"Tsuji's law, restitution {p.restitution:g}, Young's modulus {p.young_modulus:.3g} Pa",
         "grain": f"a sphere of {p.density:g} kg/m³",
     }
+    if p.is_modal:
+        listed["modes"] = (
+            f"{1 + len(p.further_modes)}, each with mass, frequency and damping of its own as uncertain as those of "
+            "the first; shares of the drive are exact. Modes not given are left out: their static compliance at the "
+            "container is missing. The restitution is that against the mass an impulse there meets"
+        )
     for name, field in Uncertainty.model_fields.items():
         value = getattr(p.uncertainty, name)
         shown = f"± {1e3 * value:g} mm" if name == "height" else f"± {100 * value:g} %"
@@ -290,10 +312,8 @@ def _assumed(made: Design) -> str:
 
 def _next(made: Design) -> str:
     middle = made.points[len(made.points) // 2]
-    return (
-        '<h2>To go on</h2><pre tabindex="0">atpid bench scene.yaml --out run\n'
-        f"atpid simulate scene.yaml --height {middle.height:.5g}</pre>"
-    )
+    bench = "atpid bench scene.yaml --out run\n" if made.problem.drive == "support" else ""  # a force drives no loop
+    return f'<h2>To go on</h2><pre tabindex="0">{bench}atpid simulate scene.yaml --height {middle.height:.5g}</pre>'
 
 
 def _footer(made: Design) -> str:

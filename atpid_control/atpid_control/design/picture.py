@@ -54,8 +54,12 @@ def _band(
     axes.plot(x, expected, "o-", color=palette.own, ms=4.0, lw=1.8, label=name)
 
 
-def _millimetres(made: Design) -> Any:
-    return np.array([1e3 * one.amplitude for one in made.points])
+def _levels(made: Design) -> Any:
+    return np.array([made.problem.unit[0] * one.amplitude for one in made.points])
+
+
+def _level_name(made: Design) -> str:
+    return f"{made.problem.drive} amplitude [{made.problem.unit[1]}]"
 
 
 def _grains(axes: Any, made: Design, palette: Palette) -> None:
@@ -83,18 +87,18 @@ def _mass(made: Design) -> str:
 
 
 def _efficiency(axes: Any, made: Design, palette: Palette) -> None:
-    _band(axes, _millimetres(made), [p.efficiency for p in made.points], palette, 100.0, "expected")
+    _band(axes, _levels(made), [p.efficiency for p in made.points], palette, 100.0, "expected")
     bare = [100.0 * p.best_efficiency for p in made.points]
-    axes.plot(_millimetres(made), bare, color=palette.given, lw=1.2, ls="--", label="bare optimum")
-    _title(axes, "Efficiency: against the closed damper", "support amplitude [mm]", "efficiency [%]")
+    axes.plot(_levels(made), bare, color=palette.given, lw=1.2, ls="--", label="bare optimum")
+    _title(axes, "Efficiency: against the closed damper", _level_name(made), "efficiency [%]")
     _from_zero(axes)
     _legend(axes)
 
 
 def _reduction(axes: Any, made: Design, palette: Palette) -> None:
-    _band(axes, _millimetres(made), [p.reduction for p in made.points], palette, 100.0, "expected")
+    _band(axes, _levels(made), [p.reduction for p in made.points], palette, 100.0, "expected")
     axes.axhline(0.0, color=palette.accent, lw=1.2, label="as without the damper; below: worse")
-    _title(axes, "Reduction: against the structure of today", "support amplitude [mm]", "reduction [%]")
+    _title(axes, "Reduction: against the structure of today", _level_name(made), "reduction [%]")
     _from_zero(axes)
     _legend(axes)
 
@@ -105,12 +109,12 @@ def _from_zero(axes: Any) -> None:
 
 
 def _heights(axes: Any, made: Design, palette: Palette) -> None:
-    x = _millimetres(made)
+    x = _levels(made)
     best = [1e3 * p.best_height for p in made.points]
     axes.plot(x, best, color=palette.given, lw=1.2, ls="--", label="bare optimum")
     axes.plot(x, [1e3 * p.height for p in made.points], "o-", color=palette.own, ms=4.0, lw=1.8, label="design")
     axes.axhline(2e3 * made.radius, color=palette.given, lw=1.2, label="closed: the grain's diameter")
-    _title(axes, "Height of the ceiling", "support amplitude [mm]", "mm")
+    _title(axes, "Height of the ceiling", _level_name(made), "mm")
     axes.set_ylim(0.0, None)
     _legend(axes)
 
@@ -123,20 +127,20 @@ def _cliff(axes: Any, made: Design, palette: Palette) -> None:
     axes.plot(heights, 100.0 * found.given, color=palette.own, lw=1.8, label="given structure")
     (point,) = [one for one in made.points if one.amplitude == found.amplitude]
     axes.axvline(1e3 * point.height, color=palette.accent, lw=1.2, label=f"design: {1e3 * point.height:.1f} mm")
-    title = f"Amplitude over the height, at a support of ±{1e3 * found.amplitude:.3g} mm"
+    title = f"Amplitude over the height, at a {made.problem.drive} of {made.problem.level(found.amplitude)}"
     _title(axes, title, "height of the ceiling [mm]", "% of the closed damper's")
     axes.set_ylim(0.0, min(100.0, 125.0 * float(np.nanmax(found.cases))))
     _legend(axes)
 
 
 def _beam(axes: Any, made: Design, palette: Palette) -> None:
-    x = _millimetres(made)
+    x = _levels(made)
     axes.plot(x, [1e3 * p.closed_amplitude for p in made.points], color=palette.given_text, lw=1.4,
               label="damper closed")  # fmt: skip
     axes.plot(x, [1e3 * p.bare_amplitude.expected for p in made.points], color=palette.accent, lw=1.4,
               label="today, without the damper")  # fmt: skip
     _band(axes, x, [p.beam_amplitude for p in made.points], palette, 1e3, "with the damper")
-    _title(axes, "Amplitude of the structure", "support amplitude [mm]", "mm, logarithmic")
+    _title(axes, "Amplitude of the structure", _level_name(made), "mm, logarithmic")
     _logarithmic(axes)
     _legend(axes)
 
@@ -153,9 +157,9 @@ def _one_two_five(value: float, _: int) -> str:
 
 
 def _force(axes: Any, made: Design, palette: Palette) -> None:
-    _band(axes, _millimetres(made), [p.ceiling_force for p in made.points], palette, 1.0, "expected", "corners")
+    _band(axes, _levels(made), [p.ceiling_force for p in made.points], palette, 1.0, "expected", "corners")
     axes.axhline(made.motor.force, color=palette.accent, lw=1.2, label=f"the ceiling bears {made.motor.force:.4g} N")
-    _title(axes, "Largest contact force on the ceiling", "support amplitude [mm]", "N")
+    _title(axes, "Largest contact force on the ceiling", _level_name(made), "N")
     axes.set_ylim(0.0, None)
     _legend(axes)
 
@@ -170,7 +174,7 @@ def _tuned_mass(axes: Any, made: Design, palette: Palette) -> None:
         axes.plot(x, [1e3 * getattr(one, name) for one in rows], color=colour, ls=style_, lw=1.6, label=words)
     for at in dict.fromkeys(made.frequencies):
         axes.axvline(at, color=palette.given, lw=0.8)
-    title = f"Beside a tuned mass, at a support of ±{1e3 * rows[0].amplitude:.3g} mm"
+    title = f"Beside a tuned mass, at a {made.problem.drive} of {made.problem.level(rows[0].amplitude)}"
     _title(axes, title, "frequency of the excitation [Hz]", "mm, logarithmic")
     _logarithmic(axes)
     _legend(axes)

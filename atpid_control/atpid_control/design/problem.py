@@ -15,9 +15,10 @@ from atpid_sim.contact.linear import damping_ratio_for
 from atpid_sim.fields import Fraction, Hertz, Mass, Modulus, Number, SceneBlock, Words, impossible, within
 from atpid_sim.kernel_inputs import Contact, contact_of
 from atpid_sim.maps import DamperResponse
+from atpid_sim.modal import Modes
 from atpid_sim.scene import Scene, scene_from_mapping
 from atpid_sim.scene.explain import explained
-from atpid_sim.simulation.quantities import bare_amplitude
+from atpid_sim.scene.structure import FurtherMode
 from atpid_sim.system import Array
 
 #: Poisson's ratio of grain and walls: the thesis's. The contact stiffness changes by 7 % from 0.2 to 0.3.
@@ -33,6 +34,12 @@ _TOLERANCE = 1e-6
 #: Relative tolerance of the runs: 0.2 % of an amplitude is resolved.
 RTOL = 1e-5
 
+#: What amplitudes may be, and the largest of a support [m].
+RISING = (
+    "LO:HI, two rising amplitudes in metres, such as 0.001:0.004, at most 1; 1 mm is 0.001; of a force in newtons, at "
+    "most 1000"
+)
+_LARGEST_SUPPORT = 1.0
 #: Frequencies of a range that a design is made at: so far apart, relative, and at most so many. The box of the natural
 #: frequency fills in what lies between them.
 _APART, _MOST_FREQUENCIES = 0.03, 6
@@ -40,7 +47,7 @@ _APART, _MOST_FREQUENCIES = 0.03, 6
 _LOWEST, _HIGHEST = 0.5, 2.0
 
 Share = Annotated[Number, within(0.0, 0.5, hint="a share: 10 % is 0.1")]
-SupportAmplitude = Annotated[Number, within(1e-6, 1.0, hint="in metres: 1 mm is 0.001")]
+DriveAmplitude = Annotated[Number, within(1e-6, 1e3, hint="in metres or newtons: 1 mm is 0.001")]
 BuiltLength = Annotated[Number, within(1e-6, 10.0, hint="in metres: 10 mm is 0.01")]
 Target = Annotated[Number, within(0.01, 0.99, hint="a share: 80 % is 0.8")] | None
 
@@ -60,7 +67,7 @@ class Uncertainty(SceneBlock):
     detuning: Annotated[Number, within(0.0, 0.03)] = Field(
         default=0.005, description="distance of the excitation from its frequency [-]"
     )
-    amplitude: Share = Field(default=0.01, description="identified support amplitude [-]")
+    amplitude: Share = Field(default=0.01, description="identified amplitude of support or force [-]")
     height: Annotated[Number, within(0.0, 0.1, hint="in metres: 0.5 mm is 0.0005")] = Field(
         default=5e-4, description="position of the ceiling [m]"
     )
@@ -77,6 +84,7 @@ class Deviation(NamedTuple):
     detuning: float = 0.0
     amplitude: float = 0.0
     height: float = 0.0
+    further: tuple[tuple[float, float, float], ...] = ()  # mass, frequency, damping of each mode beside the first
 
 
 NOMINAL = Deviation()
@@ -90,7 +98,13 @@ class Problem(SceneBlock):
     damping: Annotated[Number, within(5e-4, 0.2, hint="a ratio: 0.8 % is 0.008")] = Field(
         description="damping ratio of the beam alone [-]"
     )
-    amplitudes: tuple[SupportAmplitude, SupportAmplitude] = Field(description="least and largest support amplitude [m]")
+    amplitudes: tuple[DriveAmplitude, DriveAmplitude] = Field(
+        description="least and largest amplitude of the support [m], or of the force [N]"
+    )
+    drive: Literal["support", "force"] = Field(
+        default="support", description="what shakes the structure: its support, or a force on it [N]"
+    )
+    further_modes: tuple[FurtherMode, ...] = Field(default=(), description="modes beside that of mass and frequency")
     excitation_frequency: tuple[Hertz, Hertz] | None = Field(
         default=None,
         description="frequency of the excitation, or the range in which it drifts [Hz]; default: the resonance of the "
@@ -129,9 +143,8 @@ class Problem(SceneBlock):
 
     @model_validator(mode="after")
     def _rising(self) -> Problem:
-        if not self.amplitudes[0] < self.amplitudes[1]:
-            given = Words("{:g}:{:g}".format(*self.amplitudes))
-            raise impossible("amplitudes", given, "LO:HI, two rising amplitudes in metres, such as 0.001:0.004")
+        if not self.amplitudes[0] < self.amplitudes[1] <= (_LARGEST_SUPPORT if self.drive == "support" else math.inf):
+            raise impossible("amplitudes", Words("{:g}:{:g}".format(*self.amplitudes)), RISING)
         if self.excitation_frequency is not None:
             low, high = self.excitation_frequency
             least, most = _LOWEST * self.frequency, _HIGHEST * self.frequency
@@ -142,6 +155,26 @@ class Problem(SceneBlock):
                     f"HZ, or LO:HI with LO below HI, from {least:g} to {most:g} Hz, half to twice --frequency",
                 )  # fmt: skip
         return self
+
+    @property
+    def is_modal(self) -> bool:
+        """Whether the structure has several modes or a force drives it (`Scene.modes`)."""
+        return bool(self.further_modes) or self.drive == "force"
+
+    @property
+    def quantities(self) -> int:
+        """How many quantities are uncertain: those of `Uncertainty`, and three of each further mode."""
+        return len(Uncertainty.model_fields) + 3 * len(self.further_modes)
+
+    @property
+    def unit(self) -> tuple[float, str]:
+        """What amplitudes of the drive are multiplied by where they are shown, and their unit."""
+        return (1e3, "mm") if self.drive == "support" else (1.0, "N")
+
+    def level(self, amplitude: float) -> str:
+        """Return an amplitude of the drive in words."""
+        scale, unit = self.unit
+        return f"±{scale * amplitude:.3g} {unit}"
 
     @property
     def aim(self) -> Literal["efficiency", "reduction"]:
@@ -185,7 +218,8 @@ def grain_radius(problem: Problem, fraction: float) -> float:
 def contact_damping_ratio(restitution: float, fraction: float) -> float:
     """Return beta of Tsuji's law (Eq. 3.23) for a restitution between grain and container.
 
-    The law's own damping ratio is c / sqrt(5 k m) with the reduced mass m = m_g (1 - fraction) and c = 2 beta
+    fraction: of the grain in its mass and the container's [-], which of several modes is what an impulse meets. The
+    law's own damping ratio is c / sqrt(5 k m) with the reduced mass m = m_g (1 - fraction) and c = 2 beta
     sqrt(k m_g); the restitution follows from it alone (`atpid_sim.contact.tsuji.restitution`).
     """
     return float(0.5 * damping_ratio_for(restitution) * math.sqrt(5.0 * (1.0 - fraction)))
@@ -204,21 +238,49 @@ def mapping_of(
     natural = problem.frequency * (1.0 + off.frequency)
     restitution = problem.restitution * (1.0 + off.restitution)
     restitution = min(max(restitution, _LEAST_RESTITUTION), _MOST_RESTITUTION)
-    resonant = frequency is None and off.detuning == 0.0
-    detuned = (natural * math.sqrt(1.0 - share) if frequency is None else frequency) * (1.0 + off.detuning)
-    return {
+    further = _further(problem, off)
+    container = weight / (weight + 1.0 / sum(1.0 / each for each in (mass, *(one["mass"] for one in further))))
+    mapping: dict[str, Any] = {
         "beam": {"mass": mass, "frequency": natural, "damping_ratio": problem.damping * (1.0 + off.damping)},
         "grain": {"mass_fraction": share, "radius": grain_radius(problem, fraction)},
         "contact": {
             "law": "tsuji",
             "young_modulus": problem.young_modulus * (1.0 + off.young_modulus),
             "poisson_ratio": POISSON,
-            "damping_ratio": contact_damping_ratio(restitution, share),
+            "damping_ratio": contact_damping_ratio(restitution, container if further else share),
         },
-        "excitation": {"amplitude": amplitude, "frequency": "resonance" if resonant else detuned},
+        "excitation": {"amplitude": amplitude, "frequency": "resonance"},
         "gravity": problem.gravity,
         "tolerance": _TOLERANCE,
     }
+    if problem.is_modal:
+        mapping |= {"further_modes": further, "drive": problem.drive}
+    if frequency is None and off.detuning != 0.0:
+        frequency = _resonance_of(mapping) if further else natural * math.sqrt(1.0 - share)
+    if frequency is not None:
+        mapping["excitation"]["frequency"] = frequency * (1.0 + off.detuning)
+    return mapping
+
+
+def _further(problem: Problem, off: Deviation) -> list[dict[str, float]]:
+    """Return the blocks of the further modes, off by a deviation; without one of theirs they are as given."""
+    found = []
+    offs = off.further or ((0.0, 0.0, 0.0),) * len(problem.further_modes)
+    for mode, (mass, frequency, damping) in zip(problem.further_modes, offs, strict=True):
+        heavier, faster = 1.0 + mass, 1.0 + frequency
+        found.append({
+            "mass": heavier * mode.mass,
+            "stiffness": heavier * faster**2 * mode.stiffness,
+            "damping": heavier * faster * (1.0 + damping) * mode.damping,
+            "drive_factor": mode.drive_factor,
+        })  # fmt: skip
+    return found
+
+
+def _resonance_of(mapping: dict[str, Any]) -> float:
+    """Return the resonance [Hz] of the structure of a scene's blocks, damper closed."""
+    run = {"ceiling": {"height": 2.0 * mapping["grain"]["radius"]}, "duration": 1.0}
+    return scene_from_mapping(mapping | run, source="design").natural_frequency_hz
 
 
 def scene_of(
@@ -236,13 +298,26 @@ def scene_of(
     return scene_from_mapping(mapping | run, source="design")
 
 
+def modes_of(problem: Problem, fraction: float, off: Deviation = NOMINAL) -> Modes | None:
+    """Return the modes of a structure off by a deviation with a grain of a mass fraction [-]; None: it has one."""
+    if not problem.is_modal:
+        return None
+    run = {"ceiling": {"height": problem.max_height}, "duration": 1.0}
+    frequency = problem.frequency
+    return scene_from_mapping(mapping_of(problem, fraction, 0.0, off, frequency) | run, source="design").modes
+
+
 def resonance(problem: Problem, fraction: float) -> float:
-    """Return the natural frequency of beam and grain as one mass [Hz]."""
+    """Return the natural frequency of the structure with the damper closed [Hz]: of one mode, beam and grain as one."""
+    if (modes := modes_of(problem, fraction)) is not None:
+        return math.sqrt(modes.joined.stiffness[0] / modes.joined.mass[0]) / (2.0 * math.pi)
     return problem.frequency * math.sqrt(1.0 - fraction)
 
 
 def time_constant(problem: Problem, fraction: float) -> float:
-    """Return the time constant [s] of the closed damper's free decay, 2 M / c."""
+    """Return the time constant [s] of the closed damper's free decay, 2 M / c; of several modes, of the first."""
+    if (modes := modes_of(problem, fraction)) is not None:
+        return 2.0 * float(modes.joined.mass[0] / modes.joined.damping[0])
     return 1.0 / (2.0 * math.pi * problem.frequency * problem.damping * (1.0 - fraction))
 
 
@@ -263,14 +338,16 @@ class Case(NamedTuple):
 
     def bare(self, identified: float) -> float:
         """Return the amplitude of the same structure without the damper at the same excitation [m]."""
-        s = self.damper.system
-        return bare_amplitude(s.beam_mass, s.stiffness, s.damping, self.amplitude(identified), self.damper.frequency)
+        return self.damper.bare_amplitude(self.amplitude(identified))
 
 
 def deviation(problem: Problem, point: Array) -> Deviation:
-    """Return the deviation at a point (8,) of the box, from -1 to 1 in each quantity."""
-    sides = zip(point, Deviation._fields, strict=True)
-    return Deviation(*(float(side) * getattr(problem.uncertainty, name) for side, name in sides))
+    """Return the deviation at a point (quantities,) of the box, from -1 to 1 in each; a further mode's come last."""
+    names = list(Uncertainty.model_fields)
+    u = problem.uncertainty
+    own = {name: float(side) * getattr(u, name) for side, name in zip(point[: len(names)], names, strict=True)}
+    rest = point[len(names) :].reshape(-1, 3) * (u.mass, u.frequency, u.damping)
+    return Deviation(**own, further=tuple((m, f, d) for m, f, d in rest.tolist()))
 
 
 def case(
@@ -284,7 +361,7 @@ def case(
 def cases(
     problem: Problem, fraction: float, points: Array, frequencies: Sequence[float | None] | None = None
 ) -> Iterator[Case]:
-    """Yield the case of each point (n, 8) of the box, at n frequencies of the excitation or the first of all [Hz]."""
+    """Yield the case of each point (n, quantities) of the box, at n frequencies or the first of the excitation [Hz]."""
     at = frequencies or [problem.frequencies[0]] * len(points)
     return (
         case(problem, fraction, deviation(problem, point), frequency=frequency)
@@ -297,23 +374,3 @@ def drawn_frequencies(problem: Problem, count: int, seed: int) -> list[float | N
     if problem.excitation_frequency is None:
         return [None] * count
     return [float(f) for f in np.random.default_rng(seed).uniform(*problem.excitation_frequency, count)]
-
-
-def bare_range(problem: Problem, fraction: float, amplitude: float) -> tuple[float, float]:
-    """Return the least and largest amplitude [m] without the damper within the box, for an identified amplitude [m].
-
-    Over that of the support it depends on frequency ratio and damping ratio only; all between the ends is looked at.
-    """
-    u = problem.uncertainty
-    resonant = resonance(problem, fraction)
-    low, high = problem.excitation_frequency or (resonant, resonant)
-    # the grain's mass is known, so an error of the beam's moves the resonance
-    moved = 0.5 * fraction * u.mass if problem.excitation_frequency is None else u.frequency
-    ratios = np.linspace(low * (1.0 - u.detuning) / (1.0 + moved), high * (1.0 + u.detuning) / (1.0 - moved), 501)
-    ratios = np.append(ratios / problem.frequency, np.clip(1.0, *ratios[[0, -1]] / problem.frequency))
-    found = [
-        bare_amplitude(1.0, 1.0, 2.0 * problem.damping * (1.0 + side * u.damping), amplitude, ratio / (2.0 * math.pi))
-        for ratio in ratios
-        for side in (-1.0, 1.0)
-    ]
-    return min(found) * (1.0 - u.amplitude), max(found) * (1.0 + u.amplitude)

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A tuned mass damper on a damped beam with a moving support, in closed form: the passive device damper is compared to.
+"""A tuned mass damper on a damped beam with a moving support, or on one of several modes, in closed form.
+
+It is the passive device that the damper is compared to.
 
 Everything is over the beam alone: frequencies over its natural frequency, damping over its critical damping, absolute
-displacements over that of the support. With an undamped beam the absolute displacement is that of Den Hartog's mass
-under a force (Mechanical Vibrations, 4th edition, section 3.3), since the support drives it through the spring alone.
+displacements over that of the support, or over a force. With an undamped beam on its support the absolute displacement
+is that of Den Hartog's mass under a force (Mechanical Vibrations, 4th edition, section 3.3), since the support drives
+it through the spring alone.
 """
 
 import math
@@ -12,10 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from atpid_sim.modal import ModeSet
 from atpid_sim.system import Array
 
 #: Frequency ratios among which a peak is looked for where no band is given; how far apart, and how many at least.
 ANY_FREQUENCY, _APART, _FEWEST = (0.3, 2.0), 1e-3, 101
+#: In place of no resistance, at the resonance of a mode without damping: the quotient of two infinities is then right.
+_NONE = 1e-30
 #: Least damping of a tuned mass, as defined below: a spring and its guide have that of themselves [-].
 _LEAST_DAMPING = 0.002
 
@@ -35,6 +41,13 @@ class TunedBeam:
     mass_ratio: float  # mu, tuned over beam mass [-]
     damping_ratio: float  # of the beam alone [-]
     tuning: Tuning
+    modes: ModeSet | None = None  # of several, or under a force: over mass and frequency of the beam (`over`)
+
+    @property
+    def structure(self) -> ModeSet:
+        """The structure without the tuned mass."""
+        one, own = np.ones(1), np.full(1, 2.0 * self.damping_ratio)
+        return self.modes or ModeSet(one, one, own, one, own, np.zeros(1))
 
     def beam(self, ratio: float | Array) -> Array:
         """Return the beam's amplitude over the support's, shape of `ratio` [-], the excitation's frequency ratio."""
@@ -66,8 +79,18 @@ class TunedBeam:
     def _beam(self, r: Array) -> Array:
         spring = self._spring(r)
         carried = self.mass_ratio * r * r * spring / (spring - r * r)
-        support = 1.0 + 2j * self.damping_ratio * r
-        return np.asarray(support / (support - r * r - carried))
+        s, x = self.structure, r[..., None]
+        resistance = s.stiffness - s.mass * x * x + 1j * x * s.damping
+        resistance = np.where(resistance == 0.0, _NONE, resistance)
+        alone = ((s.direct + 1j * x * s.rate) / resistance).sum(axis=-1)
+        return np.asarray(alone / (1.0 - carried * (1.0 / resistance).sum(axis=-1)))
+
+
+def over(modes: ModeSet, mass: float, frequency: float) -> ModeSet:
+    """Return modes over a mass [kg] and the stiffness that it has at a frequency [Hz]; a force stays in newtons."""
+    omega = 2.0 * math.pi * frequency
+    per = np.array([mass, mass * omega**2, mass * omega, mass * omega**2, mass * omega, 1.0])
+    return ModeSet(*(np.array(modes) / per[:, None]))
 
 
 def den_hartog(mass_ratio: float) -> Tuning:
@@ -78,7 +101,9 @@ def den_hartog(mass_ratio: float) -> Tuning:
     return Tuning(1.0 / (1.0 + mass_ratio), math.sqrt(3.0 * mass_ratio / (8.0 * (1.0 + mass_ratio) ** 3)))
 
 
-def optimised(mass_ratio: float, damping_ratio: float, band: tuple[float, float] = ANY_FREQUENCY) -> Tuning:
+def optimised(
+    mass_ratio: float, damping_ratio: float, band: tuple[float, float] = ANY_FREQUENCY, modes: ModeSet | None = None
+) -> Tuning:
     """Return the tuning whose largest amplitude in a band of frequency ratios is least, the beam's damping included."""
     starts = [den_hartog(mass_ratio)]
     if band != ANY_FREQUENCY:
@@ -88,7 +113,7 @@ def optimised(mass_ratio: float, damping_ratio: float, band: tuple[float, float]
         return Tuning(float(x[0]), max(abs(float(x[1])), _LEAST_DAMPING))
 
     def peak(x: Array) -> float:
-        return TunedBeam(mass_ratio, damping_ratio, tuning(x)).peak(band)
+        return TunedBeam(mass_ratio, damping_ratio, tuning(x), modes).peak(band)
 
     found = [
         minimize(

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from atpid_control.design.forces import forces
-from atpid_control.design.problem import Case, Problem, bare_range, case, cases, drawn_frequencies
+from atpid_control.design.problem import Case, Problem, case, cases, drawn_frequencies
+from atpid_control.design.today import bare_range
 from atpid_sim.maps import ALL_APPROACHES, FROM_CLOSED, Approach, Timing, best_height
 from atpid_sim.maps.approaches import at_once, opened
 from atpid_sim.maps.best import Best
@@ -34,7 +35,8 @@ _LOWER = 2
 _IRREGULAR = 0.15
 #: Forces of impacts grow with their speed to this power.
 _SPEED_POWER = 1.2
-#: What lies between the cases and between the amplitudes may be so much farther out: efficiency [-].
+#: What lies between the cases and between the amplitudes may be so much farther out: efficiency [-]; with the further
+#: quantities of several modes twice as much.
 _UNSEEN = 0.005
 #: Random structures inside the box, and the seed that draws them.
 _RANDOM, _SEED = 24, 1
@@ -69,7 +71,7 @@ class FrequencyPoint(NamedTuple):
 class Point:
     """The design at one support amplitude."""
 
-    amplitude: float  # of the support [m]
+    amplitude: float  # of the support [m] or the force [N]
     height: float  # of the ceiling [m]
     clearance: float  # height less the grain's diameter [m]
     frequency: float  # of the excitation where the given structure moves most [Hz]
@@ -108,7 +110,8 @@ class Structures:
     @staticmethod
     def of(problem: Problem, fraction: float) -> "Structures":
         """Return the structures with a grain of a mass fraction [-]. Raises SceneError for an invalid value."""
-        box, inner = np.vstack([np.zeros(8), corners(8)]), inside(_RANDOM, 8, _SEED)
+        count = problem.quantities
+        box, inner = np.vstack([np.zeros(count), corners(count)]), inside(_RANDOM, count, _SEED)
         return Structures(
             problem, fraction, [list(cases(problem, fraction, box, [f] * len(box))) for f in problem.frequencies],
             list(cases(problem, fraction, inner, drawn_frequencies(problem, _RANDOM, _SEED))),
@@ -185,7 +188,7 @@ def _all_responses(
 ) -> list[Response]:
     """Return the responses of all cases at a height [m], first those of `structures.every`, which are known."""
     run: Callable[..., Response] = partial(response_of, amplitude=amplitude, height=height)
-    box, found = corners(8), list(known)
+    box, found = corners(structures.problem.quantities), list(known)
     for number, (given, *others) in enumerate(structures.at):
         begin = number * (1 + len(others)) + 1
         own = known[begin : begin + len(others)]
@@ -209,7 +212,7 @@ def _described(structures: Structures, amplitude: float, height: float, response
     fine = response_of(case(problem, fraction, rtol=_FINE, frequency=frequency), amplitude, height).amplitude
     error = abs(fine / expected.amplitude - 1.0)
     regular = all(one.regular for one in responses)
-    wider = error + (0.0 if regular else _IRREGULAR)
+    wider, unseen = error + (0.0 if regular else _IRREGULAR), _UNSEEN * (2.0 if problem.further_modes else 1.0)
     gravity, omega = problem.gravity, 2.0 * np.pi * damper.frequency
     closed = damper.closed_amplitude(amplitude)
     amplitudes = [one.amplitude for one in responses]
@@ -222,12 +225,12 @@ def _described(structures: Structures, amplitude: float, height: float, response
             FrequencyPoint(row[0].damper.frequency, one.amplitude, one.bare, one.reduction)
             for row, one in zip(structures.at, responses[:: len(structures.at[0])], strict=False)
         ],
-        efficiency=_widened(expected.efficiency, [one.efficiency for one in responses], wider),
-        reduction=_widened(expected.reduction, [one.reduction for one in responses], wider),
+        efficiency=_widened(expected.efficiency, [one.efficiency for one in responses], wider, unseen),
+        reduction=_widened(expected.reduction, [one.reduction for one in responses], wider, unseen),
         beam_amplitude=Interval(
             expected.amplitude,
-            max(min(amplitudes) * (1.0 - wider) - _UNSEEN * closed, 0.0),
-            max(amplitudes) * (1.0 + wider) + _UNSEEN * closed,
+            max(min(amplitudes) * (1.0 - wider) - unseen * closed, 0.0),
+            max(amplitudes) * (1.0 + wider) + unseen * closed,
         ),
         bare_amplitude=Interval(expected.bare, *bare_range(problem, fraction, amplitude)),
         closed_amplitude=closed,
@@ -242,10 +245,10 @@ def _described(structures: Structures, amplitude: float, height: float, response
     )
 
 
-def _widened(expected: float, seen: Sequence[float], wider: float) -> Interval:
+def _widened(expected: float, seen: Sequence[float], wider: float, unseen: float) -> Interval:
     """Return the interval of a share of an amplitude that is taken off, where the rest may be off by a share."""
     low, high = min(seen), max(seen)
-    return Interval(expected, low - wider * (1.0 - low) - _UNSEEN, min(high + wider * (1.0 - high) + _UNSEEN, 1.0))
+    return Interval(expected, low - wider * (1.0 - low) - unseen, min(high + wider * (1.0 - high) + unseen, 1.0))
 
 
 def _height_error(given: Case, amplitude: float, height: float, expected: Response) -> float:
@@ -273,7 +276,7 @@ def _forces(structures: Structures, amplitude: float, height: float, longer: flo
     number = max(range(len(given)), key=lambda k: given[k].ceiling)
     own = structures.at[number]
     found = [given[number], *(forces(one, amplitude, height) for one in own[1:])]
-    hardest = adverse(corners(8), np.array([one.ceiling for one in found[1:]]))
+    hardest = adverse(corners(structures.problem.quantities), np.array([one.ceiling for one in found[1:]]))
     at = [structures.problem.frequencies[number]] * 2
     extremes = cases(structures.problem, structures.fraction, np.array([hardest, -hardest]), at)
     found += [*given, *(forces(one, amplitude, height) for one in extremes)]

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from atpid_control.selection.predictive import Impact, response_lag
+from atpid_control.selection.predictive import Impact, equilibrium, modal_response, response_lag
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.maps import DamperResponse
+from atpid_sim.modal import modes_in, resting
 from atpid_sim.simulation.integration import Observation, impact_log, sample_series
 from atpid_sim.system import Array
 
@@ -89,8 +90,12 @@ class ComplexModel:
         self._damper, self._amplitude, self.height = damper, amplitude, height
         omega = 2.0 * math.pi * damper.frequency
         self._phase = omega * t + response_lag(damper.system, damper.frequency)
-        beam = start.beam - damper.system.beam_mass * damper.system.gravity / damper.system.stiffness
-        self._state = State.resting(beam, start.beam_velocity)
+        if damper.system.modes is None:
+            self._state = State.resting(start.beam - equilibrium(damper.system), start.beam_velocity)
+        else:
+            turned = amplitude * modal_response(damper.system, damper.frequency) * np.exp(1j * self._phase)
+            rest = resting(modes_in(damper.system.modes).free)
+            self._state = State.resting(0.0, 0.0, np.column_stack((turned.imag + rest, omega * turned.real)))
         self._state.y[columns.GRAIN] += _JUST_ABOVE
         self._state.y[columns.GRAIN_VELOCITY] = start.grain_velocity
         self._state.n[columns.MODE] = columns.FREE
@@ -115,9 +120,8 @@ class ComplexModel:
             return None
         self._advance(self._state, Observation((throw, throw)))
         self._leave_floor()
-        now, s = self._state, self._damper.system
-        equilibrium = s.beam_mass * s.gravity / s.stiffness
-        return Impact(now.beam + equilibrium, now.beam_velocity, now.grain_velocity)
+        now = self._state
+        return Impact(now.beam + equilibrium(self._damper.system), now.beam_velocity, now.grain_velocity)
 
     def observe(self, height: float, settle: float, window: float) -> tuple[float, Criteria]:
         """Move the ceiling to a height [m] within one period, wait for `settle` periods, observe `window` periods.

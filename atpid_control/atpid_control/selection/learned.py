@@ -20,6 +20,8 @@ _ON_RESONANCE = 0.03
 _SLACK = 1e-9
 #: What a user may do instead.
 _INSTEAD = "select with direct, or train a model with `atpid learn`"
+#: What it holds for where the structure has several modes or a force drives it.
+_ONE_MODE = "learned from structures of one mode, shaken at the support: height and amplitude are estimates; use direct"
 
 
 class LearnedSelector:
@@ -50,7 +52,8 @@ class LearnedSelector:
         price = math.nan if margin > 0.0 else 0.0
         response = float(remaining) * self._damper.closed_amplitude(lower)
         wall = time.perf_counter() - begun
-        return Selection(chosen, response, 1.0 - float(remaining), self.method, wall_s=wall, price=price)
+        note = "" if self._scene.modes is None else _ONE_MODE
+        return Selection(chosen, response, 1.0 - float(remaining), self.method, wall_s=wall, price=price, note=note)
 
     def _amplitudes(self, amplitude: float) -> tuple[float, float]:
         """Return smallest and largest support amplitude [m] the model reaches for this system."""

@@ -83,8 +83,6 @@ class PcaSelector:
     def select(self, excitation: Excitation, margin: float = 0.0, height: float = math.nan) -> Selection:
         """Return the height for an excitation; see `HeightSelector.select`."""
         del height  # the algorithm begins with the closed damper, wherever the ceiling is
-        if self._scene.modes is not None:
-            raise SelectionError("method pca: given a structure of several modes; allowed: one; use direct or search")
         begun = time.perf_counter()
         # the best height grows with the amplitude, so the lower end of the error bar is safe for all of it
         amplitude = excitation.amplitude

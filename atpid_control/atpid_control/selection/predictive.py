@@ -9,6 +9,10 @@ amplitude (`moving_mass`).
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from atpid_sim.modal import modes_in, phasors, resting
 from atpid_sim.system import System
 
 #: Halvings of half a period when the grain's return to the floor is sought.
@@ -90,7 +94,11 @@ class Simplified:
 
 def simplified(system: System, frequency: float, amplitude: float) -> Simplified:
     """Return the Simplified Model for a support amplitude [m] at a frequency [Hz] (equations 4.13 to 4.20)."""
-    omega, mass = 2.0 * math.pi * frequency, moving_mass(system, frequency)
+    omega = 2.0 * math.pi * frequency
+    if system.modes is not None:
+        response = amplitude * abs(modal_response(system, frequency).sum())
+        return Simplified(float(response), omega, system.gravity, system.radius)
+    mass = moving_mass(system, frequency)
     natural = math.sqrt(system.stiffness / mass)
     decay = 0.5 * system.damping / mass
     force = amplitude * math.hypot(system.stiffness, system.damping * omega)
@@ -103,10 +111,27 @@ def response_lag(system: System, frequency: float) -> float:
 
     The thesis sets this phase to zero; the Complex Model needs the true one, or its first period is not a continuation.
     """
+    if system.modes is not None:
+        whole = complex(modal_response(system, frequency).sum())
+        return -math.atan2(whole.imag, whole.real)
     omega = 2.0 * math.pi * frequency
     force = complex(system.stiffness, system.damping * omega)
     ratio = force / _resistance(system, moving_mass(system, frequency), omega)
     return -math.atan2(ratio.imag, ratio.real)
+
+
+def modal_response(system: System, frequency: float) -> NDArray[np.complex128]:
+    """Return the displacement of each mode (modes,) over the drive's amplitude: of `moving_mass` for several modes."""
+    modes = modes_in(system.modes)
+    alone, closed = phasors(modes.free, frequency), modes.from_joined @ phasors(modes.joined, frequency)
+    return min(alone, closed, key=lambda each: abs(each.sum()))
+
+
+def equilibrium(system: System) -> float:
+    """Return how far the structure's weight pulls it down without the grain [m], where displacements count from."""
+    if system.modes is not None:
+        return -float(resting(modes_in(system.modes).free).sum())
+    return system.beam_mass * system.gravity / system.stiffness
 
 
 def moving_mass(system: System, frequency: float) -> float:

@@ -20,6 +20,7 @@ from atpid_sim.periodic import Cliff, Conditions, find_cliff, periodic_motion
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity, finite_error
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
+from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.system import System, reduced_mass
 
 Path = tuple[tuple[float, float], ...]
@@ -169,13 +170,14 @@ class DamperResponse:
         of it at every amplitude and mass of the grain. Above resonance, where the grainless beam swings more than the
         closed damper, the latter's velocity counts: a good damper leaves the beam less than either (docs/selection.md).
         """
+        return math.pi * min(self.bare_amplitude(amplitude), self.closed_amplitude(amplitude))
+
+    def bare_amplitude(self, amplitude: float) -> float:
+        """Return the steady amplitude of the structure without the damper [m]; infinite where nothing bounds it."""
         if self._modes is not None:
-            grainless = amplitude * abs(phasors(self._modes.free, self.frequency).sum())
-            return math.pi * min(float(grainless), self.closed_amplitude(amplitude))
-        s, w = self.system, 2.0 * math.pi * self.frequency
-        force = complex(s.stiffness, s.damping * w)
-        grainless = amplitude * abs(force) / abs(complex(s.stiffness - s.beam_mass * w * w, s.damping * w))
-        return math.pi * min(grainless, self.closed_amplitude(amplitude))
+            return float(amplitude * abs(phasors(self._modes.free, self.frequency).sum()))
+        s = self.system
+        return bare_amplitude(s.beam_mass, s.stiffness, s.damping, amplitude, self.frequency)
 
     def _phasor(self, amplitude: float) -> complex:
         """Return the steady response of beam and grain as one mass, against the support's sine [m]."""

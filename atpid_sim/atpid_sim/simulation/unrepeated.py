@@ -56,14 +56,20 @@ def vibration(scene: Scene, fidelity: str = "auto", rtol: float | None = None) -
 
 def beside(scene: Scene, table: Array, samples: Array) -> Vibration:
     """Return the motions of a run (SAMPLE_ROWS, n), of the closed damper and of the structure without it."""
+    closed, bare = linear_motions(scene, table)
+    count = min(len(closed), len(bare), samples.shape[1])
+    support, beam = samples[columns.S_SUPPORT, :count], samples[columns.S_BEAM, :count]
+    return Vibration(observation_of(scene).period, support, beam, closed[:count], bare[:count])
+
+
+def linear_motions(scene: Scene, table: Array) -> tuple[Array, Array]:
+    """Return the container with the damper closed and without it, (n,) each [m], under the drive of a table."""
     without = scene.with_(gravity=0.0, initial=None)
     closed, bare = (
         Integration(one, "simplified", mass=mass, table=table).run(observation_of(scene)).samples[columns.S_BEAM]
         for one, mass in ((scene, scene.total_mass), (without, scene.beam.mass))
     )
-    count = min(len(closed), len(bare), samples.shape[1])
-    support, beam = samples[columns.S_SUPPORT, :count], samples[columns.S_BEAM, :count]
-    return Vibration(observation_of(scene).period, support, beam, closed[:count], bare[:count])
+    return closed, bare
 
 
 def measures_of(scene: Scene, table: Array, samples: Array) -> dict[str, float]:
@@ -80,7 +86,7 @@ def measures_of(scene: Scene, table: Array, samples: Array) -> dict[str, float]:
         deflections = (float(np.abs(one - motion.support).max()) for one in (beam, closed, bare))
         return dict(zip(("deflection", "undamped_deflection", "bare_deflection"), deflections, strict=True))
     length = max(1, round(1.0 / (scene.natural_frequency_hz * motion.period)))
-    squares, closed, bare = (_mean_squares(one, length) for one in (motion.beam, motion.closed, motion.bare))
+    squares, closed, bare = (mean_squares(one, length) for one in (motion.beam, motion.closed, motion.bare))
     rms, undamped, without = (math.sqrt(np.mean(each)) for each in (squares, closed, bare))
     error, independent = mean_error(squares)
     support, acceleration = root_mean_squares(table, *scene.steady_window)
@@ -89,10 +95,10 @@ def measures_of(scene: Scene, table: Array, samples: Array) -> dict[str, float]:
         "rms_error": 0.5 * error / max(rms, 1e-300),
         "undamped_rms": undamped,
         "efficiency_rms": efficiency(rms, undamped),
-        "efficiency_rms_error": _ratio_error(squares, closed),
+        "efficiency_rms_error": ratio_error(squares, closed),
         "bare_rms": without,
         "reduction_rms": efficiency(rms, without),
-        "reduction_rms_error": _ratio_error(squares, bare),
+        "reduction_rms_error": ratio_error(squares, bare),
         "independent_samples": independent,
         "support_rms": support,
         "support_acceleration_rms": acceleration,
@@ -142,7 +148,7 @@ def mean_error(values: Array) -> tuple[float, float]:
     return math.sqrt(covariance[0] / (independent - 1.0)), independent
 
 
-def _mean_squares(displacement: Array, length: int) -> Array:
+def mean_squares(displacement: Array, length: int) -> Array:
     """Return mean squares (k,) [m^2] about the mean of (n,) [m] over pieces of `length` samples."""
     count = max(1, len(displacement) // length)
     kept = displacement[: count * length]
@@ -150,7 +156,7 @@ def _mean_squares(displacement: Array, length: int) -> Array:
     return squares
 
 
-def _ratio_error(squares: Array, reference: Array) -> float:
+def ratio_error(squares: Array, reference: Array) -> float:
     """Return the standard error of the ratio of two root mean squares, of mean squares (k,) of the same pieces [-]."""
     mean, other = float(np.mean(squares)), float(np.mean(reference))
     if not min(mean, other) > 0.0:
