@@ -41,8 +41,8 @@ def test_two_tones_are_named_within_three_seconds(frequency: float, share: float
     assert found is not None
     assert sorted(found.frequencies) == pytest.approx(sorted([FREQUENCY, frequency]), rel=5e-3)
     assert sorted(found.amplitudes) == pytest.approx(sorted([AMPLITUDE, share * AMPLITUDE]), rel=0.05)
-    assert "two tones excite the structure" in found.sentence
-    assert "\n" not in found.sentence
+    assert "two tones excite the structure" in found.sentence("m")
+    assert "\n" not in found.sentence("m")
 
 
 def single() -> dict[str, Array]:

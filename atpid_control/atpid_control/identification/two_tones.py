@@ -36,13 +36,12 @@ class TwoTones:
     """Two steady tones: the larger first."""
 
     frequencies: tuple[float, float]  # [Hz]
-    amplitudes: tuple[float, float]  # [m]
+    amplitudes: tuple[float, float]  # [m, of forces N]
 
-    @property
-    def sentence(self) -> str:
-        """What is refused, and why."""
+    def sentence(self, unit: str) -> str:
+        """Return what is refused, and why; unit: of the amplitudes."""
         (f1, f2), (a1, a2) = self.frequencies, self.amplitudes
-        found = f"{a1:.3g} m at {f1:.4g} Hz and {a2:.3g} m at {f2:.4g} Hz"
+        found = f"{a1:.3g} {unit} at {f1:.4g} Hz and {a2:.3g} {unit} at {f2:.4g} Hz"
         return f"two tones excite the structure, {found}: a height is selected for one; the ceiling stays"
 
 

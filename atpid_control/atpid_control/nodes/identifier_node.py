@@ -24,6 +24,7 @@ from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import Origin
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
 from atpid_control.identification.identifier import last_stamp_ns
@@ -59,6 +60,7 @@ class IdentifierNode(Node):
             warm_up()
         self._rumble = RumbleWatch(rumble)
         self._two_tones: TwoTones | None = None
+        self._unit = "m"  # of the excitation: that of its channel
         self.done: Future = Future()
         self._height = math.nan
         self._progress = _Progress()
@@ -87,8 +89,8 @@ class IdentifierNode(Node):
         self._alone_timer = self.create_timer(1.0, self._check_alone, clock=STEADY)
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        second = "" if self._two_tones is None else self._two_tones.sentence
-        return [self._progress.status(self, self.last_error, second), *self._signals.statuses()]
+        second = "" if self._two_tones is None else self._two_tones.sentence(self._unit)
+        return [self._progress.status(self, self.last_error, second, self._unit), *self._signals.statuses()]
 
     def _configure(self, settings: Live) -> None:
         self.identifier.configure(settings[0])
@@ -138,6 +140,9 @@ class IdentifierNode(Node):
             raise IdentificationError(
                 f"{source}: given channels {', '.join(channels) or 'none'}; set support_channel or beam_channel to one"
             )
+        drive = self._names[Origin.SUPPORT]
+        if drive in channels and len(block.units) == len(channels):
+            self._unit = block.units[channels.index(drive)]
         delay = block.skew[channels.index(source)] if len(block.skew) == len(channels) else 0.0
         return self.identifier.push(
             block.first_index, block.rate, support, beam, last_ns * 1e-9, delay=delay, height=self._height
@@ -161,7 +166,7 @@ class IdentifierNode(Node):
     def _publish_change(self, estimate: Estimate, message: Excitation) -> None:
         """Publish a change once, when it has become steady again: then its size is known."""
         if estimate.changed and estimate.quality == Quality.STEADY:
-            text = f"excitation is now {estimate.amplitude:.5f} m at {estimate.frequency:.3f} Hz"
+            text = f"excitation is now {estimate.amplitude:.5f} {self._unit} at {estimate.frequency:.3f} Hz"
             stamp = message.header.stamp
             self._events.publish(Event.INFO, Event.EXCITATION_CHANGED, text, estimate.amplitude, stamp)
 
@@ -174,7 +179,7 @@ class IdentifierNode(Node):
         text, value = (
             ("one tone excites the structure again", math.nan)
             if found is None
-            else (found.sentence, found.amplitudes[1])
+            else (found.sentence(self._unit), found.amplitudes[1])
         )
         severity = Event.INFO if found is None else Event.WARNING
         self._events.publish(severity, Event.TWO_TONES, text, value, message.header.stamp)
@@ -208,10 +213,10 @@ class _Progress:
         self.blocks += 1
         self._rate, self._latest, self._device = block.rate, estimate, block.header.frame_id
 
-    def status(self, node: Node, last_error: str, second_tone: str) -> DiagnosticStatus:
+    def status(self, node: Node, last_error: str, second_tone: str, unit: str) -> DiagnosticStatus:
         poor = self._latest.quality == Quality.POOR
         values = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing,
-                  "quality": self._latest.quality.name, "amplitude [m]": self._latest.amplitude,
+                  "quality": self._latest.quality.name, f"amplitude [{unit}]": self._latest.amplitude,
                   "frequency [Hz]": self._latest.frequency, "last error": last_error or "none"}  # fmt: skip
         latency = self.received.values("sample to block") | self.answered.values("sample to estimate")
         text = second_tone or "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
