@@ -72,9 +72,9 @@ def test_the_loop_identifies_the_force_and_damps(path: Path, out: Path) -> None:
     assert stage["amplitude"] == pytest.approx(alone.amplitude, rel=0.02)
     assert stage["efficiency"] > 0.7
     assert [mode["frequency"] for mode in summary["modes"]] == pytest.approx([5.783347, 55.94404, 174.0732], rel=1e-9)
-    held = np.linalg.eigvals(np.linalg.solve(np.diag([m.mass for m in (scene.beam, *scene.further_modes)])
-                                             + scene.grain_mass,
-                                             np.diag([m.stiffness for m in (scene.beam, *scene.further_modes)])))  # fmt: skip
+    modes = (scene.beam, *scene.further_modes)
+    mass = np.diag([mode.mass for mode in modes]) + scene.grain_mass
+    held = np.linalg.eigvals(np.linalg.solve(mass, np.diag([mode.stiffness for mode in modes])))
     expected = np.sort(np.sqrt(held.real)) / (2.0 * np.pi)
     assert [mode["held_frequency"] for mode in summary["modes"]] == pytest.approx(expected, rel=1e-9)
 
@@ -86,8 +86,10 @@ def test_what_drives_has_its_own_channel_and_unit(run: Run) -> None:
     assert float(np.std(measured.values - true.values)) == pytest.approx(NOISE, rel=0.05)
     assert np.abs(true.values[-1000:]).max() == pytest.approx(FORCE, rel=1e-3)
     tree = run.tree()
-    in_newton = {"excitation": ("amplitude", "amplitude_std", "offset", "residual"), "plant/truth": ("support",),
-                 "plant/truth_blocks": ("excitation_amplitude",), "ceiling/command": ("excitation_amplitude",)}  # fmt: skip
+    in_newton = {
+        "excitation": ("amplitude", "amplitude_std", "offset", "residual"), "plant/truth": ("support",),
+        "plant/truth_blocks": ("excitation_amplitude",), "ceiling/command": ("excitation_amplitude",),
+    }  # fmt: skip
     for topic, names in in_newton.items():
         assert {name: tree[topic][name].attrs["units"] for name in names} == dict.fromkeys(names, "N")
     assert tree["excitation"]["beam_amplitude"].attrs["units"] == "m"

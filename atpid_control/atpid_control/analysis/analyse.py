@@ -110,14 +110,14 @@ def analyse(signals: Signals, resolution: float | None = None, window: str = "ha
 
     def part_of_decay() -> Decay:
         if decay_at is None:
-            raise AnalysisError("no free decay: the beam does not swing out while nothing excites it")
+            raise AnalysisError(f"no free decay: the beam does not swing out while {signals.names[0]} is at rest")
         begin, end = decay_at
         return free_decay(signals.response[begin:end], signals.rate, signals.start + begin / signals.rate)
 
     def excited(compute: Callable[[], _Found]) -> Callable[[], _Found]:
         def found() -> _Found:
             if not known or (decay_at is not None and decay_at[1] - decay_at[0] > 0.8 * len(signals.response)):
-                raise AnalysisError(f"no excitation: {signals.names[0]} is constant")
+                raise AnalysisError(f"no excitation: {signals.names[0]} is at rest")
             return compute()
 
         return found
