@@ -138,7 +138,7 @@ def test_a_service_called_before_any_estimate_gives_the_reason(pair: Pair) -> No
     assert math.isnan(answer.height)
     estimates(peer, spin, scene, 0.015, 1)
     assert ask(peer, spin, amplitude=0.0).height == pytest.approx(0.29, rel=0.05)
-    assert "amplitude: given nan m; allowed: " in ask(peer, spin, amplitude=math.nan).message
+    assert "amplitude: given nan; allowed: " in ask(peer, spin, amplitude=math.nan).message
 
 
 def test_a_request_outside_the_map_gives_the_reason(pair: Pair) -> None:

@@ -166,7 +166,7 @@ def test_a_second_tone_is_an_event_and_its_estimates_are_poor(stand: Stand) -> N
     assert "two tones excite the structure, 0.015 m at 5.49 Hz and 0.00599 m at 7.1 Hz" in second[0].text
     assert set(qualities[60:70]) == {Excitation.POOR}
     assert qualities[-1] == Excitation.STEADY
-    assert node.identifier.two_tones is None
+    assert node.identifier.other is None
 
 
 def test_a_block_without_the_channel_is_answered_and_logged_once(stand: Stand) -> None:

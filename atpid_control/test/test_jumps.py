@@ -78,7 +78,7 @@ def test_a_report_and_the_summary_of_a_bench(changed: tuple[str, Path], tmp_path
     assert [stage["amplitude"] is None for stage in kept["stages"]] == [
         not np.isfinite(view.beam[(time >= begin) & (time <= end)]).any() for begin, end in view.windows
     ]
-    stage_table(view.stages, None)
+    stage_table(view.stages, None, "m")
     assert np.isfinite(view.run.motion.beam).sum() <= 8000
     assert view.run.duration < 8.1 + (30.0 if name == "half a minute" else 0.0)
     assert kept["missing"]

@@ -19,11 +19,11 @@ LATEST = Estimate(quality=Quality.STEADY, amplitude=0.03, amplitude_std=1e-5, fr
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        (HeightRequest(-1.0), "amplitude: given -1 m; allowed: above 0 m, or 0 for the latest steady estimate"),
-        (HeightRequest(math.nan), "amplitude: given nan m"),
-        (HeightRequest(math.inf), "amplitude: given inf m"),
-        (HeightRequest(0.03, amplitude_std=-1.0), "amplitude_std: given -1 m; allowed: 0 m or above"),
-        (HeightRequest(0.03, amplitude_std=math.nan), "amplitude_std: given nan m"),
+        (HeightRequest(-1.0), "amplitude: given -1; allowed: above 0, or 0 for the latest steady estimate"),
+        (HeightRequest(math.nan), "amplitude: given nan;"),
+        (HeightRequest(math.inf), "amplitude: given inf;"),
+        (HeightRequest(0.03, amplitude_std=-1.0), "amplitude_std: given -1; allowed: 0 or above"),
+        (HeightRequest(0.03, amplitude_std=math.nan), "amplitude_std: given nan;"),
         (HeightRequest(0.03, margin=-3.0), "margin: given -3; allowed: 0 to 100 standard deviations"),
         (HeightRequest(0.03, margin=1e9), "margin: given 1e+09"),
         (HeightRequest(0.03, margin=math.nan), "margin: given nan"),

@@ -248,7 +248,7 @@ def test_a_decay_in_a_bag_has_no_excitation_and_is_fitted(tmp_path: Path, capsys
     found = json.loads(capsys.readouterr().out)
     assert found["decrement"]["damping_ratio"] == pytest.approx(0.03, rel=5e-3)
     assert abs(found["decrement"]["damping_ratio"] - 0.03) < 4.0 * found["decrement"]["damping_ratio_std"]
-    assert found["skipped"]["frequency_response"] == "no excitation: the support is at rest"
+    assert found["skipped"]["frequency_response"] == "no excitation: support_displacement is at rest"
 
 
 @pytest.mark.parametrize(

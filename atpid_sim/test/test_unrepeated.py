@@ -57,7 +57,7 @@ def test_the_closed_damper_has_the_closed_form_s_root_mean_square_within_its_err
 def test_the_spectrum_is_that_of_the_closed_form(tmp_path: Path) -> None:
     """Bands of 1 Hz of Welch's estimate over 240 s: 240 independent values and more, 6 % each."""
     scene = shaken(240.0, seed=1, beam={"mass": 0.3258, "frequency": 5.7, "damping_ratio": 0.1})
-    write_spectrum(vibration(scene, "simplified"), tmp_path / "s.csv")
+    write_spectrum(vibration(scene, "simplified"), tmp_path / "s.csv", scene.driven_by)
     header = (tmp_path / "s.csv").read_text().splitlines()[0]
     assert header == "frequency,support_displacement,beam_displacement,beam_damper_closed,beam_without_damper"
     frequency, support, beam, closed, bare = np.loadtxt(tmp_path / "s.csv", delimiter=",", skiprows=1).T

@@ -95,7 +95,7 @@ def analyse(signals: Signals, resolution: float | None = None, window: str = "ha
     """Return all that can be computed of a record.
 
     Spectra and frequency response take all of it; the orders its last part of constant excitation, all of it where
-    `whole`; the decrement the longest part in which the support is at rest. Raises AnalysisError where the record is
+    `whole`; the decrement the longest part in which nothing excites. Raises AnalysisError where the record is
     too short for the resolution asked, or nothing moves.
     """
     if not np.isfinite(signals.response).any() or not np.nanmax(signals.response) > np.nanmin(signals.response):
@@ -110,14 +110,14 @@ def analyse(signals: Signals, resolution: float | None = None, window: str = "ha
 
     def part_of_decay() -> Decay:
         if decay_at is None:
-            raise AnalysisError("no free decay: the beam does not swing out while the support is at rest")
+            raise AnalysisError(f"no free decay: the beam does not swing out while {signals.names[0]} is at rest")
         begin, end = decay_at
         return free_decay(signals.response[begin:end], signals.rate, signals.start + begin / signals.rate)
 
     def excited(compute: Callable[[], _Found]) -> Callable[[], _Found]:
         def found() -> _Found:
             if not known or (decay_at is not None and decay_at[1] - decay_at[0] > 0.8 * len(signals.response)):
-                raise AnalysisError("no excitation: the support is at rest")
+                raise AnalysisError(f"no excitation: {signals.names[0]} is at rest")
             return compute()
 
         return found

@@ -30,13 +30,13 @@ def draw(found: Analysis, path: Path) -> None:
 
 def _traces(ax: Any, found: Analysis) -> None:
     signals = found.signals
-    scale, unit = shown_unit(signals.units[1])
+    (scale, unit), (given, given_unit) = (shown_unit(one) for one in reversed(signals.units))
     step = max(1, len(signals.response) // _POINTS)
     for values, name, colour in zip(
-        (signals.response, signals.excitation), reversed(signals.names), ("C0", "0.5"), strict=True
+        (scale * signals.response, given * signals.excitation), reversed(signals.names), ("C0", "0.5"), strict=True
     ):
-        ax.plot(signals.time[::step], scale * values[::step], colour, linewidth=0.7, label=name.replace("_", " "))
-    ax.set(xlabel="time [s]", ylabel=unit, title="Traces")
+        ax.plot(signals.time[::step], values[::step], colour, linewidth=0.7, label=name.replace("_", " "))
+    ax.set(xlabel="time [s]", ylabel=" and ".join(dict.fromkeys((unit, given_unit))), title="Traces")
     ax.legend(loc="upper right")
 
 
@@ -46,7 +46,8 @@ def _densities(ax: Any, found: Analysis) -> None:
     top = max(float(one.density[1:].max()) for one in found.spectra)
     title = f"Power spectral density, lines {found.spectra[0].resolution:.3g} Hz apart"
     ax.set(xlim=(0.0, _highest(found)), ylim=(_DECADES * top, 3.0 * top), title=title)
-    ax.set(xlabel="frequency [Hz]", ylabel=f"{found.signals.units[1]}$^2$/Hz")
+    units = dict.fromkeys(reversed(found.signals.units))
+    ax.set(xlabel="frequency [Hz]", ylabel=" and ".join(f"{unit}$^2$/Hz" for unit in units))
     ax.legend(loc="upper right")
 
 

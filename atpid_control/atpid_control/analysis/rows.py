@@ -42,7 +42,9 @@ def _response_rows(found: Analysis) -> Iterator[tuple[str, str]]:
     what = ("response to the tone" if response.tone else "largest response") + (
         "" if response.trusted[place] else " (not trusted)"
     )
-    yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g}{bar}, H2 {h2:.4g}"
+    given, answer = found.signals.units
+    unit = "" if given == answer else f" {answer}/{given}"
+    yield what, f"at {response.frequency[place]:.4g} Hz: H1 {h1:.4g}{bar}, H2 {h2:.4g}{unit}"
     phase = math.degrees(np.angle(response.h1[place]))
     yield "its phase, coherence", f"{phase:.4g} degrees, {response.coherence[place]:.4f}"
     yield "lines trusted", f"{response.trusted.sum()} of {response.excited.sum()} that are excited"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
-from atpid_control.runs.run import BEAM, SUPPORT, Run
+from atpid_control.runs.run import BEAM, Run
 from atpid_sim.system import Array
 
 
@@ -24,7 +24,7 @@ class Signals:
     """What excites and what answers (n,), NaN where a sample was lost or is invalid."""
 
     rate: float  # [Hz]
-    excitation: Array  # (n,) the support's displacement, unless chosen otherwise
+    excitation: Array  # (n,) the support's displacement or the force, unless chosen otherwise
     response: Array  # (n,) the beam's
     units: tuple[str, str] = ("m", "m")
     names: tuple[str, str] = ("support_displacement", "beam_displacement")
@@ -61,12 +61,14 @@ class Signals:
 
 
 def signals_of(
-    run: Run, given: str = SUPPORT, measured: str = BEAM, *, both: bool = True
+    run: Run, given: str = "", measured: str = BEAM, *, both: bool = True
 ) -> tuple[Signals, list[str]]:  # fmt: skip
     """Return what sensors measured in a run, sampled together, and what is missing, a line each.
 
-    Raises BagError: no samples of `measured`, or where it has to be `both` of `given`; else NaN stands in its place.
+    given: empty: what drives the structure. Raises BagError: no samples of `measured`, or where it has to be `both` of
+    `given`; else NaN stands in its place.
     """
+    given = given or run.drive.channel
     excitation, response = run.signals(given, measured) if both else run.driven(given, measured)
     units = excitation.unit, response.unit
     signals = Signals(response.rate, excitation.values, response.values, units, (given, measured), response.time0,

@@ -12,7 +12,7 @@ from atpid_control.analysis.signals import signals_of
 from atpid_control.analysis.spectra import WINDOWS
 from atpid_control.commands.results import Shown, add_bag, add_part, add_results, claim, give, two_columns
 from atpid_control.runs.parts import bag_of
-from atpid_control.runs.run import BEAM, SUPPORT, open_run
+from atpid_control.runs.run import BEAM, open_run
 from atpid_sim.display import working
 
 PICTURE, NUMBERS = "analysis.png", "analysis.json"
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add_bag(parser)
     add_results(parser)
-    add("--input", type=word, default=SUPPORT, metavar="CHANNEL", help=f"what excites; default: {SUPPORT}")
+    add("--input", type=word, metavar="CHANNEL", help="what excites; default: support_displacement or drive_force")
     add("--output", type=word, default=BEAM, metavar="CHANNEL", help=f"what answers; default: {BEAM}")
     add_part(parser, "begin of the part analysed")
     add(
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         given = (args.begin, args.end) != (-math.inf, math.inf)
         ends = (max(args.begin, 0.0), args.end) if given else (-math.inf, math.inf)
         run = open_run(args.bag, begin=ends[0], end=ends[1])
-        signals, missing = signals_of(run, args.input, args.output)
+        signals, missing = signals_of(run, args.input or "", args.output)
         part = signals.between(*ends) if given else signals
         found = analyse(part, args.resolution, args.window, whole=given)
         draw(found, picture)

@@ -18,7 +18,7 @@ from atpid_control.selection.map_cache import map_of_run
 from atpid_control.stand import live_page
 from atpid_control.stand.launching.options import add_stand as add_arguments
 from atpid_control.stand.parameters import Parameters, combined, read_parameters, write_parameters
-from atpid_control.stand.parts import LABJACK, NAMES, NI, NODES, SERIAL_MOTOR, SUPERVISOR, Part
+from atpid_control.stand.parts import LABJACK, NAMES, NI, NODES, SERIAL_MOTOR, SUPERVISOR, Part, usual_parameters
 from atpid_control.stand.processes import RESTART_TIME, Processes, stoppable
 from atpid_control.stand.running import RosOptions, commands_of, keep_running
 from atpid_control.supervision.limits import QUANTITIES
@@ -70,7 +70,7 @@ def _configured(part: Part, file: Path | None) -> Part:
 def _parameters(args: argparse.Namespace, scene: Scene, parts: list[Part], file: Path) -> Parameters:
     """Return what each node starts with, which the recorder keeps from `file`, with the map."""
     given = read_parameters(args.params_file, NAMES, args.namespace or "") if args.params_file else {}
-    usual = {part.name: part.configured() for part in parts}
+    usual = usual_parameters(parts, scene)
     method = given.get("selector_node", {}).get("method", "")
     height_map = map_of_run(scene, args.map and args.map.absolute(), method)
     supervised = [part.name for part in parts if part.name not in (SUPERVISOR.name, "live_node")]

@@ -77,7 +77,7 @@ def _write_series(measured: Measured, path: Path) -> None:
     times = np.arange(len(measured.support)) / measured.rate
     with output.writing(path):
         np.savetxt(path, np.column_stack([times, measured.support]), fmt="%.12g", delimiter=",",
-                   header="time,support_displacement", comments="")  # fmt: skip
+                   header=f"time,{measured.drive.channel}", comments="")  # fmt: skip
 
 
 def _table(found: Agreement, measured: Measured) -> Table:

@@ -23,8 +23,8 @@ class Settings:
     lowest_frequency: float  # [Hz]
     highest_frequency: float  # [Hz]
     mains_frequency: float  # hum that joins the fit where it is present [Hz], 0: none
-    least_amplitude: float  # a tone smaller than this is no signal [m]
-    saturation: tuple[float, float] | None  # at or beyond these a sample is not valid [m]
+    least_amplitude: float  # a tone smaller than this is no signal [m, of a force N]
+    saturation: tuple[float, float] | None  # at or beyond these a sample is not valid [m, of a force N]
     change: float  # relative change of a steady amplitude that counts as one [-]
     change_likelihood: float  # log-likelihood from which a tone counts as changing within the window [-]
     poor_residual: float  # residual over amplitude from which an estimate is poor [-]
@@ -44,7 +44,7 @@ class Settings:
                 f"above lowest_frequency and at most analysis_rate / 8 = {top:g} Hz",
             ),
             "mains_frequency": (self.mains_frequency >= 0.0, "0 (none) or above"),
-            "least_amplitude": (self.least_amplitude >= 0.0, "at least 0 m"),
+            "least_amplitude": (self.least_amplitude >= 0.0, "at least 0"),
             "change": (0.0 < self.change < 1.0, "between 0 and 1"),
             "change_likelihood": (self.change_likelihood > 0.0, "above 0"),
             "poor_residual": (self.poor_residual > 0.0, "above 0"),
@@ -57,27 +57,30 @@ class Settings:
             if not fine:
                 raise IdentificationError(f"{name}: given {getattr(self, name):g}; allowed: {allowed}")
         if self.saturation is not None and not self.saturation[0] < self.saturation[1]:
-            raise IdentificationError(f"saturation: given {self.saturation}; allowed: lower below upper limit [m]")
+            raise IdentificationError(f"saturation: given {self.saturation}; allowed: lower below upper limit")
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """u(t) = offset + amplitude sin(2 pi frequency (t - time) + phase) in the window that ends at `time`."""
+    """u(t) = offset + amplitude sin(2 pi frequency (t - time) + phase) in the window that ends at `time`.
+
+    u is a displacement [m], or the force that drives the structure [N].
+    """
 
     time: float = nan  # of the last sample in the window [s]
     last_index: int = 0
     quality: Quality = Quality.NONE
     origin: Origin = Origin.SUPPORT
     changed: bool = False  # a change since the last steady estimate with this flag
-    amplitude: float = nan  # [m]
-    amplitude_std: float = nan  # [m]
+    amplitude: float = nan  # [m, of a force N]
+    amplitude_std: float = nan  # likewise
     frequency: float = nan  # [Hz]
     frequency_std: float = nan  # [Hz]
     phase: float = nan  # at `time` [rad]
     phase_std: float = nan  # [rad]
-    offset: float = nan  # [m]
+    offset: float = nan  # likewise
     window: float = nan  # length of the window used [s]
-    residual: float = nan  # root mean square of signal minus fit [m]
+    residual: float = nan  # root mean square of signal minus fit, likewise
     harmonics: float = nan  # root of the power at multiples of frequency, relative to the amplitude [-]
     used: int = 0  # valid samples in the fit
     lost: int = 0  # samples missing from the window (gaps by index, NaN, saturated)

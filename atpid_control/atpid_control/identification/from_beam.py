@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from atpid_common.vocabulary import Quality
-from atpid_control.identification.estimate import Estimate
+from atpid_control.identification.estimate import Estimate, IdentificationError
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
@@ -63,8 +63,14 @@ class ModelInverse:
 
     @classmethod
     def of_scene(cls, scene: Scene) -> ModelInverse:
-        """Return the inverse for a scene's beam and damper; the open damper's table is simulated when first needed."""
+        """Return the inverse for a scene's beam and damper; the open damper's table is simulated when first needed.
+
+        Raises IdentificationError for a structure of several modes, or driven by a force.
+        """
         from atpid_control.identification.beam_table import SimulatedRelation
+
+        if scene.modes is not None:
+            raise IdentificationError("origin: given beam; allowed for several modes, or with drive force: support")
 
         beam = ClosedBeam(scene.total_mass, scene.beam.stiffness, scene.beam.damping)
         return cls(beam, 2.0 * scene.grain.radius, SimulatedRelation(scene).at)

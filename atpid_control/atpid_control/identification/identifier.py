@@ -8,10 +8,10 @@ import numpy as np
 
 from atpid_common.vocabulary import Origin, Quality
 from atpid_control.identification.estimate import Estimate, IdentificationError, Settings
+from atpid_control.identification.excitation_kind import ExcitationWatch, OtherExcitation
 from atpid_control.identification.from_beam import ModelInverse
 from atpid_control.identification.sine_fit import fit_sine
 from atpid_control.identification.tone import Tone, ToneFinder
-from atpid_control.identification.two_tones import TwoTones, TwoToneWatch
 from atpid_control.identification.window import SampleBuffer, half_peak_to_peak, seed_frequency
 from atpid_sim.plant.stream import stamp_ns
 from atpid_sim.system import Array
@@ -87,21 +87,21 @@ class Identifier:
         # the growth of a transient beam is estimated better in a longer window
         self._finder = ToneFinder(settings, shorten=inverse is None)
         self._tracker = ChangeTracker(settings.change, settings.slow_drift)
-        self._second: TwoToneWatch | None = None
+        self._watch: ExcitationWatch | None = None
         self._buffer: SampleBuffer | None = None
         self._last_index = 0
         self.source = Origin.SUPPORT if inverse is None else Origin.BEAM
 
     @property
-    def two_tones(self) -> TwoTones | None:
-        """The two tones that excite the support; None: one, or none is looked for."""
-        return None if self._second is None else self._second.found
+    def other(self) -> OtherExcitation | None:
+        """What excites the structure where that is no tone; None: one tone, or nothing, or it is not looked for."""
+        return None if self._watch is None else self._watch.found
 
     def configure(self, settings: Settings) -> None:
         """Identify with other thresholds from the next block on; window, frequencies and rates stay what they are."""
         self._settings = self._finder.settings = settings
-        if self._second is not None:
-            self._second.share = settings.second_tone
+        if self._watch is not None:
+            self._watch.share = settings.second_tone
         self._tracker.change, self._tracker.slow_drift = settings.change, settings.slow_drift
 
     def push(
@@ -127,7 +127,7 @@ class Identifier:
         if self._inverse is not None:
             estimate = self._inverse.support_of(estimate, height)
         # impacts bring tones of their own into the beam's motion
-        elif self._has_two_tones(first_index, samples[self.source], t_last, estimate.frequency):
+        elif self._is_no_tone(first_index, samples[self.source], estimate) and estimate.quality != Quality.NONE:
             estimate = replace(estimate, quality=Quality.POOR)
         changed = self._tracker.judge(estimate)
         return replace(estimate, changed=changed, beam_amplitude=self._beam_amplitude(estimate, beam is not None))
@@ -139,13 +139,14 @@ class Identifier:
                 f"rate: given {rate:g} Hz; allowed: at least 8 samples a period of the highest frequency, "
                 f"{8.0 * s.highest_frequency:g} Hz; sample faster or lower highest_frequency"
             )
-        self._finder, self._second = ToneFinder(s, shorten=self._inverse is None), TwoToneWatch(s, rate)
+        self._finder, self._watch = ToneFinder(s, shorten=self._inverse is None), ExcitationWatch(s, rate)
         self._tracker = ChangeTracker(s.change, s.slow_drift)
         return SampleBuffer(2, rate, s.window_periods / s.lowest_frequency, s.analysis_rate)
 
-    def _has_two_tones(self, first_index: int, samples: Array, time: float, frequency: float) -> bool:
-        assert self._second is not None
-        return self._second.push(first_index, samples, time, frequency) is not None
+    def _is_no_tone(self, first_index: int, samples: Array, estimate: Estimate) -> bool:
+        assert self._watch is not None
+        found = self._watch.push(first_index, samples, estimate)
+        return found is not None and found.spoils
 
     def _stacked(self, support: Array | None, beam: Array | None) -> Array:
         given = [channel for channel in (support, beam) if channel is not None]

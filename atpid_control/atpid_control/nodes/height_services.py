@@ -79,7 +79,7 @@ class HeightServices:
         except Exception as error:  # noqa: BLE001  # a defect: reported, but the loop goes on
             self._node.get_logger().error(f"~/{method}: {traceback.format_exc()}")
             return refused(method, f"internal error: {type(error).__name__}: {error}", response)
-        filled(chosen, excitation.amplitude, response)
+        filled(chosen, f"{excitation.amplitude:.5f} {self._scene.driven_by.unit}", response)
         response.message = "; ".join([response.message, *range_warnings(self._scene, chosen)])
         return response
 
@@ -96,10 +96,10 @@ class HeightServices:
         return asked, selector.select(excitation, asked.margin, height)
 
 
-def filled(chosen: Selection, amplitude: float, response: SelectHeight.Response) -> SelectHeight.Response:
-    """Fill the response with a height selected for `amplitude` [m]."""
+def filled(chosen: Selection, amplitude: str, response: SelectHeight.Response) -> SelectHeight.Response:
+    """Fill the response with a height selected for an amplitude, given in words."""
     note = f" ({chosen.note})" if chosen.note else ""
-    response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude:.5f} m{note}"
+    response.success, response.message = True, f"{chosen.method}: {chosen.height:.4f} m for {amplitude}{note}"
     response.message += f"; {chosen.no_use}" if chosen.no_use else ""
     response.method, response.height = chosen.method, chosen.height
     response.beam_amplitude, response.efficiency = chosen.beam_amplitude, chosen.efficiency

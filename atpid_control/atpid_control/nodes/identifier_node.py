@@ -24,10 +24,11 @@ from atpid_common.nodes.parameters import LiveParameters, Value
 from atpid_common.nodes.single_instance import started_twice
 from atpid_common.nodes.supervision import NodeMonitors
 from atpid_common.real_time import LOOP_PRIORITY
+from atpid_common.vocabulary import Origin
 from atpid_common.waiting import COMPILING, announced
 from atpid_control.identification import Estimate, IdentificationError, Identifier, Quality, Settings, warm_up
+from atpid_control.identification.excitation_kind import OtherExcitation
 from atpid_control.identification.identifier import last_stamp_ns
-from atpid_control.identification.two_tones import TwoTones
 from atpid_control.loop.rumble import RumbleSettings, RumbleWatch
 from atpid_control.loop.settings import identification_settings, rumble_settings
 from atpid_control.loop.signal_watch import SignalSettings
@@ -58,7 +59,8 @@ class IdentifierNode(Node):
         with announced(COMPILING, self.get_logger().info):
             warm_up()
         self._rumble = RumbleWatch(rumble)
-        self._two_tones: TwoTones | None = None
+        self._other: OtherExcitation | None = None
+        self._unit = "m"  # of the excitation: that of its channel
         self.done: Future = Future()
         self._height = math.nan
         self._progress = _Progress()
@@ -87,8 +89,7 @@ class IdentifierNode(Node):
         self._alone_timer = self.create_timer(1.0, self._check_alone, clock=STEADY)
 
     def _statuses(self) -> list[DiagnosticStatus]:
-        second = "" if self._two_tones is None else self._two_tones.sentence
-        return [self._progress.status(self, self.last_error, second), *self._signals.statuses()]
+        return [self._progress.status(self, self.last_error, self._other, self._unit), *self._signals.statuses()]
 
     def _configure(self, settings: Live) -> None:
         self.identifier.configure(settings[0])
@@ -124,7 +125,7 @@ class IdentifierNode(Node):
         # before the estimate, so that the node that answers it has received the rumble first
         self._watch(block, estimate, message)
         self._publish_change(estimate, message)
-        self._publish_second_tone(message)
+        self._publish_other(message)
         self._excitation.publish(message)
         self._progress.add(block, estimate)
         self._progress.received.add(received_ns - last_ns)
@@ -138,6 +139,9 @@ class IdentifierNode(Node):
             raise IdentificationError(
                 f"{source}: given channels {', '.join(channels) or 'none'}; set support_channel or beam_channel to one"
             )
+        drive = self._names[Origin.SUPPORT]
+        if drive in channels and len(block.units) == len(channels):
+            self._unit = block.units[channels.index(drive)]
         delay = block.skew[channels.index(source)] if len(block.skew) == len(channels) else 0.0
         return self.identifier.push(
             block.first_index, block.rate, support, beam, last_ns * 1e-9, delay=delay, height=self._height
@@ -161,23 +165,26 @@ class IdentifierNode(Node):
     def _publish_change(self, estimate: Estimate, message: Excitation) -> None:
         """Publish a change once, when it has become steady again: then its size is known."""
         if estimate.changed and estimate.quality == Quality.STEADY:
-            text = f"excitation is now {estimate.amplitude:.5f} m at {estimate.frequency:.3f} Hz"
+            text = f"excitation is now {estimate.amplitude:.5f} {self._unit} at {estimate.frequency:.3f} Hz"
             stamp = message.header.stamp
             self._events.publish(Event.INFO, Event.EXCITATION_CHANGED, text, estimate.amplitude, stamp)
 
-    def _publish_second_tone(self, message: Excitation) -> None:
-        """Publish when a second tone excites the support, and when it is one again."""
-        found, before = self.identifier.two_tones, self._two_tones
-        self._two_tones = found
-        if (found is None) == (before is None):
+    def _publish_other(self, message: Excitation) -> None:
+        """Publish when what excites the structure is no tone, and when it is one again."""
+        found, before = self.identifier.other, self._other
+        self._other = found
+        if (found and found.kind) == (before and before.kind):
             return
-        text, value = (
-            ("one tone excites the structure again", math.nan)
-            if found is None
-            else (found.sentence, found.amplitudes[1])
-        )
-        severity = Event.INFO if found is None else Event.WARNING
-        self._events.publish(severity, Event.TWO_TONES, text, value, message.header.stamp)
+        tones = any(one is not None and one.kind == "tones" for one in (found, before))
+        kind = Event.TWO_TONES if tones else Event.EXCITATION_CHANGED
+        if found is not None:
+            severity = Event.WARNING if found.spoils else Event.INFO
+            text, value = found.sentence(self._unit), found.amplitudes[-1]
+        elif before is not None and before.spoils:
+            severity, text, value = Event.INFO, "one tone excites the structure again, or nothing", math.nan
+        else:
+            return
+        self._events.publish(severity, kind, text, value, message.header.stamp)
 
     def _check_alone(self) -> None:
         if started_twice(self) and self._progress.blocks == 0 and not self.done.done():
@@ -208,13 +215,15 @@ class _Progress:
         self.blocks += 1
         self._rate, self._latest, self._device = block.rate, estimate, block.header.frame_id
 
-    def status(self, node: Node, last_error: str, second_tone: str) -> DiagnosticStatus:
+    def status(self, node: Node, last_error: str, other: OtherExcitation | None, unit: str) -> DiagnosticStatus:
         poor = self._latest.quality == Quality.POOR
         values = {"blocks": self.blocks, "rate [Hz]": self._rate, "missing scans": self._missing,
-                  "quality": self._latest.quality.name, "amplitude [m]": self._latest.amplitude,
+                  "quality": self._latest.quality.name, f"amplitude [{unit}]": self._latest.amplitude,
                   "frequency [Hz]": self._latest.frequency, "last error": last_error or "none"}  # fmt: skip
         latency = self.received.values("sample to block") | self.answered.values("sample to estimate")
-        text = second_tone or "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
+        text = "poor estimate" if poor else "identifying" if self.blocks else "waiting for samples"
+        text = other.sentence(unit) if other else text
+        values["excitation"] = other.kind if other else "tone" if math.isfinite(self._latest.frequency) else "none"
         level = DiagnosticStatus.ERROR if last_error else DiagnosticStatus.WARN if poor else DiagnosticStatus.OK
         return status(node, "identification", level, last_error or text, values | latency, self._device or "none")
 

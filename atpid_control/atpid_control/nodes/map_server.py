@@ -135,7 +135,7 @@ def summary_of(made: HeightMap, out: str) -> str:
     if not made.failures:
         return text
     first = made.failures[0]
-    where = f"{first.amplitude:g} m, mass fraction {first.mass_fraction:g}"
+    where = f"{first.amplitude:g} {made.unit}, mass fraction {first.mass_fraction:g}"
     if made.frequency_ratios is not None:
         where += f", frequency ratio {first.frequency_ratio:g}"
     lost = f"{len(made.failures)} of {made.heights.size} points could not be computed"

@@ -19,10 +19,10 @@ from atpid_sim.scene import load_scene
 _live = partial(Entry, live=True)
 
 IDENTIFIER = (
-    Entry("support_channel", "support_displacement", "name of the channel with the support's displacement"),
+    Entry("support_channel", "support_displacement", "channel with the support's displacement or the force"),
     Entry("beam_channel", "beam_displacement", "name of the channel with the beam's displacement"),
     Entry(
-        "origin", "support", "support: the excitation is read from the support; beam: inferred from it and `scene`",
+        "origin", "support", "support: the excitation is read from support_channel; beam: inferred from it and `scene`",
         choices=("support", "beam"),
     ),
     Entry("scene", "", "scene file with the beam and damper, for origin: beam"),
@@ -31,9 +31,9 @@ IDENTIFIER = (
     Entry("lowest_frequency", 1.0, "tones are looked for above this", "Hz", 0.01, 1e4),
     Entry("highest_frequency", 40.0, "tones are looked for below this", "Hz", 0.02, 1e4),
     Entry("mains_frequency", 50.0, "hum that joins the fit where it is present; 0: none", "Hz", 0.0, 1e4),
-    _live("least_amplitude", 5e-5, "a smaller tone is no excitation", "m", 0.0, 1.0),
-    Entry("lower_limit", -math.inf, "readings at or below it are saturated [m]"),
-    Entry("upper_limit", math.inf, "readings at or above it are saturated [m]"),
+    _live("least_amplitude", 5e-5, "a smaller tone is no excitation [m, of a force N]", "", 0.0, 1e6),
+    Entry("lower_limit", -math.inf, "readings at or below it are saturated [m, of a force N]"),
+    Entry("upper_limit", math.inf, "readings at or above it are saturated [m, of a force N]"),
     _live("change", 0.01, "relative change of a steady amplitude that counts as one", "-", 1e-5, 0.9),
     _live(
         "change_likelihood", 20.0, "log-likelihood from which a tone counts as changing inside the window", "-", 0.1,

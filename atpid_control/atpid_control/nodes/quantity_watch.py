@@ -10,7 +10,7 @@ from atpid_control.supervision.limits import AbortLevels, Passed
 from atpid_control.supervision.quantities import ContactRate, OnTime, largest, sustained
 
 #: Channels that change smoothly, so that a lone sample beyond a level is a spike of the sensor.
-SMOOTH = ("support_displacement", "beam_displacement", "temperature")
+SMOOTH = ("support_displacement", "drive_force", "beam_displacement", "temperature")
 ACCELERATION = "beam_acceleration"
 
 

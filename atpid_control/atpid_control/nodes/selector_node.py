@@ -255,7 +255,7 @@ class SelectorNode(Node):
     def _statuses(self) -> list[DiagnosticStatus]:
         command = self._answer.command
         values = {"method": command.method, "reason": command.reason, "height [m]": command.height,
-                  "excitation amplitude [m]": command.excitation_amplitude,
+                  f"excitation amplitude [{self._scene.driven_by.unit}]": command.excitation_amplitude,
                   "predicted amplitude [m]": command.predicted_amplitude}  # fmt: skip
         level = DiagnosticStatus.WARN if self._refusal else DiagnosticStatus.OK
         values |= self._latencies.values("sample to command")

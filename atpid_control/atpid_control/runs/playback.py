@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from atpid_common.vocabulary import DRIVES
 from atpid_control.runs.cdr import block_shape, header
 from atpid_control.runs.contents import kind_of
 from atpid_control.runs.decode import Converter
@@ -18,8 +19,8 @@ from atpid_control.runs.run import Run
 from atpid_control.runs.tables import STAMP
 from atpid_control.runs.topics import BLOCK
 
-#: The channel of the identifier: each block that has it is answered once.
-_ANSWERED = "support_displacement"
+#: The channels of the identifier: each block that has one is answered once.
+_ANSWERED = {drive.channel for drive in DRIVES.values()}
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def load_playback(path: Path, patterns: list[str]) -> Playback:
     converters = {kind: _converter(bag, kind) for kind in dict.fromkeys(bag.types[topic] for topic in chosen)}
     first_blocks = {topic: next(bag.messages(topic), None) for topic in chosen if bag.types[topic] == BLOCK}
     channels = {topic: (list(b[1].channels), list(b[1].units)) for topic, b in first_blocks.items() if b is not None}
-    answered = {topic for topic, (names, _) in channels.items() if _ANSWERED in names}
+    answered = {topic for topic, (names, _) in channels.items() if _ANSWERED & set(names)}
     items = []
     for raw in bag.raw:
         if raw.topic in chosen:
@@ -86,7 +87,8 @@ def load_playback(path: Path, patterns: list[str]) -> Playback:
             items.append(Item(raw.topic, raw.log_ns, data, _last_sample(data) if raw.topic in answered else None))
     if not any(item.answer_ns is not None for item in items):
         raise BagError(
-            f"{path}: no sensors topic with the channel {_ANSWERED}, so there is nothing to identify in this bag"
+            f"{path}: no sensors topic with the channel {' or '.join(sorted(_ANSWERED, reverse=True))}, so there is "
+            "nothing to identify in this bag"
         )
     notes = (_conversion(bag, kind, converter) for kind, converter in converters.items() if converter)
     return Playback(bag, tuple(items), channels, tuple(notes))

@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from atpid_common.files import parse_yaml
-from atpid_common.vocabulary import EventKind, Quality
+from atpid_common.vocabulary import DRIVES, Drive, EventKind, Quality
 from atpid_control.runs.contents import kind_of
 from atpid_control.runs.csv_table import read_table
 from atpid_control.runs.errors import BagError
@@ -33,10 +33,10 @@ from atpid_sim.scene.yaml12 import read_yaml
 from atpid_sim.simulation.energy import Ledger, relative_residual
 from atpid_sim.system import Array
 
-#: Channels of the laser.
-SUPPORT, BEAM = "support_displacement", "beam_displacement"
+#: Channels of the laser; where a force drives the structure its load cell's is in place of the support's.
+SUPPORT, BEAM = DRIVES["support"].channel, "beam_displacement"
 #: The plant's own series, by the channels of sensors.
-_TRUE = {SUPPORT: "support", BEAM: "beam"}
+_TRUE = {BEAM: "beam"} | {drive.channel: "support" for drive in DRIVES.values()}
 #: How far outside the run a stamp of it may be [s]: estimates come late, heights early.
 _ASIDE = 60.0
 #: Memory of one text in a column besides a number's [bytes].
@@ -71,7 +71,7 @@ class RecordedMotion:
     origin: str
     rate: float  # [Hz]
     time: Array  # (n,) after the run's first sample [s]
-    support: Array  # (n,) [m]; NaN where not measured, or lost
+    support: Array  # (n,) [m], of a force that drives instead [N]; NaN where not measured, or lost
     beam: Array  # (n,) [m]
     grain: Array  # (n,) [m]; NaN where unknown
     ceiling: Array  # (n,) height [m]; NaN where unknown
@@ -83,8 +83,8 @@ class Estimates:
 
     time: Array  # (k,) [s]
     steady: NDArray[np.bool_]  # (k,)
-    amplitude: Array  # (k,) [m]
-    amplitude_std: Array  # (k,) [m]
+    amplitude: Array  # (k,) [m], of a force [N]
+    amplitude_std: Array  # (k,) likewise
     frequency: Array  # (k,) [Hz]
 
 
@@ -156,11 +156,19 @@ class Run:
             for name, place in zip(names, places, strict=True)
         )
 
-    def driven(self, given: str = SUPPORT, measured: str = BEAM) -> tuple[Signal, Signal]:
+    @cached_property
+    def drive(self) -> Drive:
+        """What drives the structure: what was measured of both, else what the scene has, else its support."""
+        channels = {column.name for table, _ in self.streams() for column in table.values}
+        measured = [drive for drive in DRIVES.values() if drive.channel in channels]
+        return measured[0] if measured else self.scene.driven_by if self.scene else DRIVES["support"]
+
+    def driven(self, given: str = "", measured: str = BEAM) -> tuple[Signal, Signal]:
         """Return what excites and what answers, as sensors measured them; of what answers alone the other is NaN.
 
-        Raises BagError: nothing answers.
+        given: empty: what drives the structure. Raises BagError: nothing answers.
         """
+        given = given or self.drive.channel
         if any({given, measured} <= arrays.keys() for _, arrays in self.streams()):
             first, second = self.signals(given, measured)
             return first, second
@@ -296,7 +304,8 @@ class Run:
             return None
         names = ("input_energy", "beam_loss", "contact_loss", "ceiling_work", "stored_energy")
         work, beam, contact, ceiling, stored = (float(fields[name][-1]) for name in names)
-        stretch = max(abs(motion.beam[end] - motion.support[end]) for end in (0, -1))
+        moves = self.drive is DRIVES["support"]
+        stretch = max(abs(motion.beam[end] - moves * motion.support[end]) for end in (0, -1))
         sprung = 0.5 * self.scene.beam.stiffness * stretch**2 if self.scene is not None else 0.0
         residual = float(relative_residual(work, beam, contact, ceiling, stored, sprung))
         return Ledger(work, beam, contact, ceiling, stored, residual)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel
 
+from atpid_common.vocabulary import DRIVES, Drive
 from atpid_control.runs.contents import Contents, kind_of, reason_to_leave_out
 from atpid_control.runs.errors import BagError
 from atpid_control.runs.losses import scans_of, stamp_of
@@ -37,6 +38,14 @@ from atpid_sim.system import Array
 _SERIES = ("support", "beam", "grain", "ceiling")
 #: Messages with samples, and their fields that are series.
 _SAMPLED = {"SampleBlock": ("channels", "units", "skew", "data"), "PlantTruth": _SERIES}
+#: Fields that have the drive's unit, whatever a definition's comment states.
+_OF_DRIVE = {
+    "PlantTruth": ("support", "excitation_amplitude"),
+    "Excitation": ("amplitude", "amplitude_std", "offset", "residual"),
+    "CeilingCommand": ("excitation_amplitude",),
+}
+#: Messages looked through for the channel of what drives the structure: the first block has it.
+_LOOKED_THROUGH = 1000
 #: Messages of one topic gathered to a piece, and rows of a gap in one.
 _MESSAGES, _GAP = 32, 65536
 
@@ -49,7 +58,7 @@ class Source(Contents):
         super().__init__(path)
         self._wanted = set(topics)
         self._topics: dict[tuple[str, str, bytes], _Topic] = {}  # by topic, type and definition
-        self.start_ns = _first_sample(self.path)
+        self.start_ns, self._drive = _first_sample(self.path)
 
     @property
     def tables(self) -> list[Table]:
@@ -100,9 +109,12 @@ class Source(Contents):
         if key not in self._topics:
             same = sum(topic == channel.topic for topic, _, _ in self._topics)
             own = channel.topic.strip("/") + (f"_definition_{same + 1}" if same else "")
-            text, series = definition.decode(errors="replace"), _SAMPLED.get(kind_of(name), ())
-            fields = [leaf for leaf in leaves(self.decoder, channel.schema_id, text) if leaf.path[0] not in series]
-            samples = _Samples(own, channel.topic, name, comments(text), self.start_ns) if series else None
+            series = _SAMPLED.get(kind_of(name), ())
+            known = comments(definition.decode(errors="replace"))
+            known |= {field: (self._drive.unit, known[field][1]) for field in _OF_DRIVE.get(kind_of(name), ())
+                      if field in known}  # fmt: skip
+            fields = [leaf for leaf in leaves(self.decoder, channel.schema_id, known) if leaf.path[0] not in series]
+            samples = _Samples(own, channel.topic, name, known, self.start_ns) if series else None
             scans = [Column("scans", "", "samples in the block", np.dtype(np.int64))] if series else []
             columns = (*common(TIME, STAMP, RECEIVED), *scans, *(leaf.column for leaf in fields))
             table = Table(own + ("_blocks" if series else ""), channel.topic, name, columns)
@@ -111,19 +123,25 @@ class Source(Contents):
         return self._topics[key]
 
 
-def _first_sample(path: Path) -> int:
-    """Return the stamp of the bag's first sample, else of its first message [ns]."""
+def _first_sample(path: Path) -> tuple[int, Drive]:
+    """Return the stamp of the bag's first sample, else of its first message [ns], and what drives the structure."""
     bag = Contents(path)
-    first = None
-    for channel, record in bag.records():
+    first = sampled = None
+    support, force = DRIVES.values()
+    for number, (channel, record) in enumerate(bag.records()):
         kind, message = kind_of(bag.types[channel.topic]), bag.decoder.decode(channel.schema_id, record.data)
         if reason_to_leave_out(kind, message):
             continue
         stamp = stamp_of(message) if has_header(bag.decoder, channel.schema_id) else record.log_time
         if kind in _SAMPLED and scans_of(message):
-            return stamp
+            sampled = stamp if sampled is None else sampled
+            channels = getattr(message, "channels", ())
+            if support.channel in channels or force.channel in channels:
+                return sampled, support if support.channel in channels else force
+        if sampled is not None and number > _LOOKED_THROUGH:
+            break
         first = stamp if first is None else first
-    return first or 0
+    return sampled or first or 0, support
 
 
 @dataclass

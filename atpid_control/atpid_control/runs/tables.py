@@ -141,10 +141,13 @@ class Leaf:
         return message if self.column.dtype != TEXT or isinstance(message, str) else json.dumps(_plain(message))
 
 
-def leaves(decoder: Decoder, schema_id: int, definition: str) -> list[Leaf]:
-    """Return the columns of a message type, without header and handshake; the header's `frame_id` is `source`."""
+def leaves(decoder: Decoder, schema_id: int, known: dict[str, tuple[str, str]]) -> list[Leaf]:
+    """Return the columns of a message type, without header and handshake; the header's `frame_id` is `source`.
+
+    known: unit and comment of its fields, as `comments` returns them.
+    """
     fields = partial(decoder.fields, schema_id=schema_id)
-    return list(_leaves(fields, decoder.name(schema_id), comments(definition), ()))
+    return list(_leaves(fields, decoder.name(schema_id), known, ()))
 
 
 def has_header(decoder: Decoder, schema_id: int) -> bool:

@@ -64,8 +64,8 @@ MOST_MARGIN = 100.0
 class HeightRequest:
     """An excitation, and the margin the height must have."""
 
-    amplitude: float  # [m]; 0: that of the latest steady estimate, with its error bar and frequency
-    amplitude_std: float = 0.0  # [m]
+    amplitude: float  # [m, of a force N]; 0: that of the latest steady estimate, with its error bar and frequency
+    amplitude_std: float = 0.0  # likewise
     frequency: float = 0.0  # [Hz]; 0: that of the scene, resonance of the closed damper where it gives none
     margin: float = 0.0  # standard deviations [-]
 
@@ -98,13 +98,13 @@ def resolved(request: HeightRequest, latest: Estimate | None, resonance: Resonan
     latest: the latest steady estimate of the excitation; None: there is none yet. Raises SelectionError, which states
     what was given and what is allowed.
     """
-    _check("amplitude", request.amplitude, " m", "above 0 m, or 0 for the latest steady estimate")
-    _check("amplitude_std", request.amplitude_std, " m", "0 m or above")
+    _check("amplitude", request.amplitude, "", "above 0, or 0 for the latest steady estimate")
+    _check("amplitude_std", request.amplitude_std, "", "0 or above")
     _check("margin", request.margin, "", f"0 to {MOST_MARGIN:g} standard deviations", MOST_MARGIN)
     _check("frequency", request.frequency, " Hz", resonance.allowed)
     if request.amplitude == 0.0:
         if latest is None:
-            raise SelectionError("amplitude: given 0 and no steady estimate yet; allowed: above 0 m")
+            raise SelectionError("amplitude: given 0 and no steady estimate yet; allowed: above 0")
         request = HeightRequest(latest.amplitude, latest.amplitude_std, latest.frequency, request.margin)
     frequency = request.frequency or resonance.frequency
     if not resonance.holds(frequency):

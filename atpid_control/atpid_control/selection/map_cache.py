@@ -117,7 +117,10 @@ def _make(scene: Scene, folder: Path) -> Path:
     with working("looking for the largest amplitude that can be simulated"):
         reached = _largest_computable(scene, 1.25 * high, last)
     if reached < last:
-        print(f"amplitudes above {reached:.4g} m cannot be simulated: the map ends there", file=sys.stderr)
+        print(
+            f"amplitudes above {reached:.4g} {scene.driven_by.unit} cannot be simulated: the map ends there",
+            file=sys.stderr,
+        )
     # evenly spaced unless the smallest would lie within the first step
     spaced = np.linspace if reached <= _POINTS * first else np.geomspace
     amplitudes = [float(a) for a in spaced(first, reached, _POINTS if ratios is None else _POINTS_OF_RATIOS)]

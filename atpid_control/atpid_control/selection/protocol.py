@@ -15,19 +15,19 @@ class SelectionError(InputError):
 
 @dataclass(frozen=True)
 class Excitation:
-    """The support's tone as it was identified. Raises SelectionError, in one line, for numbers without a height."""
+    """The drive's tone as it was identified. Raises SelectionError, in one line, for numbers without a height."""
 
-    amplitude: float  # [m]
-    amplitude_std: float = 0.0  # standard deviation of the amplitude [m]
+    amplitude: float  # [m, of a force N]
+    amplitude_std: float = 0.0  # its standard deviation, likewise
     frequency: float = math.nan  # [Hz], NaN: that of the scene
 
     def __post_init__(self) -> None:
         """Raise SelectionError."""
         stays, amplitude, std = "the ceiling stays", self.amplitude, self.amplitude_std
         if not (math.isfinite(amplitude) and amplitude > 0.0):
-            raise SelectionError(f"amplitude: given {amplitude:g} m; allowed is a number above 0; {stays}")
+            raise SelectionError(f"amplitude: given {amplitude:g}; allowed is a number above 0; {stays}")
         if not (math.isfinite(std) and std >= 0.0):
-            raise SelectionError(f"amplitude_std: given {std:g} m; allowed is a number from 0; {stays}")
+            raise SelectionError(f"amplitude_std: given {std:g}; allowed is a number from 0; {stays}")
         if not (math.isnan(self.frequency) or 0.0 < self.frequency < math.inf):
             allowed = "allowed is a number above 0, or NaN for the scene's"
             raise SelectionError(f"frequency: given {self.frequency:g} Hz; {allowed}")

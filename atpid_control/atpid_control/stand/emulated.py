@@ -6,6 +6,8 @@ runs on an emulated ATmega2560. Both are connected to the simulated plant: it re
 emulated motor, and its laser signals become the voltages that the stand-in device samples.
 """
 
+import datetime
+import math
 from pathlib import Path
 
 from atpid_common.injected_faults import CEILING, LINK
@@ -22,8 +24,10 @@ from atpid_control.stand.parts import (
     own_parameters,
     program,
     supervised,
+    usual_parameters,
 )
 from atpid_control.stand.running import PLAIN, Commands, RosOptions, command_of
+from atpid_driver.calibration.model import Calibration, save
 from atpid_driver.standins.build import build, environment
 from atpid_driver.standins.control import Control
 from atpid_sim.scene import Scene
@@ -62,11 +66,31 @@ def parameters_emulated(
         parameters["motor_node"] = ceiling | {"port": str(place / "board"), "supervised": True}
     rate = scene.sensors.laser.rate
     sampled = {"rate": rate, "calibrations": list(_CALIBRATIONS)}
-    parameters["labjack_node"] = sampled | {"blocks_per_second": 1.0 / scene.recording.block}
+    channels = {"channels": [scene.driven_by.channel, "beam_displacement"]}
+    if scene.drive == "force":
+        sampled["calibrations"] = [str(_load_cell(scene, place)), _CALIBRATIONS[1]]
+    parameters["labjack_node"] = sampled | channels | {"blocks_per_second": 1.0 / scene.recording.block}
     parameters["feed_node"] = {"feed": str(place / "laser"), "topic": _BEHIND} | sampled
     parameters[SUPERVISOR.name] = supervised((*PARTS, LABJACK, FEED), scene, scene_file)
-    usual = {part.name: part.configured() for part in (*PARTS, SUPERVISOR, LABJACK, FEED)}
+    usual = usual_parameters((*PARTS, SUPERVISOR, LABJACK, FEED), scene)
     return combined(usual | ({"motor_node": motor} if board else {}), parameters, given or {})
+
+
+def _load_cell(scene: Scene, place: Path) -> Path:
+    """Write the calibration of a load cell for the scene's forces into a folder, and return its file."""
+    amplitude = scene.excitation.largest_amplitude
+    if not 0.0 < amplitude < math.inf:
+        raise BenchError("the emulated stand needs the range of its load cell: give the scene's force an amplitude")
+    path = place / "load_cell.yaml"
+    save(
+        Calibration(
+            channel=scene.driven_by.channel, sensor="emulated", serial="none", date=datetime.date(2026, 11, 23),
+            source="definition, twice the scene's largest amplitude at 10 V", unit=scene.driven_by.unit,
+            coefficients=(0.0, 0.2 * amplitude), limits_volts=(-10.0, 10.0),
+        ),
+        path,
+    )  # fmt: skip
+    return path
 
 
 def emulator_command(scene: Scene, place: Path, *more: str) -> list[str]:

@@ -84,7 +84,17 @@ def parameters_for(
     """
     own = own_parameters(scene, scene_file, height_map, bag, lockstep=lockstep)
     parts = PARTS if lockstep else REAL_TIME_PARTS
-    return combined({part.name: part.configured() for part in parts}, own, given or {})
+    return combined(usual_parameters(parts, scene), own, given or {})
+
+
+def usual_parameters(parts: Iterable[Part], scene: Scene) -> Parameters:
+    """Return the parameters of the parts' files; where a force drives the scene the identifier reads its load cell."""
+    usual = {part.name: part.configured() for part in parts}
+    if scene.drive == "force":
+        identifier = usual["identifier_node"]
+        identifier["support_channel"] = scene.driven_by.channel
+        identifier["least_amplitude"] *= scene.beam.stiffness  # the force that moves the structure by as much
+    return usual
 
 
 def own_parameters(

@@ -20,11 +20,11 @@ from atpid_control.views.report.latency import laser_blocks, latency_of, receive
 from atpid_control.views.report.stages import Printed, Stage, beside
 from atpid_control.views.report.view import View, not_arrived
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.quantities import worse_than_without
+from atpid_sim.simulation.quantities import modes_in, worse_than_without
 from atpid_sim.simulation.simulate import finite
 
 _COLUMNS = (
-    "time\n[s]", "excited\n[m]", "iden-\ntified", "f\n[Hz]", "height\n[m]", "beam\n[m]", "closed\n[m]",
+    "time\n[s]", "excited\n[{}]", "iden-\ntified", "f\n[Hz]", "height\n[m]", "beam\n[m]", "closed\n[m]",
     "effi-\nciency", "reduc-\ntion",
 )  # fmt: skip
 
@@ -35,6 +35,8 @@ def summary_of(view: View, scene: Scene, mode: str) -> dict[str, Any]:
     own, closed = view.decrements or (math.nan, math.nan)
     return {
         "stages": [stage.as_dict() for stage in view.stages],
+        "drive": run.drive._asdict(),
+        "modes": [mode._asdict() for mode in modes_in(scene)],
         "decrement": own,
         "undamped_decrement": closed,
         "real_time_factor": real_time_factor(run, mode),
@@ -99,7 +101,7 @@ def show(summary: Mapping[str, Any], view: View, scene: Scene, console: Console)
         console.print(text, style=style, soft_wrap=True, markup=False, highlight=False)
 
     if view.stages:
-        console.print(stage_table(view.stages, beside(view.run, view.stages)))
+        console.print(stage_table(view.stages, beside(view.run, view.stages), view.run.drive.unit))
     for text in [*(f"not reached: {text}" for text in not_arrived(view)), *_made_worse(view.stages)]:
         line(text)
     line(
@@ -125,12 +127,12 @@ def _made_worse(stages: Sequence[Stage]) -> list[str]:
             for stage in stages for text in worse_than_without(stage.reduction)]  # fmt: skip
 
 
-def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None) -> Table:
-    """Return the table, with what the thesis prints beside where it is the thesis's scene."""
+def stage_table(stages: Sequence[Stage], printed: Sequence[Printed] | None, unit: str) -> Table:
+    """Return the table, excitations in `unit`, with what the thesis prints beside where it is the thesis's scene."""
     title = "at the end of each stage; amplitudes are half peak-to-peak"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for name in _COLUMNS:
-        table.add_column(Text(name), justify="right", no_wrap=True)
+        table.add_column(Text(name.format(unit)), justify="right", no_wrap=True)
     for name in ("thesis:\nheight", "\nbeam", "\nclosed", "\neff.") if printed else ():
         table.add_column(Text(name), justify="right", no_wrap=True, style="dim", header_style="dim")
     for stage, other in zip_longest(stages, printed or ()):

@@ -14,6 +14,7 @@ from atpid_control.supervision.answers import SupervisionError
 #: What may be limited, and its unit. Those with the name of a channel are read from the sensors' blocks.
 QUANTITIES: Mapping[str, str] = {
     "support_displacement": "m",
+    "drive_force": "N",
     "beam_displacement": "m",
     "beam_acceleration": "m/s^2",
     "temperature": "degC",

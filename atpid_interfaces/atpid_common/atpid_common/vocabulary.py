@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 
 class Mode(IntEnum):
@@ -37,6 +37,21 @@ class Origin(IntEnum):
 
     SUPPORT = 0
     BEAM = 1
+
+
+class Drive(NamedTuple):
+    """What drives a structure: its name, the sensor's channel, and the unit of that and of every amplitude of it."""
+
+    name: str
+    channel: str
+    unit: str
+
+
+#: By the word of a scene's `drive`. Messages of an excitation have no unit: theirs is that of the channel.
+DRIVES: Final = {
+    "support": Drive("support", "support_displacement", "m"),
+    "force": Drive("force", "drive_force", "N"),
+}
 
 
 class Severity(IntEnum):

@@ -186,12 +186,12 @@ def _write_files(args: argparse.Namespace, scene: Scene) -> None:
         return trajectory(scene, rate, fidelity, args.rtol, height)
 
     if args.series is not None:
-        write_series(motion(args.rate or scene.sensors.laser.rate), args.series)
+        write_series(motion(args.rate or scene.sensors.laser.rate), args.series, scene.driven_by)
     if args.picture is not None:
         rate, diameter = 100.0 * scene.frequency_hz, 2.0 * scene.grain.radius
         draw(scene, motion(rate), motion(rate, "simplified", diameter), args.picture)
     if args.spectrum is not None:
-        write_spectrum(vibration(scene, args.fidelity, args.rtol), args.spectrum)
+        write_spectrum(vibration(scene, args.fidelity, args.rtol), args.spectrum, scene.driven_by)
 
 
 def _show(name: str, scene: Scene, result: Result) -> None:

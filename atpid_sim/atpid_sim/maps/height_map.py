@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from atpid_common.errors import InputError
 from atpid_common.files import FileError, read_arrays
 from atpid_common.output import writing
+from atpid_common.vocabulary import DRIVES
 from atpid_sim.maps.curves import MapCurve, unbroken
 from atpid_sim.maps.identity import FREQUENCY, Identity, difference, identity_of
 from atpid_sim.scene import Scene
@@ -78,7 +79,7 @@ class HeightMap:
     A map over frequencies has grids (frequency ratios, mass fractions, amplitudes).
     """
 
-    amplitudes: Array  # (n,) of the support, rising [m]
+    amplitudes: Array  # (n,) of the support, rising [m], of a force [N]
     mass_fractions: Array  # (m,) grain over total mass, rising [-]
     heights: Array  # (m, n) [m]
     beam_amplitudes: Array  # (m, n) half peak-to-peak of the beam at the best height [m]
@@ -91,10 +92,15 @@ class HeightMap:
     frequency_ratios: Array | None = None  # (k,) frequency over the natural one, rising [-]; None: for one frequency
 
     @property
+    def unit(self) -> str:
+        """Unit of the amplitudes."""
+        return DRIVES[self.identity.get("drive", "support")].unit
+
+    @property
     def reductions(self) -> Array:
         """1 - amplitude / amplitude of the structure without the damper [-], in the shape of the grids."""
-        if self.identity.get("further_modes.0.mass") is not None:
-            return np.full(self.beam_amplitudes.shape, math.nan)  # one mode is not the structure
+        if self.identity.get("further_modes.0.mass") is not None or "drive" in self.identity:
+            return np.full(self.beam_amplitudes.shape, math.nan)  # one mode under its support is not the structure
         mass, stiffness, damping = (self.identity[f"beam.{key}"] for key in ("mass", "stiffness", "damping"))
         natural = np.sqrt(stiffness * (1.0 - self.mass_fractions) / mass) / (2.0 * math.pi)
         given = self.identity.get(FREQUENCY, "resonance")
@@ -119,7 +125,8 @@ class HeightMap:
         lowest, highest = float(self.amplitudes[0]), float(self.amplitudes[-1])
         if not lowest <= amplitude <= highest:
             raise MapError(
-                f"{self.source}: amplitude {amplitude:g} m is outside its {lowest:g} to {highest:g} m; {_MAKE}"
+                f"{self.source}: amplitude {amplitude:g} {self.unit} is outside its {lowest:g} to {highest:g} "
+                f"{self.unit}; {_MAKE}"
             )
         # on a row of the map the other one does not matter: it may lack the point
         left, right = self._at(row + (share == 1.0), amplitude), self._at(row + (share > 0.0), amplitude)
@@ -323,8 +330,8 @@ class HeightMap:
         fraction = float(self.mass_fractions[row])
         near = min(self.failures, key=lambda one: (abs(one.mass_fraction - fraction), abs(one.amplitude - amplitude)))
         raise MapError(
-            f"{self.source}: no height at amplitude {amplitude:g} m: its point at {near.amplitude:g} m, mass fraction "
-            f"{fraction:g}, could not be computed ({near.reason})"
+            f"{self.source}: no height at amplitude {amplitude:g} {self.unit}: its point at {near.amplitude:g} "
+            f"{self.unit}, mass fraction {fraction:g}, could not be computed ({near.reason})"
         )
 
     def _between(self, fraction: float) -> tuple[float, int]:

@@ -90,7 +90,7 @@ class DamperResponse:
         self._run = self._integration.kernel_inputs
         self.fidelity = self._integration.fidelity
         self.system: System = self._integration.system
-        self._modes = scene.modes
+        self._modes, self._unit = scene.modes, scene.driven_by.unit
         self.frequency = scene.frequency_hz
         self.period = 1.0 / self.frequency
 
@@ -230,7 +230,7 @@ class DamperResponse:
         )
         if outcome != Outcome.DONE:
             reason = Outcome(outcome).sentence
-            raise NumericalFailure(f"{reason} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
+            raise NumericalFailure(f"{reason} (amplitude {amplitude:g} {self._unit}, height {path[-1][1]:g} m)")
         return WindowResponse(size, change / size if size > 0.0 else 0.0, verdict == EXCEEDED)
 
     def advance(self, amplitude: float, state: State, path: Path, observation: Observation, phase: float = 0.0) -> None:
@@ -246,7 +246,9 @@ class DamperResponse:
         state.restart_observation()
         outcome = self._integration.advance(state, drive.with_ceiling(rows, path), observation)
         if outcome != Outcome.DONE:
-            raise NumericalFailure(f"{outcome.sentence} (amplitude {amplitude:g} m, height {path[-1][1]:g} m)")
+            raise NumericalFailure(
+                f"{outcome.sentence} (amplitude {amplitude:g} {self._unit}, height {path[-1][1]:g} m)"
+            )
 
     def cliff(self, amplitude: float, state: State, height: float, end: float) -> Cliff | None:
         """Return the regular motion near a simulated one, followed while the ceiling is moved to `end` [m] at most.

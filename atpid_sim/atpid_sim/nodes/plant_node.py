@@ -113,6 +113,8 @@ class PlantNode(Node):
         devices = [item.device for item in self.stream.instruments]
         if "accelerometer" not in devices and any(fault.part == "accelerometer" for fault in faults):
             raise FaultError("faults: given accelerometer; the scene has none; add sensors.accelerometer to it")
+        if "support_displacement" not in self.stream.laser.channels and any(f.part == "support_laser" for f in faults):
+            raise FaultError("faults: given support_laser; a force drives the scene, whose load cell has no faults")
         if both := overlapping(faults):
             raise FaultError(f"faults: given {both[0]} and {both[1]}; allowed: one fault of a part at a time")
         return faults
@@ -247,7 +249,7 @@ class PlantNode(Node):
 
     def _last_stamp(self) -> int:
         """Stamp of the last laser sample computed so far [ns]."""
-        rate = self.stream.laser.sensor.rate
+        rate = self.stream.laser.rate
         return stamp_ns(self._start_ns, max(0, self.stream.computed_scans - 1), rate)
 
     # the end

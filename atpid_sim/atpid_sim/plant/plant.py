@@ -31,19 +31,19 @@ class PlantBlock:
     """One block: series (n,) at the block's sample instants, and the ledger since the start."""
 
     time: Array  # [s]
-    support: Array  # displacement [m]
+    support: Array  # displacement [m], or the force that drives instead [N]
     beam: Array  # displacement [m]
     beam_velocity: Array  # [m/s]
     beam_acceleration: Array  # [m/s^2]
     grain: Array  # displacement [m]
     ceiling: Array  # height above the floor [m]
     impacts: int  # since the start
-    input_energy: float  # work of the support since the start [J]
+    input_energy: float  # work of support or force since the start [J]
     beam_loss: float  # [J]
     contact_loss: float  # [J]
     ceiling_work: float  # [J]
     stored_energy: float  # relative to the start [J]
-    excitation_amplitude: float  # at the end of the block [m]
+    excitation_amplitude: float  # at the end of the block [m], of a force [N]
     excitation_frequency: float  # at the end of the block [Hz]
     outcome: Outcome
 
@@ -61,8 +61,6 @@ class Plant:
         is not closed throughout; ValueError for soft and a law without force.
         """
         self._scene = scene
-        if scene.drive == "force":
-            raise PlantError("drive: given force; allowed: support, whose motion a loop measures; use `simulate`")
         if fidelity not in ("auto", *FIDELITIES):
             raise PlantError(f"fidelity {fidelity!r}: allowed are auto, {', '.join(FIDELITIES)}")
         self.integration = Integration(scene, choose(scene, fidelity, stays_closed=False).fidelity)

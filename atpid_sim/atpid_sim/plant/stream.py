@@ -15,7 +15,7 @@ from atpid_common.errors import InputError
 from atpid_common.injected_faults import Injected
 from atpid_sim.plant.sensor_faults import PART_OF, ChannelFaults
 from atpid_sim.scene import Scene
-from atpid_sim.scene.sensors import Sensor
+from atpid_sim.scene.sensors import Reading
 from atpid_sim.system import Array
 
 #: No rate two sensors have in common may be faster than this [Hz]; beyond it the rates are simply incommensurable.
@@ -43,12 +43,13 @@ class PlantLike(Protocol):
 
 @dataclass(frozen=True)
 class Instrument:
-    """One simulated device: which channels it reads, every how many ticks, and with how much noise."""
+    """One simulated device: which channels it reads, at what rate, and with how much noise."""
 
     device: str
     channels: tuple[str, ...]
     units: tuple[str, ...]
-    sensor: Sensor
+    sensors: tuple[Reading, ...]  # of each channel
+    rate: float  # [Hz]
     seed: int
     number: int
 
@@ -58,25 +59,31 @@ class Instrument:
         Noise is seeded by scene, device, channel and block: a run repeats, whatever was read before.
         """
         readings = signals.copy()
-        for channel in range(len(self.channels)) if self.sensor.noise > 0.0 else ():
-            generator = np.random.default_rng([self.seed, self.number, channel, block])
-            readings[:, channel] += self.sensor.noise * generator.standard_normal(len(readings))
-        if self.sensor.saturation is not None:
-            low, high = self.sensor.saturation
-            readings[(readings < low) | (readings > high)] = np.nan
+        for channel, sensor in enumerate(self.sensors):
+            column = readings[:, channel]
+            if sensor.noise > 0.0:
+                generator = np.random.default_rng([self.seed, self.number, channel, block])
+                column += sensor.noise * generator.standard_normal(len(column))
+            if sensor.saturation is not None:
+                low, high = sensor.saturation
+                column[(column < low) | (column > high)] = np.nan
         return readings
 
 
 def laser_of(scene: Scene) -> Instrument:
-    """Return the two laser channels: support and beam displacement [m]."""
-    channels = ("support_displacement", "beam_displacement")
-    return Instrument("laser", channels, ("m", "m"), scene.sensors.laser, scene.seed, 0)
+    """Return the two channels sampled together: the support's displacement [m] or the force [N], and the beam's [m]."""
+    drive, laser = scene.driven_by, scene.sensors.laser
+    first = laser if scene.drive == "support" else scene.sensors.load_cell or Reading()
+    channels, units = (drive.channel, "beam_displacement"), (drive.unit, "m")
+    return Instrument("laser", channels, units, (first, laser), laser.rate, scene.seed, 0)
 
 
 def accelerometer_of(scene: Scene) -> Instrument | None:
     """Return the accelerometer on the beam [m/s^2], if the scene has one."""
     sensor = scene.sensors.accelerometer
-    return Instrument("accelerometer", ("beam_acceleration",), ("m/s^2",), sensor, scene.seed, 1) if sensor else None
+    if sensor is None:
+        return None
+    return Instrument("accelerometer", ("beam_acceleration",), ("m/s^2",), (sensor,), sensor.rate, scene.seed, 1)
 
 
 @dataclass(frozen=True)
@@ -101,7 +108,7 @@ class StreamBlock:
     truth_stride: int
 
     def truth_series(self, name: str) -> Array:
-        """Return one exact series (scans,) at the laser's instants: support, beam, grain or ceiling [m]."""
+        """Return one exact series (scans,) at the laser's instants: support [m or N], beam, grain or ceiling [m]."""
         series: Array = np.ascontiguousarray(getattr(self.truth, name)[:: self.truth_stride])
         return series
 
@@ -115,11 +122,11 @@ class Stream:
         self.laser = laser_of(scene)
         second = accelerometer_of(scene)
         self.instruments = (self.laser, second) if second else (self.laser,)
-        self.rate = common_rate([item.sensor.rate for item in self.instruments])
+        self.rate = common_rate([item.rate for item in self.instruments])
         self.faults: tuple[Injected, ...] = scene.injected
-        self._channels = {item.device: [ChannelFaults(PART_OF[name], item.sensor.rate, scene.seed)
+        self._channels = {item.device: [ChannelFaults(PART_OF.get(name, ""), item.rate, scene.seed)
                                         for name in item.channels] for item in self.instruments}  # fmt: skip
-        self._strides = {item.device: round(self.rate / item.sensor.rate) for item in self.instruments}
+        self._strides = {item.device: round(self.rate / item.rate) for item in self.instruments}
         stride = self._strides["laser"]
         self.ticks_per_block = max(1, round(scene.recording.block * scene.sensors.laser.rate)) * stride
         # a faster sensor must not read beyond the end, where nothing drives the support any more
@@ -182,7 +189,7 @@ class Stream:
         index, readings = first // stride, instrument.read(number, signals)
         for column, channel in enumerate(self._channels[instrument.device]):
             readings[:, column] = channel.act(self.faults, index, readings[:, column])
-        return DeviceBlock(instrument, instrument.sensor.rate, index, readings)
+        return DeviceBlock(instrument, instrument.rate, index, readings)
 
 
 def common_rate(rates: list[float]) -> float:

@@ -14,6 +14,7 @@ from pydantic import Discriminator, Field, Strict, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from atpid_common.injected_faults import CEILING, PARTS, Injected, overlapping
+from atpid_common.vocabulary import DRIVES, Drive
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Duration, Number, Range, SceneBlock, impossible, within
@@ -120,6 +121,11 @@ class SceneValues(SceneBlock):
             joined = self.modes.joined
             return math.sqrt(joined.stiffness[0] / joined.mass[0]) / (2.0 * math.pi)
         return math.sqrt(self.beam.stiffness / self.total_mass) / (2.0 * math.pi)
+
+    @property
+    def driven_by(self) -> Drive:
+        """What the excitation is: its sensor's channel and unit."""
+        return DRIVES[self.drive]
 
     @property
     def modes(self) -> Modes | None:
@@ -259,6 +265,8 @@ def _initial_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
 def _block_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
     if not {"sensors", "recording"} & scene.model_fields_set:
         return
+    if scene.sensors.load_cell is not None and scene.drive != "force":
+        yield impossible("sensors.load_cell", "one", "none but with drive: force")
     for name in ("laser", "accelerometer"):
         sensor = getattr(scene.sensors, name)
         count = scene.recording.block * sensor.rate if sensor else 1.0
@@ -276,6 +284,8 @@ def _fault_errors(scene: SceneValues) -> Iterator[PydanticCustomError]:
         key, given = f"faults[{number}]", str(fault)
         if fault.part == "accelerometer" and scene.sensors.accelerometer is None:
             yield impossible(key, given, "an accelerometer's fault only where sensors.accelerometer is given")
+        if fault.part == "support_laser" and scene.drive != "support":
+            yield impossible(key, given, "none of the support's laser, which drive: force does not read")
     if both := overlapping(faults):
         yield impossible("faults", f"{both[0]} and {both[1]}", "one fault of a part at a time")
 

@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field, Strict, model_validator
 
 from atpid_sim.fields import Duration, Number, Range, SceneBlock, impossible, within
 
 
-class Sensor(SceneBlock):
-    """One device as the plant imitates it."""
+class Reading(SceneBlock):
+    """What a channel reads of an exact signal."""
 
-    rate: Annotated[Number, within(1e-3, 1e7)] = Field(default=1000.0, description="samples a second [Hz]")
-    noise: Annotated[Number, within(1e-15, 1e3, or_zero=True)] = Field(
+    noise: Annotated[Number, within(1e-15, 1e6, or_zero=True)] = Field(
         default=0.0, description="standard deviation of white noise [SI unit of the channel]"
     )
     saturation: Range | None = Field(
@@ -22,16 +21,26 @@ class Sensor(SceneBlock):
     )
 
     @model_validator(mode="after")
-    def _rising(self) -> Sensor:
+    def _rising(self) -> Self:
         if self.saturation is not None and self.saturation[1] <= self.saturation[0]:
             raise impossible("saturation", list(self.saturation), "two rising values")
         return self
+
+
+class Sensor(Reading):
+    """One device as the plant imitates it."""
+
+    rate: Annotated[Number, within(1e-3, 1e7)] = Field(default=1000.0, description="samples a second [Hz]")
 
 
 class Sensors(SceneBlock):
     """The sensors of the bench."""
 
     laser: Sensor = Field(default=Sensor(), description="support and beam displacement [m]")
+    load_cell: Reading | None = Field(
+        default=None,
+        description="the driving force [N], in place of the support's displacement and at its rate; default: exact",
+    )
     accelerometer: Sensor | None = Field(default=None, description="beam acceleration [m/s^2]; default: none")
 
 

@@ -2,10 +2,11 @@
 """What a motion is measured by: half peak-to-peak, efficiency (Eq. 3.74), decrement of a free decay (section 2.3.1)."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from atpid_sim.modal import phasors
+from atpid_sim.modal import ModeSet, phasors
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
@@ -42,6 +43,36 @@ def linear_amplitude(scene: Scene, amplitude: float, frequency: float, *, grain:
         return float(amplitude * abs(phasors(modes, frequency).sum()))
     beam, mass = scene.beam, scene.total_mass if grain else scene.beam.mass
     return bare_amplitude(mass, beam.stiffness, beam.damping, amplitude, frequency)
+
+
+class ModeShown(NamedTuple):
+    """A mode of a scene's structure, as summary and report show it."""
+
+    frequency: float  # without damping and grain [Hz]
+    held_frequency: float  # with the grain held at the container [Hz]
+    mass: float  # that an impulse at the container meets [kg]
+    damping_ratio: float  # [-]
+    drive_factor: float  # its part of the support's motion, or of the force over that of beam [-]
+
+
+def modes_in(scene: Scene) -> list[ModeShown]:
+    """Return the modes of a scene's structure, by rising frequency."""
+    beam = scene.beam
+    if scene.modes is None:
+        frequency = math.sqrt(beam.stiffness / beam.mass) / (2.0 * math.pi)
+        ratio = 0.5 * beam.damping / math.sqrt(beam.stiffness * beam.mass)
+        return [ModeShown(frequency, scene.natural_frequency_hz, beam.mass, ratio, 1.0)]
+    free, held = scene.modes.free, np.sort(_frequencies(scene.modes.joined))
+    ratios = 0.5 * free.damping / np.sqrt(free.stiffness * free.mass)
+    factors = free.direct / free.stiffness if scene.drive == "support" else free.direct
+    rows = np.stack([_frequencies(free), free.mass, ratios, factors], axis=1)
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    return [ModeShown(float(row[0]), float(low), *map(float, row[1:])) for row, low in zip(rows, held, strict=True)]
+
+
+def _frequencies(modes: ModeSet) -> Array:
+    """Return the frequencies of modes without damping (modes,) [Hz]."""
+    return np.asarray(np.sqrt(modes.stiffness / modes.mass) / (2.0 * math.pi))
 
 
 def efficiency(damped: float, undamped: float) -> float:

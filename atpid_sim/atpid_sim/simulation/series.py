@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from atpid_common.output import writing
+from atpid_common.vocabulary import Drive
 from atpid_sim.figure_numbers import drawn
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.simulate import Trajectory
@@ -15,12 +16,15 @@ from atpid_sim.simulation.simulate import Trajectory
 _PERIODS = 4.0
 
 
-def write_series(motion: Trajectory, path: Path) -> None:
-    """Write the series (n,), SI, as CSV with a header line or, with the impacts (k, 3), as NPZ. Raises OutputError."""
+def write_series(motion: Trajectory, path: Path, drive: Drive) -> None:
+    """Write the series (n,), SI, of what `drive` drives, as CSV with a header line or, with the impacts (k, 3), as NPZ.
+
+    Raises OutputError.
+    """
     # by the names that `excitation.series` and `calibrate beam` read
     columns = {
         "time": motion.time,
-        "support_displacement": motion.support,
+        drive.channel: motion.support,
         "beam_displacement": motion.beam,
         "beam_velocity": motion.beam_velocity,
         "beam_acceleration": motion.beam_acceleration,

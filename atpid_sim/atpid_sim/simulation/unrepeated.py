@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_common.output import writing
+from atpid_common.vocabulary import Drive
 from atpid_sim.engine import columns
 from atpid_sim.scene import Scene
 from atpid_sim.scene.excitation import RandomExcitation
@@ -31,7 +32,7 @@ class Vibration(NamedTuple):
     """Motions in the steady window at the same instants, (n,) [m]."""
 
     period: float  # between samples [s]
-    support: Array
+    support: Array  # of a force [N]
     beam: Array
     closed: Array  # the beam with the damper closed
     bare: Array  # the structure as it is without the damper
@@ -112,11 +113,11 @@ def few_samples(measures: dict[str, float]) -> list[str]:
     return [f"the steady window holds {found:.2g} independent samples of the mean square {usual}"] * (found < _FEW)
 
 
-def write_spectrum(motion: Vibration, path: Path) -> None:
-    """Write one-sided power spectral densities [m^2/Hz] as CSV with a header line. Raises OutputError."""
+def write_spectrum(motion: Vibration, path: Path, drive: Drive) -> None:
+    """Write one-sided power spectral densities [m^2/Hz, of a force N^2/Hz] as CSV with a header. Raises OutputError."""
     from scipy.signal import welch
 
-    names = ("support_displacement", "beam_displacement", "beam_damper_closed", "beam_without_damper")
+    names = (drive.channel, "beam_displacement", "beam_damper_closed", "beam_without_damper")
     series = (motion.support, motion.beam, motion.closed, motion.bare)
     length = max(8, 2 * len(motion.beam) // (_PARTS + 1))
     with writing(path, "--spectrum"):

@@ -89,6 +89,9 @@ def driven_scene(scene: Scene, measured: Measured, series: Path, height: float |
     ceiling and none is given, SceneError where the scene does not fit.
     """
     period = 1.0 / scene.natural_frequency_hz
+    if measured.drive is not scene.driven_by:
+        given = f"drive: given {scene.drive}; the recording has {measured.drive.channel}"
+        raise ValidationError(f"{given}; give a scene with that drive")
     if measured.duration < 2.0 * period:
         raise ValidationError(f"the part lasts {measured.duration:g} s; needed: two periods, {2.0 * period:.3g} s")
     count = max(2 * _DEGREE, math.ceil(_BEGIN * period * measured.rate))
@@ -110,7 +113,8 @@ def driven_scene(scene: Scene, measured: Measured, series: Path, height: float |
             f"its begin); needed: {_FEWEST} periods more, {left_out + _FEWEST * period:.3g} s, or a closed damper there"
         )
     return scene.with_(
-        excitation={"series": {"file": str(series), "offset": rest_of(measured.support, samples)}}, ceiling=ceiling,
+        excitation={"series": {"file": str(series), "displacement": measured.drive.channel,
+                               "offset": rest_of(measured.support, samples)}}, ceiling=ceiling,
         initial={"displacement": float(start(0.0)) - rest_of(measured.beam, samples),
                  "velocity": float(start.deriv()(0.0))},
         duration=measured.duration, steady_window=[left_out, measured.duration],

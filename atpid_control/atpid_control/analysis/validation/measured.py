@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from atpid_common.errors import InputError
+from atpid_common.vocabulary import DRIVES, Drive
 from atpid_control.analysis.signals import Signals, runs, signals_of
-from atpid_control.runs.run import BEAM, SUPPORT, Run
+from atpid_control.runs.run import BEAM, Run
 from atpid_sim.scene import Scene, SceneError
 from atpid_sim.system import Array
 
@@ -22,15 +23,16 @@ class ValidationError(InputError):
 
 @dataclass(frozen=True)
 class Measured:
-    """Displacements (n,) [m] at `rate` [Hz]; height of the ceiling (k, 2) [s, m], None where it was not recorded."""
+    """Samples (n,) at `rate` [Hz]; height of the ceiling (k, 2) [s, m], None where it was not recorded."""
 
     rate: float
-    support: Array
-    beam: Array
+    support: Array  # displacement [m], of a force that drives instead [N]
+    beam: Array  # displacement [m]
     ceiling: Array | None
     begin: float = 0.0  # of the part, in the recording [s]
     chosen: bool = False  # as the longest part without a gap
     origin: str = ""  # of the samples, such as `laser`
+    drive: Drive = DRIVES["support"]
     missing: tuple[str, ...] = ()  # what is not in the recording and should be, a line each
 
     @property
@@ -46,11 +48,11 @@ def read_measured(run: Run, begin: float = -math.inf, end: float = math.inf) -> 
     """
     whole, missing = signals_of(run, both=False)
     if not np.isfinite(whole.excitation).any():
-        raise ValidationError(f"{run.path}: {SUPPORT} was not recorded, so nothing can drive the scene")
+        raise ValidationError(f"{run.path}: {run.drive.channel} was not recorded, so nothing can drive the scene")
     part = _without_gap(whole) if math.isinf(begin) and math.isinf(end) else whole.between(begin, end)
     if len(part.response) < _FEWEST:
         raise ValidationError(f"{run.path}: {len(part.response)} samples in that part; needed: {_FEWEST}")
-    for name, series in ((SUPPORT, part.excitation), (BEAM, part.response)):
+    for name, series in ((run.drive.channel, part.excitation), (BEAM, part.response)):
         gaps = np.flatnonzero(~np.isfinite(series))
         if len(gaps):
             at = part.start + gaps[0] / part.rate
@@ -62,7 +64,7 @@ def read_measured(run: Run, begin: float = -math.inf, end: float = math.inf) -> 
     heights = heights[np.argsort(heights[:, 0], kind="stable")]
     chosen = math.isinf(begin) and math.isinf(end) and len(part.response) < len(whole.response)
     return Measured(part.rate, part.excitation, part.response, heights if len(heights) else None, part.start, chosen,
-                    part.origin, tuple(missing))  # fmt: skip
+                    part.origin, run.drive, tuple(missing))  # fmt: skip
 
 
 def _without_gap(whole: Signals) -> Signals:

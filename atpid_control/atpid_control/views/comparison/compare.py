@@ -169,10 +169,10 @@ def _half(limits: tuple[float, float]) -> float:
     return 0.5 * (limits[1] - limits[0])
 
 
-#: Each quantity of a stage: its name, unit, value and half the range of single runs.
+#: Each quantity of a stage: its name, unit (empty: the drive's), value and half the range of single runs.
 _STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
-    ("excitation, true", "m", lambda stage: (stage.excitation_amplitude, 0.0)),
-    ("excitation, identified", "m", lambda stage: (stage.identified_amplitude, 0.0)),
+    ("excitation, true", "", lambda stage: (stage.excitation_amplitude, 0.0)),
+    ("excitation, identified", "", lambda stage: (stage.identified_amplitude, 0.0)),
     ("frequency, identified", "Hz", lambda stage: (stage.identified_frequency, 0.0)),
     ("ceiling height", "m", lambda stage: (stage.height, 0.0)),
     ("beam amplitude", "m", _amplitude),
@@ -186,13 +186,16 @@ _STAGE: tuple[tuple[str, str, Callable[[Stage], tuple[float, float]]], ...] = (
 def _rows(runs: list[RunOnAxis]) -> Iterator[Row]:
     """Yield what both runs have, side by side."""
     first, second = (placed.view for placed in runs)
+    drives = list(dict.fromkeys(placed.view.run.drive for placed in runs))
     yield Row("duration", "s", first.run.duration, second.run.duration)
     yield Row("beam, half peak-to-peak", "m", half_peak_to_peak(first.beam), half_peak_to_peak(second.beam))
     for number, stages in enumerate(zip_longest(first.stages, second.stages), 1):
         for name, unit, value in _STAGE:
+            if not unit and len(drives) > 1:
+                continue  # a displacement and a force are not compared
             pairs = [(math.nan, 0.0) if stage is None else value(stage) for stage in stages]
             (one, scatter), (other, others) = pairs
-            yield Row(f"stage {number}: {name}", unit, one, other, spreads=(scatter, others))
+            yield Row(f"stage {number}: {name}", unit or drives[0].unit, one, other, spreads=(scatter, others))
     yield from _order_rows(runs)
     if first.decrements or second.decrements:
         yield Row("largest ratio of successive peaks", "-", *(v.decrements[0] if v.decrements else math.nan
@@ -234,6 +237,9 @@ def _doubts(runs: list[RunOnAxis]) -> Iterator[str]:
             yield f"{placed.name}: irregular motion: single runs differ (±), so that a difference may be chance"
         if run.result.get("finished") != "yes" and not run.unread:
             yield f"{placed.name}: the recording ended before the run did"
+    first, second = (placed.view.run.drive for placed in runs)
+    if first is not second:
+        yield f"a {first.name} drives the first, a {second.name} the second: their excitations are not compared"
     counts = [len(placed.view.stages) for placed in runs]
     if counts[0] != counts[1]:
         yield f"{counts[0]} stages in the first, {counts[1]} in the second: those without a partner have no difference"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from atpid_control.analysis.rows import shown_unit
 from atpid_control.views.comparison.compare import Compared, RunOnAxis
 from atpid_control.views.report.panels import extremes
 from atpid_sim.figure_numbers import drawn
@@ -36,7 +37,10 @@ def draw(found: Compared, path: Path) -> None:
         axes["beam"].set(xlabel="time [s]", ylabel="mm", title="Beam: highest and lowest of each period")
         title = f"Beam, the last {_CLOSE_UP:g} periods"
         axes["close"].set(xlim=(end - _CLOSE_UP * period, end), xlabel="time [s]", ylabel="mm", title=title)
-        axes["support"].set(xlabel="time [s]", ylabel="mm", title="Support amplitude, identified")
+        drives = dict.fromkeys(placed.view.run.drive for placed in found.runs)
+        unit = " and ".join(shown_unit(drive.unit)[1] for drive in drives)
+        title = f"{' and '.join(drive.name for drive in drives)} amplitude, identified".capitalize()
+        axes["support"].set(xlabel="time [s]", ylabel=unit, title=title)
         axes["ceiling"].set(xlabel="time [s]", ylabel="mm", title="Ceiling height, measured")
         _spectra(axes["spectrum"], found)
         figure.legend(*axes["beam"].get_legend_handles_labels(), loc="outside upper left", fontsize=10)
@@ -62,8 +66,8 @@ def _last(ax: Any, placed: RunOnAxis, begin: float, end: float, colour: str, wid
 def _settings(axes: Any, placed: RunOnAxis, colour: str, width: float) -> None:
     run = placed.view.run
     steady = run.estimates.steady
-    time, amplitude = run.estimates.time[steady] + placed.shift, 1e3 * run.estimates.amplitude[steady]
-    axes["support"].plot(time, amplitude, ".", color=colour, markersize=3.0 * width)
+    time, amplitude = run.estimates.time[steady] + placed.shift, run.estimates.amplitude[steady]
+    axes["support"].plot(time, shown_unit(run.drive.unit)[0] * amplitude, ".", color=colour, markersize=3.0 * width)
     axes["ceiling"].plot(run.ceiling.time + placed.shift, 1e3 * run.ceiling.height, color=colour, linewidth=width)
 
 

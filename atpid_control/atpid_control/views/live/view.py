@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from atpid_common.vocabulary import EventKind, Quality, Severity
+from atpid_common.vocabulary import DRIVES, EventKind, Quality, Severity
 from atpid_control.views.live.efficiency import shares_of
 from atpid_control.views.live.rows import Row, Rows, plain
 from atpid_control.views.live.signals import LastSamples, thinned
@@ -21,7 +21,7 @@ from atpid_control.views.live.state import GraphState
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
-SUPPORT, BEAM = "support_displacement", "beam_displacement"
+BEAM = "beam_displacement"
 #: Rows of samples that are kept: 6 s of the traces, and 1 s of what only the picture of the damper shows.
 _MOTION, _TRUTH = 6000, 1000
 #: The long plots: time between two rows [s], how many are kept (5 min), and silence that is a gap [s].
@@ -32,7 +32,7 @@ _SPECTRUM = 0.5
 #: Topics whose heights are plotted, with the name of their rows.
 _HEIGHTS = {"ceiling/command": "command", "ceiling/state": "ceiling"}
 
-#: Frequency [Hz], and amplitudes [m] of support and beam, one of which may be None; None: there is none yet.
+#: Frequency [Hz], and amplitudes of drive [m or N] and beam [m], one of which may be None; None: there is none yet.
 Spectrum = dict[str, Any] | None
 
 
@@ -44,14 +44,14 @@ class LiveView:
         self._lock = threading.Lock()
         self._scene, self._shares = scene, shares_of(scene)
         self._rows = {
-            "motion": Rows(_MOTION),  # support, beam [m]
+            "motion": Rows(_MOTION),  # support [m] or force [N], beam [m]
             "truth": Rows(_TRUTH),  # grain, ceiling above the floor [m]
-            "excitation": Rows(_LONG, _SPACING, _GAP),  # amplitude, its standard deviation [m]
+            "excitation": Rows(_LONG, _SPACING, _GAP),  # amplitude, its standard deviation [m or N]
             "command": Rows(_LONG, _SPACING, _GAP),  # height [m]
             "ceiling": Rows(_LONG, _SPACING, _GAP),  # height [m]
             "efficiency": Rows(_LONG, _SPACING, _GAP),  # efficiency, reduction [-]
         }
-        self._state = GraphState()
+        self._state, self._drive = GraphState(), scene.driven_by if scene else DRIVES["support"]
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self._new_events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self._seen_events: deque[tuple[Any, ...]] = deque(maxlen=4 * _EVENTS)
@@ -72,7 +72,8 @@ class LiveView:
                 self._begin(_nanoseconds(block))
             names = list(block.channels)
             data = np.frombuffer(block.data, dtype=np.float64).reshape(-1, len(names))
-            chosen = np.stack([_column(data, names, name) for name in (SUPPORT, BEAM)], axis=1)
+            self._drive = next((drive for drive in DRIVES.values() if drive.channel in names), self._drive)
+            chosen = np.stack([_column(data, names, name) for name in (self._drive.channel, BEAM)], axis=1)
             self._samples.add(block.first_index, block.rate, chosen)
             self._add_samples("motion", block, chosen)
 
@@ -160,6 +161,7 @@ class LiveView:
         radius = self._scene.grain.radius if self._scene is not None else None
         return {
             "type": kind, "run": self._run, "origin": origin, "radius": radius,
+            "drive": {"name": self._drive.name, "unit": self._drive.unit},
             "rows": {name: found for name, found in rows.items() if found},
             "events": events, "state": self._state.shown(now), "spectrum": spectrum,
         }  # fmt: skip

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page's charts as plain plotly figures. Colours are names ("@own") that the page fills in for light and dark."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -48,26 +49,43 @@ def draw(chart: Chart) -> Figure:
     return figure
 
 
-def spectra(found: Analysis) -> Figure:
-    """Return the power spectral densities of support and beam, to eight times the frequency of half the power."""
+def spectra(found: Analysis, modes: Sequence[float] = ()) -> Figure:
+    """Return the power spectral densities of drive and beam, with the frequencies (k,) [Hz] of a structure's modes.
+
+    They go to eight times the frequency of half the beam's power, or beyond the last mode.
+    """
     figure: Figure = {"data": [], "layout": _layout(320)}
     beam = found.spectra[1]
     total = np.cumsum(beam.density[1:])
-    end = 8 * (int(np.searchsorted(total, 0.5 * total[-1])) + 1)
+    marked = [mode for mode in modes if mode < beam.frequency[-1]]
+    end = max(
+        8 * (int(np.searchsorted(total, 0.5 * total[-1])) + 1), round(1.1 * max(marked, default=0.0) / beam.resolution)
+    )
     top = float(np.log10(max(float(one.density[1:].max()) for one in found.spectra)))
-    for one, name, colour in zip(found.spectra, ("support", "beam"), ("@given", "@own"), strict=True):
+    names = ("force" if found.spectra[0].unit == "N" else "support", "beam")
+    for one, name, colour in zip(found.spectra, names, ("@given", "@own"), strict=True):
         chosen = slice(1, end + 1)
         density = np.where(one.density[chosen] > 0.0, one.density[chosen], np.nan)
         x, y = [round(float(f), 4) for f in one.frequency[chosen]], [float(f"{v:.4g}") for v in density]
         shown = [value if np.isfinite(value) else None for value in y]
         line = {"color": colour, "width": 1.6}
         figure["data"].append({"type": "scatter", "mode": "lines", "x": x, "y": shown, "name": name, "line": line,
-                               "hovertemplate": "%{y:.3g} m²/Hz"})  # fmt: skip
+                               "hovertemplate": f"%{{y:.3g}} {one.unit}²/Hz"})  # fmt: skip
     figure["layout"]["showlegend"] = True
     figure["layout"]["legend"] = {"x": 1, "xanchor": "right", "y": 1}
     figure["layout"]["xaxis"] = {**_axis(), "title": {"text": "frequency, Hz"}}
     figure["layout"]["yaxis"] = {**_axis(), "type": "log", "range": [top - 10.0, top + 0.5], "exponentformat": "power"}
-    _title(figure, 1.0, "Power spectral density", "m²/Hz")
+    figure["layout"]["shapes"] = [
+        {"type": "line", "xref": "x", "yref": "paper", "x0": mode, "x1": mode, "y0": 0, "y1": 1, "layer": "below",
+         "line": {"width": 1, "color": "@accent", "dash": "dot"}}
+        for mode in marked
+    ]  # fmt: skip
+    for number, mode in enumerate(marked, 1):
+        _note(figure, name="mode", xref="x", yref="paper", x=mode, y=1, xanchor="left", yanchor="top", xshift=3,
+              text=f"mode {number}", font={"color": "@accent"})  # fmt: skip
+    _title(
+        figure, 1.0, "Power spectral density", " and ".join(dict.fromkeys(f"{one.unit}²/Hz" for one in found.spectra))
+    )
     return figure
 
 

@@ -10,8 +10,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
+from atpid_common.vocabulary import Drive
 from atpid_control.analysis.analyse import Analysis, analyse
-from atpid_control.analysis.rows import rows
+from atpid_control.analysis.rows import rows, shown_unit
 from atpid_control.analysis.signals import AnalysisError, signals_of
 from atpid_control.runs.run import Run
 from atpid_control.views.report import charts, panels
@@ -19,10 +20,12 @@ from atpid_control.views.report.latency import latency_of
 from atpid_control.views.report.stages import Printed, Stage, measured_decrement
 from atpid_control.views.report.view import View, headline, not_arrived, origin_of
 from atpid_control.views.static_page import colours, style_sheet
+from atpid_sim.scene import Scene
 from atpid_sim.simulation.energy import Ledger
+from atpid_sim.simulation.quantities import modes_in
 
 _COLUMNS = (
-    "stage", "support amplitude", "identified", "error", "frequency", "ceiling height", "beam, closed", "beam",
+    "stage", "{} amplitude", "identified", "error", "frequency", "ceiling height", "beam, closed", "beam",
     "efficiency", "without damper", "reduction",
 )  # fmt: skip
 
@@ -32,7 +35,8 @@ def page(view: View) -> str:
     analysis = analysis_of(view.run)
     drawn = {"overview": panels.overview(view), "grain": panels.grain(view)}
     shown = {name: charts.draw(chart) for name, chart in drawn.items() if chart is not None}
-    shown |= {"spectra": charts.spectra(analysis)} if analysis is not None else {}
+    modes = modes_in(view.run.scene) if view.run.scene is not None else []
+    shown |= {"spectra": charts.spectra(analysis, [mode.frequency for mode in modes])} if analysis is not None else {}
     # a closing tag inside the text would end the script element
     data = json.dumps(shown, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     code = {"colours": colours(), "style": style_sheet(), "figures": data, "library": get_plotlyjs(),
@@ -52,9 +56,11 @@ def contents(view: View, analysis: Analysis | None) -> dict[str, Any]:
     printed: Sequence[Printed | None] = view.printed or [None] * len(view.stages)
     return {
         "view": view, "headline": headline(view), "origin": origin_of(view), "tiles": list(_tiles(view)),
-        "columns": _COLUMNS, "stages": [_cells(*row) for row in zip(view.stages, printed, strict=True)],
+        "columns": [name.format(view.run.drive.name) for name in _COLUMNS],
+        "stages": [_cells(view.run.drive, *row) for row in zip(view.stages, printed, strict=True)],
         "irregular": any(stage.amplitude_spread for stage in view.stages), "not_arrived": not_arrived(view),
-        "energy": _energy(view.run), "latency": latency_of(view.run) if real_time else None, "analysis": analysis,
+        "modes": _modes(view.run.scene), "energy": _energy(view.run),
+        "latency": latency_of(view.run) if real_time else None, "analysis": analysis,
         "analysis_rows": [(name.replace("_", " "), value) for name, value in rows(analysis)] if analysis else [],
         "doubts": [*analysis.doubts, *view.run.faults(-math.inf, math.inf)] if analysis else [], "facts": _facts(view),
     }  # fmt: skip
@@ -76,7 +82,8 @@ def _tiles(view: View) -> Iterator[dict[str, Any]]:
     if view.decrements is None:
         for stage in view.stages:
             if math.isfinite(stage.efficiency):
-                what = f"reduction, support ±{1e3 * stage.excitation_amplitude:.4g} mm"
+                scale, unit = shown_unit(view.run.drive.unit)
+                what = f"reduction, {view.run.drive.name} ±{scale * stage.excitation_amplitude:.4g} {unit}"
                 below = (
                     f"without the damper ±{1e3 * stage.bare_amplitude:.3g} mm → {_beam_amplitude(stage)}; "
                     f"closed ±{1e3 * stage.undamped_amplitude:.3g} mm, efficiency {stage.efficiency_text()}"
@@ -104,6 +111,16 @@ def _tile(
     return {"value": value, "what": what, "below": below, "reference": reference, "measured": said}
 
 
+def _modes(scene: Scene | None) -> list[list[str]]:
+    """Return the rows of the table of modes; none where there is one."""
+    found = modes_in(scene) if scene is not None else []
+    return [
+        [number(mode.frequency, ".5g", "Hz"), number(mode.held_frequency, ".5g", "Hz"), number(mode.mass, ".4g", "kg"),
+         number(100.0 * mode.damping_ratio, ".3g", "%"), number(mode.drive_factor, ".4g", "").strip()]
+        for mode in (found if len(found) > 1 else ())
+    ]  # fmt: skip
+
+
 def _energy(run: Run) -> dict[str, Any] | None:
     """Return where the energy of the run went; None of hardware."""
     ledger = run.ledger
@@ -118,15 +135,15 @@ def _energy(run: Run) -> dict[str, Any] | None:
     left = abs(ledger.residual)
     mantissa, exponent = f"{left:.0e}".split("e")
     return {
-        "supplied": _supplied(ledger), "impacts": run.impacts, "mantissa": mantissa,
+        "supplied": _supplied(ledger, run.drive), "impacts": run.impacts, "mantissa": mantissa,
         "exponent": str(int(exponent)).replace("-", "−") if left else "",
         "parts": [{"name": name, "value": value, "share": value / total, "colour": colour}
                   for name, value, colour in parts if value > 0.0],
     }  # fmt: skip
 
 
-def _supplied(ledger: Ledger) -> str:
-    supplied = [f"The support supplied {ledger.input:.4g} J"] if ledger.input else []
+def _supplied(ledger: Ledger, drive: Drive) -> str:
+    supplied = [f"The {drive.name} supplied {ledger.input:.4g} J"] if ledger.input else []
     if ledger.ceiling_work:
         verb = "supplied" if ledger.ceiling_work > 0.0 else "took up"
         supplied.append(f"the ceiling's motor {verb} {abs(ledger.ceiling_work):.3g} J")
@@ -153,8 +170,9 @@ def _facts(view: View) -> dict[str, str]:
     }
 
 
-def _cells(stage: Stage, printed: Printed | None) -> list[dict[str, str]]:
+def _cells(drive: Drive, stage: Stage, printed: Printed | None) -> list[dict[str, str]]:
     """Return a stage's cells, with what the thesis prints and the best that is known beneath."""
+    scale, unit = shown_unit(drive.unit)
     error = 100.0 * (stage.identified_amplitude / stage.excitation_amplitude - 1.0)
     thesis = dict.fromkeys(("height", "closed", "beam", "efficiency"), "")
     best = dict(thesis)
@@ -171,8 +189,8 @@ def _cells(stage: Stage, printed: Printed | None) -> list[dict[str, str]]:
     reduction = stage.reduction_text() if stage.amplitude_spread else number(100.0 * stage.reduction, ".1f", "%")
     cells = [
         (f"{stage.t0:.4g} to {stage.t1:.4g} s", ""),
-        (number(1e3 * stage.excitation_amplitude, ".4g", "mm"), ""),
-        (number(1e3 * stage.identified_amplitude, ".3f", "mm"), ""),
+        (number(scale * stage.excitation_amplitude, ".4g", unit), ""),
+        (number(scale * stage.identified_amplitude, ".3f", unit), ""),
         (number(error, "+.3f", "%"), ""),
         (number(stage.identified_frequency, ".3f", "Hz"), ""),
         (number(1e3 * stage.height, ".4g", "mm") + ("" if stage.arrived else " *"), "height"),

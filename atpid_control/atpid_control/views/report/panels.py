@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from atpid_control.analysis.rows import shown_unit
 from atpid_control.views.report.view import View
 from atpid_sim.system import Array
 
@@ -101,17 +102,19 @@ def _beam(view: View) -> Panel:
 
 def _excitation(view: View) -> Panel:
     estimates, curves, top = view.run.estimates, [], 0.0
+    scale, unit = shown_unit(view.run.drive.unit)
     if view.true_amplitude is not None:
-        true = 1e3 * view.true_amplitude
+        true = scale * view.true_amplitude
         curves.append(Curve("true", view.run.motion.time, true, "given", _BROAD, float(true[-1]), 1))
         top = float(true.max())
     steady = estimates.steady
     if steady.any():
-        value, band = 1e3 * estimates.amplitude, np.where(steady, 2e3 * estimates.amplitude_std, np.nan)
+        value = scale * estimates.amplitude
+        band = np.where(steady, 2.0 * scale * estimates.amplitude_std, np.nan)
         last = float(value[steady][-1])
         curves.append(Curve("identified", estimates.time, value, "own", _LINE, last, -1, band=band))
         top = max(top, float(value[steady].max()))
-    return Panel("Support amplitude", "mm", 1.35, curves, (0.0, 1.22 * top or 1.0))
+    return Panel(f"{view.run.drive.name.capitalize()} amplitude", unit, 1.35, curves, (0.0, 1.22 * top or 1.0))
 
 
 def _error(view: View) -> list[Panel]:

@@ -33,8 +33,8 @@ class Stage:
 
     t0: float  # [s]
     t1: float  # [s]
-    excitation_amplitude: float  # true [m]
-    identified_amplitude: float  # mean of the steady estimates in the window [m]
+    excitation_amplitude: float  # true [m], of a force [N]
+    identified_amplitude: float  # mean of the steady estimates in the window, likewise
     identified_frequency: float  # likewise [Hz]
     height: float  # of the ceiling, median in the window [m]
     amplitude: float  # half peak-to-peak of the beam in the window [m]
@@ -104,7 +104,7 @@ def measure(run: Run, closed: Array | None) -> list[Stage]:
 
 
 def true_amplitude(run: Run) -> Array | None:
-    """Return the excitation's true amplitude (n,) [m] at the motion's times, None where it is unknown."""
+    """Return the excitation's true amplitude (n,) [m or N] at the motion's times, None where it is unknown."""
     return None if run.scene is None else _true(run, run.scene, run.scene.excitation.amplitude_points)
 
 

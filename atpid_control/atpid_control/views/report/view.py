@@ -34,7 +34,7 @@ class View:
     run: Run
     beam: Array  # (n,) displacement from rest [m]
     closed: Array | None  # (n,) the same with the damper closed [m]
-    true_amplitude: Array | None  # (n,) [m]
+    true_amplitude: Array | None  # (n,) [m], of a force [N]
     true_frequency: Array | None  # (n,) [Hz]
     stages: list[Stage]
     windows: list[tuple[float, float]]  # where each stage is measured [s]

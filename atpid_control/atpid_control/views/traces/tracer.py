@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_common.errors import InputError
-from atpid_common.vocabulary import Mode, Quality, RunState
+from atpid_common.vocabulary import DRIVES, Mode, Quality, RunState
 from atpid_control.runs.losses import scans_of, stamp_of
 from atpid_control.views.traces.markers import Pose, damper
 from atpid_control.views.traces.records import LOG, TEXT, TraceRecord, class_of, message, number
@@ -19,6 +19,7 @@ from atpid_sim.simulation.quantities import efficiency
 
 #: Pictures of the damper a second, as far as the rate of the samples can be divided.
 PICTURES = 25.0
+_DRIVES = {drive.channel for drive in DRIVES.values()}
 #: Radius of the grain where no scene gives it [m].
 _RADIUS = 0.01
 #: Standard deviations between the amplitude and its bounds.
@@ -43,7 +44,7 @@ class Tracer:
         self._scene, self._rate = scene, rate
         self._radius = scene.grain.radius if scene is not None else _RADIUS
         self._height = math.nan
-        self._truth = False
+        self._truth = self._forced = False
 
     def push(self, kind: str, content: Any) -> Iterator[TraceRecord]:
         """Yield the records of one message of type atpid_interfaces/msg/`kind`; of other types none.
@@ -60,10 +61,13 @@ class Tracer:
             raise TraceError(f"a channel's delay is {unlikely[0]} s; allowed: 0 to {_LONGEST_DELAY:g} s")
         data = np.asarray(block.data, dtype=float).reshape(-1, len(block.channels))
         columns = {name: data[:, place] for place, name in enumerate(block.channels)}
+        self._forced = self._forced or DRIVES["force"].channel in columns
         yield from self._samples(block, columns, block.skew)
-        if not self._truth and {"support_displacement", "beam_displacement"} <= columns.keys():
+        if not self._truth and "beam_displacement" in columns and _DRIVES & columns.keys():
+            still = np.zeros(len(data))  # where a force drives the structure
             for place, time_ns in _places(block, PICTURES):
-                support, beam = (float(columns[f"{part}_displacement"][place]) for part in ("support", "beam"))
+                support = float(columns.get("support_displacement", still)[place])
+                beam = float(columns["beam_displacement"][place])
                 yield damper(time_ns, Pose(support, beam, height=self._height), self._radius)
 
     def _PlantTruth(self, truth: Any) -> Iterator[TraceRecord]:  # noqa: N802
@@ -71,7 +75,8 @@ class Tracer:
         columns = {name: np.asarray(getattr(truth, name)) for name in ("support", "beam", "grain", "ceiling")}
         yield from self._samples(truth, {f"true_{name}": values for name, values in columns.items()})
         for place, time_ns in _places(truth, PICTURES):
-            pose = Pose(*(float(values[place]) for values in columns.values()))
+            support, *others = (float(values[place]) for values in columns.values())
+            pose = Pose(0.0 if self._forced else support, *others)
             yield damper(time_ns, pose, self._radius)
 
     def _samples(self, block: Any, columns: Mapping[str, Array], skew: Sequence[float] = ()) -> Iterator[TraceRecord]:

@@ -16,6 +16,7 @@ const find = (id) => document.getElementById(id);
 const live = (window.live = { pictures: 0, rows: {}, state: null, run: -1, connections: 0 }); // also for tests
 const picture = new Picture(find("picture")), plots = new Plots(find);
 let stream = null, dropped = "", lastMessage = 0, number = 0, lastEvent = 0, origin = null, radius = null, ahead = null, tone = null;
+let drive = { name: "support", scale: 1e3, unit: "mm" }; // what is shown of it: its value [m or N] times scale, in unit
 
 const empty = () => {
   for (const name of Object.keys(KEPT)) live.rows[name] = [];
@@ -46,6 +47,7 @@ function receive(message) {
   live.run = message.run;
   origin = message.origin;
   radius = message.radius;
+  if (message.drive.name !== drive.name) driven(message.drive);
   for (const [name, rows] of Object.entries(message.rows)) append(live.rows[name], rows, KEPT[name]);
   const newest = live.rows.motion.at(-1);
   if (newest && message.rows.motion) follow(newest[0] - performance.now() / 1000);
@@ -56,6 +58,15 @@ function receive(message) {
   // whether the motor is off, and whether the run is over, is shown at once
   if (before?.motor.mode !== live.state.motor.mode || before?.finished !== live.state.finished) words();
   if (message.spectrum) live.spectrum = message.spectrum; // only where it is new
+}
+
+// Names and units of what drives the structure; lengths are shown in mm.
+function driven({ name, unit }) {
+  drive = { name, scale: unit === "m" ? 1e3 : 1, unit: unit === "m" ? "mm" : unit };
+  document.querySelectorAll(".drive").forEach((each) => { each.textContent = name; });
+  document.querySelectorAll(".drive-unit").forEach((each) => { each.textContent = drive.unit; });
+  find("h-motion").textContent = `${name[0].toUpperCase()}${name.slice(1)} and beam, last seconds`;
+  plots.drive = drive.scale;
 }
 
 function append(kept, rows, most) {
@@ -91,7 +102,7 @@ function draw(now) {
       shownTime = time;
       drawn = now - Math.min(now - drawn - PICTURE, 8);
       picture.draw({
-        support: between(motion, time, 1), beam: between(motion, time, 2), grain: between(truth, time, 1),
+        support: drive.unit === "mm" ? between(motion, time, 1) : 0, beam: between(motion, time, 2), grain: between(truth, time, 1),
         ceiling: between(truth, time, 2) ?? between(ceiling, time, 1), commanded: between(command, time, 1),
       }, radius);
       live.pictures++;
@@ -157,7 +168,7 @@ function words() {
   text("mode", [motor.mode ?? "–", motor.homed === false ? "not homed" : "", motor.fault ?? ""].filter(Boolean).join(", "));
   text("reason", command.method ? `${command.method}: ${command.reason}` : "–");
   text("hold", command.reason === HELD ? "End the hold" : "Hold the ceiling");
-  text("excitation", known(e.amplitude) ? `${measured(e.amplitude, e.amplitude_std, 1e3, "mm")}, ${e.quality}` : e.quality ?? "–");
+  text("excitation", known(e.amplitude) ? `${measured(e.amplitude, e.amplitude_std, drive.scale, drive.unit)}, ${e.quality}` : e.quality ?? "–");
   text("frequency", measured(e.frequency, e.frequency_std, 1, "Hz"));
   text("beam", length(e.beam_amplitude));
   text("bare", length(reduction.reference));

@@ -43,6 +43,7 @@ export class Plots {
     const worse = { type: "rect", xref: "paper", x0: 0, x1: 1, y0: LEAST, y1: 0, fillcolor: `${colour("--bad")}20`, line: { width: 0 }, layer: "below" };
     this.efficiency = new Plot(find("plot-efficiency"), two, "s", { zeroline: true, zerolinecolor: INK }, [worse]);
     this.spectrum = new Plot(find("plot-spectrum"), two, "Hz", { type: "log", dtick: 1, exponentformat: "none" });
+    this.drive = 1e3; // what is shown of support [m] or force [N] is so many times that
     this.restart();
   }
 
@@ -55,15 +56,15 @@ export class Plots {
     const width = Math.max(1, this.motion.element.clientWidth - 60);
     const begin = end - (frequency ? Math.min(longest, width / PERIOD / frequency) : longest);
     const shown = rows.filter((row) => row[0] > begin && row[0] <= end);
-    const lines = [1, 2].map((place) => envelope(shown, place, begin, (end - begin) / width));
+    const lines = [this.drive, 1e3].map((scale, line) => envelope(shown, line + 1, scale, begin, (end - begin) / width));
     const top = 1.1 * Math.max(...lines.map((each) => largest(each[1])), 1e-3);
     this.motion.draw(lines, { x: [begin, end], y: [-top, top] });
   }
 
   drawLong(rows) {
     const time = column(rows.excitation, 0, 1);
-    const bar = (sign) => rows.excitation.map((r) => (r[1] === null || r[2] === null ? null : 1e3 * (r[1] + sign * 2 * r[2])));
-    this.excitation.draw([[time, bar(-1)], [time, bar(1)], [time, column(rows.excitation, 1, 1e3)]]);
+    const bar = (sign) => rows.excitation.map((r) => (r[1] === null || r[2] === null ? null : this.drive * (r[1] + sign * 2 * r[2])));
+    this.excitation.draw([[time, bar(-1)], [time, bar(1)], [time, column(rows.excitation, 1, this.drive)]]);
     const shares = [1, 2].map((place) => column(rows.efficiency, place, 100).map((share) => share && Math.max(share, LEAST)));
     // the axis grows in steps and does not shrink within a run
     this.lowest = shares.flat().reduce((least, share) => Math.min(least, STEP * Math.floor(share / STEP)), this.lowest);
@@ -73,7 +74,7 @@ export class Plots {
 
   // Whole decades, so that the axis does not move with every spectrum.
   drawSpectrum(lines) {
-    const values = [lines.support, lines.beam].map((each) => (each ?? []).map((v) => 1e3 * v));
+    const values = [[lines.support, this.drive], [lines.beam, 1e3]].map(([each, scale]) => (each ?? []).map((v) => scale * v));
     const top = Math.ceil(Math.log10(Math.max(largest(values.flat()), 1e-6)));
     this.spectrum.draw(values.map((each) => [lines.frequency, each]), { y: [top - DECADES, top] });
   }
@@ -81,8 +82,8 @@ export class Plots {
 
 const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
 
-// Times [s] and values [mm]: of the rows in a pixel the least and the largest; a gap remains one.
-function envelope(rows, place, begin, pixel) {
+// Times [s] and values times scale: of the rows in a pixel the least and the largest; a gap remains one.
+function envelope(rows, place, scale, begin, pixel) {
   const chosen = [], at = (row) => Math.floor((row[0] - begin) / pixel);
   for (let from = 0, to; from < rows.length; from = to) {
     let low = null, high = null, gap = null;
@@ -96,5 +97,5 @@ function envelope(rows, place, begin, pixel) {
     }
     chosen.push(...[...new Set([low, high, gap])].filter(Boolean).sort((a, b) => a[0] - b[0]));
   }
-  return [column(chosen, 0, 1), column(chosen, place, 1e3)];
+  return [column(chosen, 0, 1), column(chosen, place, scale)];
 }

@@ -8,7 +8,7 @@ import pytest
 from identification_signals import AMPLITUDE, FREQUENCY, RATE, noise, times, tone, with_
 
 from atpid_control.identification import Estimate, Identifier, Quality
-from atpid_control.identification.two_tones import TwoTones
+from atpid_control.identification.excitation_kind import OtherExcitation
 from atpid_sim.system import Array
 
 SETTINGS = with_(second_tone=0.1, slow_drift=0.03)
@@ -16,14 +16,14 @@ SETTINGS = with_(second_tone=0.1, slow_drift=0.03)
 
 def pushed(
     signal: Array, decibels: float = 57.0, identifier: Identifier | None = None
-) -> list[tuple[Estimate, TwoTones | None]]:
+) -> list[tuple[Estimate, OtherExcitation | None]]:
     """Return each estimate of a signal with noise, and the two tones at that moment."""
     identifier, found = identifier or Identifier(SETTINGS), []
     noisy = signal + noise(np.random.default_rng(2), signal.size, decibels)
     for first in range(0, signal.size, 50):
         part = noisy[first : first + 50]
         estimate = identifier.push(first, RATE, part, None, (first + part.size - 1) / RATE)
-        found.append((estimate, identifier.two_tones))
+        found.append((estimate, identifier.other))
     return found
 
 
@@ -41,8 +41,8 @@ def test_two_tones_are_named_within_three_seconds(frequency: float, share: float
     assert found is not None
     assert sorted(found.frequencies) == pytest.approx(sorted([FREQUENCY, frequency]), rel=5e-3)
     assert sorted(found.amplitudes) == pytest.approx(sorted([AMPLITUDE, share * AMPLITUDE]), rel=0.05)
-    assert "two tones excite the structure" in found.sentence
-    assert "\n" not in found.sentence
+    assert "two tones excite the structure" in found.sentence("m")
+    assert "\n" not in found.sentence("m")
 
 
 def single() -> dict[str, Array]:
@@ -66,6 +66,52 @@ def single() -> dict[str, Array]:
         "beat": tone(t) + second(t, FREQUENCY + 0.3, 0.4),
         "weak": tone(t) + second(t, 7.1, 0.05),
     }
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_more_tones_are_named(count: int) -> None:
+    t, frequencies, shares = times(5.0), [FREQUENCY, 3.2, 8.0, 13.0][:count], [1.0, 0.4, 0.3, 0.6][:count]
+    estimate, found = pushed(np.sum([second(t, f, a) for f, a in zip(frequencies, shares, strict=True)], axis=0))[-1]
+    assert estimate.quality == Quality.POOR
+    assert found is not None
+    assert sorted(found.frequencies) == pytest.approx(sorted(frequencies), rel=5e-3)
+    assert found.amplitudes == pytest.approx(sorted((a * AMPLITUDE for a in shares), reverse=True), rel=0.05)
+    assert {3: "three", 4: "four"}[count] + " tones excite" in found.sentence("N")
+
+
+def random_signal(seed: int, low: float, high: float, seconds: float = 12.0) -> Array:
+    """Return a Gaussian signal of even density between two frequencies [Hz]."""
+    generator, count = np.random.default_rng(seed), round(2 * seconds * RATE)
+    frequency = np.fft.rfftfreq(count, 1.0 / RATE)
+    lines = generator.standard_normal((frequency.size, 2)) @ np.array([1.0, 1.0j])
+    signal = np.fft.irfft(np.where((frequency >= low) & (frequency <= high), lines, 0.0), count)[: count // 2]
+    return np.asarray(AMPLITUDE * signal / signal.std())
+
+
+@pytest.mark.parametrize(("low", "high"), [(2.0, 20.0), (4.0, 8.0), (1.0, 40.0), (10.0, 40.0)])
+def test_a_random_signal_is_named_and_no_estimate_of_it_is_steady(low: float, high: float) -> None:
+    late = [pair for seed in range(6) for pair in pushed(random_signal(seed, low, high)) if pair[0].time > 5.0]
+    named = [found is not None and found.kind == "random" for _, found in late]
+    assert np.mean(named) > 0.97
+    steady = [estimate for estimate, _ in late if estimate.quality == Quality.STEADY]
+    assert len(steady) < 0.005 * len(late)
+    last = late[-1][1]
+    assert last is not None
+    assert last.amplitudes[0] == pytest.approx(AMPLITUDE, rel=0.5)
+
+
+@pytest.mark.parametrize("lasts", [0.03, 0.3, 1.5])
+def test_a_shock_is_named_once_it_is_over_and_a_burst_of_a_tone_is_none(lasts: float) -> None:
+    t = times(9.0)
+    inside = (t > 4.0) & (t < 4.0 + lasts)
+    pulse = AMPLITUDE * np.where(inside, np.sin(np.pi * (t - 4.0) / lasts), 0.0)
+    shocks = [(estimate.time, found) for estimate, found in pushed(pulse) if found is not None]
+    assert {found.kind for _, found in shocks} == {"shock"}
+    assert 4.0 + lasts + 0.9 < shocks[0][0] < 4.0 + lasts + 3.5
+    assert shocks[0][1].amplitudes[0] == pytest.approx(AMPLITUDE, rel=0.1)
+    assert shocks[0][1].lasted == pytest.approx(lasts, abs=0.15)
+    burst = tone(t) * ((t > 4.0) & (t < 5.5))
+    assert all(found is None or found.kind != "shock" for _, found in pushed(burst))
 
 
 @pytest.mark.parametrize("name", single())
