@@ -239,27 +239,29 @@ def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, samplin
 
 
 @kernel
-def integrate_alike(fidelity, tables, common, system, masses, law, p, rtol, y, n, window, budget, contacts, outcomes):
+def integrate_alike(
+    fidelity, tables, common, system, masses, law, p, rtol, y, n, window, sampling, outs, budget, contacts, outcomes
+):
     """Integrate runs of one system that begin alike, each through its own of `tables` (runs, rows, DRIVE_COLUMNS).
 
     y (runs, STATE_SIZE), n (runs, COUNTERS): their states, the same at first, changed in place; the first `common` rows
-    of all tables, which are the same and lie before the window, are integrated once. The support moves alike in all.
-    masses (runs,): what moves at the fidelity `simplified` [kg]; outcomes (runs,): the outcomes' values. Nothing is
-    sampled or logged; the rest as in `integrate`.
+    of all tables, which are the same and lie before the window and the first sample, are integrated once. The support
+    moves alike in all. masses (runs,): what moves at the fidelity `simplified` [kg]; outs (runs, SAMPLE_ROWS, samples):
+    series; outcomes (runs,): the outcomes' values. Nothing is logged; the rest as in `integrate`.
     """
-    sampling, out, impacts = (0.0, 1.0), np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
+    none, impacts = np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
     control = _control(fidelity, tables[0], system, law, p, rtol, budget, y[0])
     start = tables[0, :common]
     begun = _integrate(
-        fidelity, start, system, masses[0], law, p, control, y[0], n[0], window, sampling, out, impacts, contacts
+        fidelity, start, system, masses[0], law, p, control, y[0], n[0], window, sampling, none, impacts, contacts
     )
     for run in range(tables.shape[0] - 1, -1, -1):  # the first last: the others go on from its state
         y[run], n[run] = y[0], n[0]
         ended = begun
         if begun == Outcome.DONE:
             ended = _integrate(
-                fidelity, tables[run], system, masses[run], law, p, control, y[run], n[run], window, sampling, out,
-                impacts, contacts,
+                fidelity, tables[run], system, masses[run], law, p, control, y[run], n[run], window, sampling,
+                outs[run], impacts, contacts,
             )  # fmt: skip
         outcomes[run] = ended.value
 
