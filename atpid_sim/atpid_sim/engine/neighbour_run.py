@@ -14,10 +14,12 @@ from atpid_sim.engine.row_loop import IN_CONTACT, integrate
 from atpid_sim.kernel import kernel
 
 #: How many heights may take the same derivative, and width of its differences relative to the motion's size.
-_SHARED, _WIDTH = 16, 1e-4
+_SHARED, _WIDTH = 32, 1e-4
 #: Newton's steps at most; how far one may lead, relative to the motion's size; by which factor at least each has to be
 #: shorter than the one before, else the derivative is taken anew.
 _STEPS, _FAR, _SHORTER = 8, 0.2, 0.2
+#: How far from the first motion its derivative may have been taken, relative: the multipliers come of it.
+_NEAR = 1e-3
 #: Motions from which the next is extrapolated.
 _KNOWN = 4
 
@@ -38,6 +40,20 @@ def _pass(run, table, flight, places, section, y, n, budget, after):
     for i in range(places.size):
         after[i] = y[places[i]]
     return IN_CONTACT if outcome == 0 and n[at.MODE] != at.FREE else outcome
+
+
+@kernel
+def _differences(run, table, flight, places, section, scale, y, n, budget, slope):
+    """Derivative (d, d) of the map at a section state (d,), by central differences; returns whether there is one."""
+    after = np.empty(section.size)
+    for i in range(section.size):
+        for sign in (0.5, -0.5):
+            moved = section.copy()
+            moved[i] += sign * _WIDTH * scale[i]
+            if _pass(run, table, flight, places, moved, y, n, budget, after) != 0:
+                return False
+            slope[:, i] = after if sign > 0.0 else (slope[:, i] - after) / (_WIDTH * scale[i])
+    return np.isfinite(slope).all()
 
 
 @kernel
@@ -64,34 +80,29 @@ def solve_along(run, table, flight, places, heights, first, scale, close, budget
     multipliers at the last derivative. Returns how many were found before one that was not.
     """
     size, y, n = first.size, flight.copy(), np.zeros(at.COUNTERS, dtype=np.int64)
-    after, beside, slope, inverse = np.empty(size), np.empty(size), np.empty((size, size)), np.empty((size, size))
+    after, slope, inverse, derived = np.empty(size), np.empty((size, size)), np.empty((size, size)), np.empty(size)
     largest, age = math.inf, _SHARED
     for k in range(heights.size):
         table[0, at.HEIGHT] = heights[k]
         section = first.copy() if k == 0 else _extrapolated(heights, sections, k)
-        before, taken = math.inf, math.inf
+        before, taken, amplitude = math.inf, math.inf, 0.0
         for _ in range(_STEPS):
             if _pass(run, table, flight, places, section, y, n, budget, after) != 0:
                 return k
             amplitude = 0.5 * (y[at.HIGHEST] - y[at.LOWEST])
-            for attempt in range(2):
-                if age >= _SHARED:
-                    for i in range(size):
-                        moved = section.copy()
-                        moved[i] += _WIDTH * scale[i]
-                        if _pass(run, table, flight, places, moved, y, n, budget, beside) != 0:
-                            return k
-                        slope[:, i] = (beside - after) / (_WIDTH * scale[i])
-                    if not np.isfinite(slope).all():
-                        return k
-                    largest, age = np.abs(np.linalg.eigvals(slope.astype(np.complex128))).max(), 0
-                    inverse = np.linalg.inv(np.eye(size) - slope)
-                step = inverse @ (after - section)
-                taken = np.abs(step / scale).max()
-                if attempt == 0 and age > 0 and taken > max(close, _SHORTER * before):
-                    age = _SHARED
-                    continue
-                break
+            if age < _SHARED:
+                taken = np.abs(np.dot(inverse, after - section) / scale).max()
+            # with a neighbour's derivative only for as long as that leads there fast, and for the first one not at all
+            far = k == 0 and age < _SHARED and np.abs((section - derived) / scale).max() > _NEAR
+            slow = age > 0 and taken > max(close, _SHORTER * before)
+            if age >= _SHARED or slow or (far and taken <= close):
+                if not _differences(run, table, flight, places, section, scale, y, n, budget, slope):
+                    return k
+                derived[:], age = section, 0
+                largest = np.abs(np.linalg.eigvals(slope.astype(np.complex128))).max()
+                inverse[:] = np.linalg.inv(np.eye(size) - slope)
+            step = np.dot(inverse, after - section)
+            taken = np.abs(step / scale).max()
             if not taken <= _FAR:
                 return k
             section = section + step

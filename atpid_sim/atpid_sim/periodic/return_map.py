@@ -21,7 +21,7 @@ from atpid_sim.simulation.integration import NO_OBSERVATION, Integration, Observ
 from atpid_sim.system import Array
 
 #: Places of a section state in the engine's state.
-_PLACES = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
+PLACES = [columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN, columns.GRAIN_VELOCITY]
 #: Widths of differences, relative to the motion's size, the first that serves is taken: instantaneous impacts are exact
 #: to rounding, integrated contacts repeat to about 1e-8. Near grazing only narrow ones lie on one side of it.
 _EXACT_STEPS, _INTEGRATED_STEPS = (1e-5, 1e-7), (1e-3, 1e-4, 1e-5)
@@ -179,13 +179,13 @@ def section_of(state: State) -> Array:
     """Return the section state (4,) of a state of the engine; raise NumericalFailure where the grain is in contact."""
     if state.mode != columns.FREE:
         raise NumericalFailure("the grain is in contact at the phase of the section")
-    return state.y[_PLACES].copy()
+    return state.y[PLACES].copy()
 
 
 def flying(section: Array) -> State:
     """Return the engine's state of a section state (4,), at time zero."""
     state = State.resting(0.0, 0.0)
-    state.y[_PLACES] = section
+    state.y[PLACES] = section
     state.n[columns.MODE] = columns.FREE
     return state
 
