@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 from atpid_sim.engine.arc import other_arc
-from atpid_sim.kernel import inlined, kernel
+from atpid_sim.kernel import inlined, lean
 
 
-@kernel
+@lean
 def _second_remainder(z):
     """Return (e^z - 1 - z) / z^2, which does not cancel where z is small."""
     if abs(z.real) + abs(z.imag) > 0.25:
@@ -24,7 +24,7 @@ def _second_remainder(z):
     return 0.5 * complex(real, imag)
 
 
-@kernel
+@lean
 def _grown(arc, s):
     """Amplitude and its rate close to resonance, s seconds after the start: q' = slow q + q0 + q1 s from q = 0."""
     q0, q1 = complex(arc.q0_in, arc.q0_out), complex(arc.q1_in, arc.q1_out)
@@ -34,7 +34,7 @@ def _grown(arc, s):
     return q.real, q.imag, q_rate.real, q_rate.imag
 
 
-@kernel
+@lean
 def _forced_amplitude(arc, tau):
     """Amplitude of the forced part [m], in phase with sin and with cos, and its rate [m/s], at local time tau."""
     if arc.resonant:
@@ -42,7 +42,7 @@ def _forced_amplitude(arc, tau):
     return arc.q0_in + arc.q1_in * tau, arc.q0_out + arc.q1_out * tau, arc.q1_in, arc.q1_out
 
 
-@kernel
+@lean
 def _envelope(arc, q_in, q_out, tau, until, order):
     """Length that, times omega^order, bounds that derivative of the forced part from tau to `until` [m]."""
     if arc.resonant:
@@ -54,7 +54,7 @@ def _envelope(arc, q_in, q_out, tau, until, order):
     return envelope
 
 
-@kernel
+@lean
 def _growing_envelope(arc, q_in, q_out, tau, until, order):
     """Return the same close to resonance: the amplitude grows by no more than the drive adds."""
     s, last = tau - arc.start, until - arc.start
@@ -68,7 +68,7 @@ def _growing_envelope(arc, q_in, q_out, tau, until, order):
     return faster * (math.hypot(q_in, q_out) + (until - tau + order / arc.omega) * feed + ramp)
 
 
-@kernel
+@lean
 def _free_vibration(arc, s):
     """Free vibration and its velocity, s seconds after the start of the arc."""
     angle = arc.damped * s
@@ -90,7 +90,7 @@ def _free_vibration(arc, s):
     return x, v
 
 
-@kernel
+@lean
 def _overdamped(arc, s):
     """The same where overdamped, as two decays: the slow one of a very strong damper keeps its digits."""
     fast = arc.decay + arc.damped
@@ -155,7 +155,7 @@ def _higher(arc, lower, low):
     return -(2.0 * arc.decay) * low - arc.stiffness / arc.mass * lower
 
 
-@kernel
+@lean
 def mode_at(arc, tau):
     """Displacement, velocity, acceleration of one mode and of its support's motion at local time tau [SI units]."""
     m = _parts(arc, tau)
@@ -165,7 +165,7 @@ def mode_at(arc, tau):
     return x, v, (arc.stiffness * (u - x) + arc.damping * (w - v)) / arc.mass - arc.gravity, u, w
 
 
-@kernel
+@lean
 def _others_at(others, tau):
     """Displacement, velocity and acceleration of all further modes together."""
     if others is None:
@@ -177,7 +177,7 @@ def _others_at(others, tau):
     return x, v, a
 
 
-@kernel
+@lean
 def beam_at(arc, tau):
     """Beam displacement, velocity, acceleration and support displacement, velocity at local time tau [SI units]."""
     x, v, a, u, w = mode_at(arc, tau)
@@ -185,7 +185,7 @@ def beam_at(arc, tau):
     return x + x1, v + v1, a + a1, u, w
 
 
-@kernel
+@lean
 def _bounded_mode(arc, tau, until):
     """`bounded_at` of one mode."""
     m = _parts(arc, tau)
@@ -199,7 +199,7 @@ def _bounded_mode(arc, tau, until):
     return x, v, a, bound + math.sqrt(y4 * y4 / (arc.stiffness / arc.mass) + y3 * y3)
 
 
-@kernel
+@lean
 def _others_bounded(others, tau, until):
     """`bounded_at` of all further modes together: a bound of the sum is the sum of the bounds."""
     if others is None:
@@ -211,7 +211,7 @@ def _others_bounded(others, tau, until):
     return x, v, a, bound
 
 
-@kernel
+@lean
 def bounded_at(arc, tau, until):
     """Beam displacement, velocity, acceleration at local time tau, and a bound of its |jerk| [m/s^3] until `until`.
 
@@ -224,7 +224,7 @@ def bounded_at(arc, tau, until):
     return x + x1, v + v1, a + a1, bound + bound1
 
 
-@kernel
+@lean
 def _snap_bounded_mode(arc, tau, until):
     """`snap_bounded_at` of one mode."""
     m = _parts(arc, tau)
@@ -248,7 +248,7 @@ def _snap_bounded_mode(arc, tau, until):
     return x, v, a, jerk, bound + math.sqrt(y5 * y5 / (arc.stiffness / arc.mass) + y4 * y4)
 
 
-@kernel
+@lean
 def _others_snap_bounded(others, tau, until):
     """`snap_bounded_at` of all further modes together."""
     if others is None:
@@ -260,7 +260,7 @@ def _others_snap_bounded(others, tau, until):
     return x, v, a, jerk, bound
 
 
-@kernel
+@lean
 def snap_bounded_at(arc, tau, until):
     """Beam displacement, velocity, acceleration, jerk [m/s^3] at local time tau, and a bound of its |snap| [m/s^4].
 
@@ -271,7 +271,7 @@ def snap_bounded_at(arc, tau, until):
     return x + x1, v + v1, a + a1, jerk + jerk1, bound + bound1
 
 
-@kernel
+@lean
 def _fastest_other(others):
     """Highest angular frequency of the further modes [rad/s]."""
     if others is None:
@@ -283,7 +283,7 @@ def _fastest_other(others):
     return math.sqrt(highest)
 
 
-@kernel
+@lean
 def fastest_of(arc):
     """Highest angular frequency of the tone and of all modes [rad/s]."""
     tone = arc.omega if arc.a0 != 0.0 or arc.a1 != 0.0 else 0.0

@@ -20,7 +20,7 @@ from atpid_sim.engine.modes import container_mass, enter_states, fastest_mode, s
 from atpid_sim.engine.rosenbrock import EXPLICIT, FOURTH_ROOT, IMPLICIT, contact_pace, trial_step
 from atpid_sim.engine.sampling import contact_samples, next_sample, record_extreme, step_extreme
 from atpid_sim.engine.state import steps_used
-from atpid_sim.kernel import inlined, kernel
+from atpid_sim.kernel import inlined, kernel, lean
 
 #: Steps times the contact's pace from which stability limits the explicit method.
 _STIFF = 2.0
@@ -67,7 +67,7 @@ def _first_rates(modes, model, p, u, w, x, v, overlap, velocity):
     return modal_rates(model, p, u, w, modes[:, at.Q], modes[:, at.Q_RATE], overlap, velocity)
 
 
-@kernel
+@lean
 def _to_state(y, model, segment, diameter, tau, motion):
     """Enter the motion at local time tau into the state."""
     y[at.BEAM], y[at.BEAM_VELOCITY] = motion.x, motion.v
@@ -140,7 +140,7 @@ def _after_acceptance(method, h, logarithm, previous):
     return h * min(5.0, max(0.2, 0.9 * math.exp(0.08 * previous - 0.14 * logarithm)))
 
 
-@kernel
+@lean
 def _add_flows(y, model, p, moving, overlap, overlap1, flows):
     """Enter one step into the energy ledger; `moving`: velocity of the ceiling [m/s]."""
     lost = flows.contact
@@ -153,7 +153,7 @@ def _add_flows(y, model, p, moving, overlap, overlap1, flows):
     y[at.CEILING_WORK] -= moving * flows.impulse
 
 
-@kernel
+@lean
 def _observe(y, elapsed, begin, end):
     """Add one step to the observation window."""
     y[at.CONTACT_TIME] += elapsed

@@ -12,7 +12,7 @@ from atpid_sim.engine import columns as at
 from atpid_sim.engine.arc import other_arc, support_at
 from atpid_sim.engine.beam import beam_at, fastest_of, mode_at
 from atpid_sim.engine.modes import from_joined
-from atpid_sim.kernel import kernel
+from atpid_sim.kernel import kernel, lean
 
 # Gauss-Legendre, six points on [0, 1]
 _NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
@@ -87,7 +87,7 @@ def _modal_work(modes, y, segment, arc, left, right, to_free, mass, weight):
         states[i, at.Q_CONTACT] += length * flows[i, 2]
 
 
-@kernel
+@lean
 def _one_mode_work(y, arc, left, right):
     """Add the support's work and the beam's loss between two local times.
 
@@ -109,7 +109,7 @@ def _one_mode_work(y, arc, left, right):
     _add_work(y, arc, left, soon, fastest)
 
 
-@kernel
+@lean
 def _add_work(y, arc, left, right, pace):
     """Add both by Gauss-Legendre panels of 1.6 rad of `pace` [rad/s]."""
     if right <= left:

@@ -27,7 +27,7 @@ from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.approach import still_from
 from atpid_sim.periodic.return_map import PLACES, Conditions, flying, passage
-from atpid_sim.periodic.solve import size_of
+from atpid_sim.periodic.solve import least_size, size_of
 from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
 from atpid_sim.simulation.fidelity import Choice, choose
@@ -44,11 +44,11 @@ _LONGEST = 4
 #: factor by which they have come nearer in the last quarter of the run, if they are not the same already.
 _NEAR, _NEARER, _SAME = 0.03, 0.8, 1e-5
 #: How far a run may be from the motion solved for, and the strobes of a run from those between its neighbours'.
-_FAR, _BETWEEN = 0.05, 0.03
+_FAR, _BETWEEN = 0.05, 0.05
 #: Length of Newton's last step over the integrator's tolerance; how much amplitudes of the same motion may differ.
 _CLOSE, _ALIKE = 0.3, 3.0
 #: Largest modulus of the multipliers of a motion that counts as stable, since it comes of plain differences.
-_STABLE = 0.99
+_STABLE = 0.995
 
 
 class Way(IntEnum):
@@ -233,48 +233,46 @@ class _Part:
         amplitudes, done = 0.5 * (y[:, columns.HIGHEST] - y[:, columns.LOWEST]), outcomes == Outcome.DONE
         pace, result = 2.0 * math.pi * self.frequency, self.result
         seen = series[:, [columns.S_BEAM, columns.S_VELOCITY, columns.S_GRAIN]].transpose(0, 2, 1)
-        self.series[places] = seen * np.array([1.0, 1.0 / pace, 1.0]) / np.maximum(amplitudes, 1e-300)[:, None, None]
-        self.periods[places] = np.where(done, _repeating(self.series[places]), 0)
+        self.series[places] = seen * np.array([1.0, 1.0 / pace, 1.0])
+        sizes = np.maximum(amplitudes, least_size(Conditions(self.support, self.frequency, 0.0)))
+        self.periods[places] = np.where(done, _repeating(self.series[places] / sizes[:, None, None]), 0)
         result.amplitudes[places[done]], result.ways[places[done]] = amplitudes[done], Way.UNSETTLED
         self.ends.update((int(place), State(y[k], n[k])) for k, place in enumerate(places))
 
     def _solved(self, begin: int, middle: int, end: int) -> bool:
         """Solve for the motions from begin to end, if the three runs are alike; return whether all was found."""
-        if len(set(self.periods[[begin, middle, end]].tolist())) > 1 or end - begin < 3:
+        if end - begin < 3:
+            return False
+        motion, *others = own = [self._own(place) for place in (begin, middle, end)]
+        if motion is None or any(one is None or one.periods != motion.periods for one in own):
             return False
         share = (self.heights[middle] - self.heights[begin]) / (self.heights[end] - self.heights[begin])
-        size = self.result.amplitudes[[begin, middle, end]] / self.result.amplitudes[middle]
-        between = self.series[[begin, middle, end]] * size[:, None, None]
-        if not np.abs(between[1] - (1.0 - share) * between[0] - share * between[2]).max() <= _BETWEEN:
+        first, second, third = self.series[[begin, middle, end]]
+        if not np.abs(second - (1.0 - share) * first - share * third).max() <= _BETWEEN * motion.scale[0]:
             return False
-        motion = self._own(begin)
-        if motion is None:
-            return False
-        return self._along(motion, begin, end, middle)
-
-    def _along(self, motion: _Motion, begin: int, end: int, middle: int) -> bool:
-        places = slice(begin, end + 1)
-        sections, solved = self._solve(motion, self.heights[places])
+        sections, solved = self._solve(motion, self.heights[begin : end + 1])
         if len(sections) <= end - begin or solved[2].max() >= _STABLE:
             return False
-        for place in (middle, end):
-            own = self._own(place)
+        for place, one in zip((middle, end), others, strict=True):
             amplitude = solved[0, place - begin]
-            if own is None or abs(own.amplitude - amplitude) > _ALIKE * (self.close + self.known) * amplitude:
+            if one is None or abs(one.amplitude - amplitude) > _ALIKE * self.known * amplitude:
                 return False
         for place in range(begin, end + 1):
-            way = Way.NEIGHBOUR if self.periods[place] < 0 else Way.OWN
-            self._enter(place, solved[:, place - begin], motion.periods, way)
+            if self.periods[place] < 0:
+                self._enter(place, solved[:, place - begin], motion.periods, Way.NEIGHBOUR)
         return True
 
     def _own(self, place: int) -> _Motion | None:
         """Return the steady motion that the scene's own run comes to at a height; None where none is near its end."""
         if place not in self.motions:
-            self.motions[place] = self._own_motion(place)
+            seen = int(self.periods[place])
+            fewer = (self._own_motion(place, k) for k in range(1, seen + 1) if seen % k == 0)
+            self.motions[place] = next((motion for motion in fewer if motion is not None), None)
         return self.motions[place]
 
-    def _own_motion(self, place: int) -> _Motion | None:
-        conditions, periods = Conditions(self.support, self.frequency, float(self.heights[place])), int(self.periods[place])
+    def _own_motion(self, place: int, periods: int) -> _Motion | None:
+        """Return the stable motion of so many periods next to the end of the scene's run, if there is one."""
+        conditions = Conditions(self.support, self.frequency, float(self.heights[place]))
         try:
             phase, section = passage(self.integration, conditions, self.ends[place], self.phase, periods)
         except NumericalFailure:
@@ -282,9 +280,7 @@ class _Part:
         scale = size_of(float(self.result.amplitudes[place]), conditions)
         near = _Motion(phase, section, scale, math.nan, periods)
         sections, solved = self._solve(near, self.heights[place : place + 1])
-        if not len(sections) or solved[2, 0] >= _STABLE:
-            return None
-        if np.abs((sections[0] - section) / scale).max() > _FAR:
+        if not len(sections) or solved[2, 0] >= _STABLE or np.abs((sections[0] - section) / scale).max() > _FAR:
             return None
         self._enter(place, solved[:, 0], periods, Way.OWN)
         return _Motion(phase, sections[0], scale, float(solved[0, 0]), periods)
