@@ -67,7 +67,7 @@ def _first_rates(modes, model, p, u, w, x, v, overlap, velocity):
     return modal_rates(model, p, u, w, modes[:, at.Q], modes[:, at.Q_RATE], overlap, velocity)
 
 
-@lean
+@kernel
 def _to_state(y, model, segment, diameter, tau, motion):
     """Enter the motion at local time tau into the state."""
     y[at.BEAM], y[at.BEAM_VELOCITY] = motion.x, motion.v

@@ -72,16 +72,31 @@ class HeightSweep:
     ways: NDArray[np.int64]  # values of `Way`
     fidelity: str
 
+    @property
+    def sentence(self) -> str:
+        """How the heights were found, and the lowest amplitude of a steady motion."""
+        count = [int(np.count_nonzero(self.ways == way)) for way in Way]
+        steady = count[Way.NEIGHBOUR] + count[Way.OWN]
+        said = (
+            f"{steady} of {len(self.ways)} heights with a steady motion, {count[Way.OWN]} of them found by the scene's "
+            f"run there; {count[Way.UNSETTLED]} that have not settled by the scene's end"
+        )
+        if count[Way.FAILED]:
+            said += f", {count[Way.FAILED]} without a run to the end"
+        if not steady:
+            return said
+        best = int(np.argmin(np.where(self.periods > 0, self.amplitudes, math.inf)))
+        return f"{said}; the lowest steady amplitude {self.amplitudes[best]:.6g} m at {self.heights[best]:.5g} m"
+
     def to_plain(self) -> dict[str, Any]:
         """Return plain numbers, for a journal."""
-        return {one.name: getattr(self, one.name) for one in fields(self) if one.name == "fidelity"} | {
-            one.name: getattr(self, one.name).tolist() for one in fields(self) if one.name != "fidelity"
-        }
+        return {name: np.asarray(getattr(self, name)).tolist() for name in (one.name for one in fields(self))}
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> HeightSweep:
         """Return what `to_plain` has made plain numbers of."""
-        return cls(**{name: value if name == "fidelity" else np.array(value) for name, value in plain.items()})
+        arrays: dict[str, Any] = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
+        return cls(**arrays, fidelity=str(plain["fidelity"]))
 
 
 def over_heights(
@@ -95,9 +110,9 @@ def over_heights(
 ) -> list[HeightSweep]:
     """Return what each of the scenes comes to at heights (n,), rising [m], to which its ceiling goes last.
 
-    fidelity, rtol: as in `simulate`; progress: called with the number of jobs done; journal: of what is done. Raises
-    SceneError where excitation or ceiling change until the steady window or a controller moves the ceiling,
-    NumericalFailure, ValueError for an unknown fidelity or heights that do not rise, ClusterError, JournalError.
+    fidelity, rtol: as in `simulate`; progress: called with the number of heights done; journal: of what is done, which
+    the caller removes. Raises SceneError where excitation or ceiling change until the steady window or a controller
+    moves the ceiling, ValueError for an unknown fidelity or heights that do not rise, ClusterError, JournalError.
     """
     heights = np.asarray(heights, dtype=float)
     if len(heights) < 1 or not (np.diff(heights) > 0.0).all():
@@ -113,9 +128,9 @@ def over_heights(
         record = Record[tuple[int, int], HeightSweep](
             journal, purpose, lambda job: job, HeightSweep.to_plain, HeightSweep.from_plain
         )
-    done = Batch(partial(_job, rows), jobs).run(workers, progress, record)
-    if record is not None:
-        record.finish()
+    report = progress or (lambda _: None)
+    each, most = min(_CHUNK, len(heights)), len(scenes) * len(heights)
+    done = Batch(partial(_job, rows), jobs).run(workers, lambda count: report(min(each * count, most)), record)
     return [_joined(done[k * len(begins) : (k + 1) * len(begins)][::-1]) for k in range(len(scenes))]
 
 

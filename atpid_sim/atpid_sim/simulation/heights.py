@@ -30,7 +30,8 @@ def tables_at(scene: Scene, heights: Array) -> HeightTables:
     tables = np.repeat(table[None], len(heights), axis=0)
     start, end = table[:, START], table[:, END]
     begins = _ceiling(widest, start, heights)
-    tables[:, :, HEIGHT], tables[:, :, CEILING_VELOCITY] = begins, (_ceiling(widest, end, heights) - begins) / (end - start)
+    tables[:, :, HEIGHT] = begins
+    tables[:, :, CEILING_VELOCITY] = (_ceiling(widest, end, heights) - begins) / (end - start)
     alike = (tables == tables[0]).all(axis=(0, 2)) & (end <= widest.steady_window[0])
     return HeightTables(widest, tables, int(np.argmin(alike)) if not alike.all() else len(table))
 
@@ -49,7 +50,8 @@ def _ceiling(scene: Scene, times: Array, heights: Array) -> Array:
     if len(scene.ceiling.heights) == 1:
         return np.repeat(heights[:, None], len(times), axis=1)
     *_, (begin, lowest), (end, _) = scene.ceiling.heights
-    before = np.interp(times, *zip(*scene.ceiling.heights[:-1], strict=True))
+    instants, earlier = zip(*scene.ceiling.heights[:-1], strict=True)
+    before = np.interp(times, instants, earlier)
     rise = ((heights - lowest) / (end - begin))[:, None] * (times - begin) + lowest
     found: Array = np.where(times <= begin, before, np.where(times < end, rise, heights[:, None]))
     return found
