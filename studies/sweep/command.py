@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fidelity", default="auto", choices=("auto", *FIDELITIES), help=levels)
     steady = "find the steady motions as `atpid sweep` does, beside the runs in full, and judge both by long runs"
     parser.add_argument("--steady", action="store_true", help=steady)
-    systems = "with --steady: those of so many random systems at 128 heights each, in place of the standard task"
+    systems = "with --steady: those of so many random systems at 64 heights each, in place of the standard task"
     parser.add_argument("--systems", type=whole(1, 10_000), metavar="N", help=systems)
     parser.add_argument("--seed", type=whole(0, MOST_SEED), default=1, metavar="S", help="of --systems; default: 1")
     add_workers(parser)

@@ -20,11 +20,11 @@ from atpid_sim.simulation.integration import Integration, Observation, sample_se
 from studies.steady.systems import drawn
 
 #: Periods that a height is run, how many of them are looked at, and largest change of what repeats itself.
-_PERIODS, _SEEN, _SAME = 1200, 64, 1e-5
+_PERIODS, _SEEN, _SAME = 600, 64, 1e-5
 #: Longest period that counts as repeating, relative tolerance of the runs, and error of the amplitude allowed.
-_LONGEST, _RTOL, _ERROR = 8, 1e-7, 1e-4
+_LONGEST, _RTOL, _ERROR = 8, 1e-6, 1e-4
 #: Heights of a random system, and where they lie over the clearance drawn.
-_HEIGHTS, _CLEARANCES = 128, (0.4, 1.2)
+_HEIGHTS, _CLEARANCES = 64, (0.4, 1.2)
 
 
 class Judged(NamedTuple):
