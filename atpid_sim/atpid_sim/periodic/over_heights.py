@@ -45,6 +45,8 @@ _LONGEST = 4
 _NEAR, _NEARER, _SAME = 0.03, 0.8, 1e-5
 #: How far a run may be from the motion solved for, and the strobes of a run from those between its neighbours'.
 _FAR, _BETWEEN = 0.05, 0.05
+#: Displacements in the strobes: velocities jump where a contact happens to lie at the strobe.
+_PLACES = (0, 2)
 #: Length of Newton's last step over the integrator's tolerance; how much amplitudes of the same motion may differ.
 _CLOSE, _ALIKE = 0.3, 3.0
 #: Largest modulus of the multipliers of a motion that counts as stable, since it comes of plain differences.
@@ -262,7 +264,7 @@ class _Part:
         if motion is None or any(one is None or one.periods != motion.periods for one in own):
             return False
         share = (self.heights[middle] - self.heights[begin]) / (self.heights[end] - self.heights[begin])
-        first, second, third = self.series[[begin, middle, end]]
+        first, second, third = self.series[[begin, middle, end]][:, :, _PLACES]
         if not np.abs(second - (1.0 - share) * first - share * third).max() <= _BETWEEN * motion.scale[0]:
             return False
         sections, solved = self._solve(motion, self.heights[begin : end + 1])
