@@ -14,6 +14,7 @@ COMMANDS: Commands = {
         "simulate": (f"{_SIM}.simulate", "run one scene: amplitude, error estimate, energy"),
         "select": (f"{_CONTROL}.select", "select the ceiling height for a scene's excitation"),
         "map": (f"{_SIM}.map", "compute the best height over support amplitudes and grain masses"),
+        "sweep": (f"{_SIM}.sweep", "the steady motions over many heights, support amplitudes and grain masses"),
         "basin": (f"{_SIM}.basin", "the share of kicks or initial states that come to the steady motion"),
         "cliffs": (f"{_SIM}.cliffs", "follow a periodic motion over the height, and the cliff where it ends"),
         "learn": (f"{_CONTROL}.learn", "train the method `learned` from simulated systems"),

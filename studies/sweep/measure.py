@@ -7,12 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_sim.engine import drive
-from atpid_sim.engine.columns import END
 from atpid_sim.scene import Scene, standard_bench
-from atpid_sim.scene.ceiling import Heights
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
-from atpid_sim.simulation.integration import AlikeRuns, Integration, drive_table
+from atpid_sim.simulation.heights import tables_at
+from atpid_sim.simulation.integration import AlikeRuns, Integration
 from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
 
@@ -94,29 +92,8 @@ def sweep(
 
 def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) -> AlikeRuns:
     """Return the runs of a scene at heights (n,) [m], to which its ceiling's last ramp leads; raises as `sweep`."""
-    scenes = [_opened(scene, float(height)) for height in (heights[0], heights[-1])]
-    widest = scenes[0] if heights[0] > heights[-1] else scenes[1]
-    table = drive_table(widest, widest.steady_window)
-    tables = np.repeat(table[None], len(heights), axis=0)
-    for rows, height in zip(tables, heights, strict=True):
-        drive.enter_ceiling(rows, _heights(widest, float(height)))
-    alike = (tables == tables[0]).all(axis=(0, 2)) & (table[:, END] <= scene.steady_window[0])
-    common = int(np.argmin(alike)) if not alike.all() else len(table)
-    return Integration(widest, fidelity, rtol, table=table).advance_alike(tables, common)
-
-
-def _opened(scene: Scene, height: float) -> Scene:
-    scene.require_prescribed_ceiling()
-    if len(scene.ceiling.heights) == 1:
-        return scene.with_(height=height)
-    (_, closed), *_, (start, _), (end, _) = [(0.0, scene.ceiling.heights[0][1]), *scene.ceiling.heights[-2:]]
-    return scene.with_(ceiling={"closed": closed, "open": height, "start": start, "end": end})
-
-
-def _heights(opened: Scene, height: float) -> Heights:
-    """Return the ceiling of an opened scene with another last height [m]."""
-    *before, (end, _) = opened.ceiling.heights
-    return (*before, (end, height))
+    widest, tables, common = tables_at(scene, heights)
+    return Integration(widest, fidelity, rtol, table=tables[0]).advance_alike(tables, common)
 
 
 def standard_task(amplitude: float, fraction: float, height: float) -> Scene:

@@ -15,9 +15,10 @@ from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.batch import Workers
 from atpid_sim.simulation.excitation import support_rows
+from atpid_sim.simulation.heights import opened
 from atpid_sim.simulation.simulate import simulate
 from studies.cli import main
-from studies.sweep.measure import _opened, sweep
+from studies.sweep.measure import sweep
 
 STANDARD = load_scene(Path(__file__).parents[2] / "scenes" / "standard.yaml")
 
@@ -105,7 +106,7 @@ def test_a_sweep_has_what_each_height_has_alone(fidelity: str) -> None:
     """To the last digit, although what the runs have in common is integrated once; closed and open ceilings mixed."""
     scene = STANDARD.with_(duration=8.5, steady_window=[8.0, 8.5])
     done = sweep(scene, 0.017, 0.2, 4, 1e-4, fidelity)
-    alone = [simulate(_opened(scene, float(height)), fidelity, 1e-4, check=False) for height in done.heights]
+    alone = [simulate(opened(scene, float(height)), fidelity, 1e-4, check=False) for height in done.heights]
     assert done.amplitudes.tolist() == [result.amplitude for result in alone]
     assert done.residuals.tolist() == [result.energy_residual for result in alone]
     assert done.impacts.tolist() == [result.impacts for result in alone]

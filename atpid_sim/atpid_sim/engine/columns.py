@@ -30,7 +30,7 @@ They are plain integers, which numba compiles to constants: access costs the sam
     GRAIN,  # displacement of the grain; equal to BEAM where it just touches the floor [m]
     GRAIN_VELOCITY,  # [m/s]
     DEEPEST,  # deepest overlap of the present contact [m]; negative: a contact has just begun
-    INPUT,  # work done by the support [J]
+    INPUT,  # work done by the support [J]; not a number: no ledger is kept
     BEAM_LOSS,  # dissipated by the beam's damping [J]
     CONTACT_LOSS,  # absorbed by the contacts [J]
     CEILING_WORK,  # work done by the ceiling's drive [J]

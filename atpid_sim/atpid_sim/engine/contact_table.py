@@ -28,7 +28,7 @@ from atpid_sim.engine.scaled_contact import (
     THIRD,
     VELOCITY,
 )
-from atpid_sim.kernel import kernel
+from atpid_sim.kernel import kernel, lean
 from atpid_sim.system import Array
 
 #: What of a contact is tabulated with its derivatives by what drives it (the first of `RESULTS`), and by what.
@@ -63,7 +63,7 @@ def _weights(place):
     return -a * b * c / 6.0, 0.5 * place * b * c, -0.5 * place * a * c, place * a * b / 6.0
 
 
-@kernel
+@lean
 def _head(table, place, first, weights):
     """One number of the heads between the rows."""
     if table.values.shape[0] == 1:
@@ -74,7 +74,7 @@ def _head(table, place, first, weights):
     return total
 
 
-@kernel
+@lean
 def read(table, speed, b, rate, curvature, chi, eta, found):
     """Write a contact that begins at `speed` [m/s] into found (COLUMNS,), SI, the first `RESULTS` of it valid.
 

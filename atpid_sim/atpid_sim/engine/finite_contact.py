@@ -21,7 +21,7 @@ from atpid_sim.engine.detachment import static_overlap
 from atpid_sim.engine.impact_phase import deepen_if_pressed, stick
 from atpid_sim.engine.micro_bounce import closing_speed
 from atpid_sim.engine.sampling import next_sample, record_extreme
-from atpid_sim.kernel import kernel
+from atpid_sim.kernel import kernel, lean
 from atpid_sim.system import System
 
 #: A contact longer than this many radians of the fastest vibration is integrated: its own time is no longer short.
@@ -56,7 +56,7 @@ class _Recoil(NamedTuple):
     fourth: float
 
 
-@kernel
+@lean
 def _touch(y, segment, tau, system):
     """Motion at the touch at local time tau."""
     u, w = support_at(segment, tau)
@@ -83,7 +83,7 @@ def _inside(y, n, segment, tau, end, system, law, p, control, view, out):
         y[at.LOWEST], y[at.HIGHEST] = aside[at.LOWEST], aside[at.HIGHEST]
 
 
-@kernel
+@lean
 def _enter_flows(y, system, touch, recoil, side, moving):
     """Enter a contact into the energy ledger: work of the support and the ceiling, loss of the beam's damper."""
     d, mass = recoil.duration, system.beam_mass
@@ -103,7 +103,7 @@ def _enter_flows(y, system, touch, recoil, side, moving):
     y[at.CEILING_WORK] -= moving * share * mass * recoil.impulse
 
 
-@kernel
+@lean
 def _detach(y, n, segment, tau, system, law, p, side, moving, overlap, velocity):
     """Enter grain and mode at the detachment at local time tau, given the beam."""
     deepest = y[at.DEEPEST]

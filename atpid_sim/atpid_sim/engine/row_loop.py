@@ -21,7 +21,7 @@ from atpid_sim.engine.one_mass_phase import one_mass
 from atpid_sim.engine.sampling import SampleView, record_extreme
 from atpid_sim.engine.sections import enter_section, leave_section
 from atpid_sim.engine.state import steps_used
-from atpid_sim.kernel import kernel
+from atpid_sim.kernel import kernel, lean
 from atpid_sim.outcome import Outcome
 
 #: What `pass_sections` returns where the grain is in contact at the end.
@@ -39,7 +39,7 @@ class Fidelity(IntEnum):
     FINITE = 3  # contacts of finite duration from a table, others integrated
 
 
-@kernel
+@lean
 def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):
     """Count a new contact and log its time, wall and closing speed."""
     on_floor = n[at.MODE] == at.ON_FLOOR
@@ -56,7 +56,7 @@ def _begin_contact(y, n, impacts, now, observing, ceiling_velocity):
     y[at.BEGUN] = now
 
 
-@kernel
+@lean
 def _resume_contact(y, n, segment, tau, diameter, law, p):
     """A force before the surfaces have parted: the energy entered as lost at detachment is stored again."""
     gap = y[at.GRAIN] - y[at.BEAM]
@@ -131,7 +131,7 @@ def _finite_phase(y, n, segment, tau, until, system, law, p, control, view, out,
     return tau
 
 
-@kernel
+@lean
 def _fault(fidelity, y, height, diameter):
     """Outcome that the present state amounts to, DONE where it is sound."""
     gap = y[at.GRAIN] - y[at.BEAM]
@@ -162,7 +162,7 @@ def _open_length(segment, diameter):
     return 0.0 if segment[at.HEIGHT] <= diameter else (diameter - segment[at.HEIGHT]) / segment[at.CEILING_VELOCITY]
 
 
-@kernel
+@lean
 def _fast(system, law, p):
     """Closing speed from which on a contact may be deeper than the grain's radius: undamped, and with some to spare."""
     if law == IMPACT:
@@ -253,27 +253,29 @@ def integrate(fidelity, table, system, mass, law, p, rtol, y, n, window, samplin
 
 
 @kernel
-def integrate_alike(fidelity, tables, common, system, masses, law, p, rtol, y, n, window, budget, contacts, outcomes):
+def integrate_alike(
+    fidelity, tables, common, system, masses, law, p, rtol, y, n, window, sampling, outs, budget, contacts, outcomes
+):
     """Integrate runs of one system that begin alike, each through its own of `tables` (runs, rows, DRIVE_COLUMNS).
 
     y (runs, STATE_SIZE), n (runs, COUNTERS): their states, the same at first, changed in place; the first `common` rows
-    of all tables, which are the same and lie before the window, are integrated once. The support moves alike in all.
-    masses (runs,): what moves at the fidelity `simplified` [kg]; outcomes (runs,): the outcomes' values. Nothing is
-    sampled or logged; the rest as in `integrate`.
+    of all tables, which are the same and lie before the window and the first sample, are integrated once. The support
+    moves alike in all. masses (runs,): what moves at the fidelity `simplified` [kg]; outs (runs, SAMPLE_ROWS, samples):
+    series; outcomes (runs,): the outcomes' values. Nothing is logged; the rest as in `integrate`.
     """
-    sampling, out, impacts = (0.0, 1.0), np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
+    none, impacts = np.zeros((at.SAMPLE_ROWS, 0)), np.zeros((0, at.IMPACT_COLUMNS))
     control = _control(fidelity, tables[0], system, law, p, rtol, budget, y[0])
     start = tables[0, :common]
     begun = _integrate(
-        fidelity, start, system, masses[0], law, p, control, y[0], n[0], window, sampling, out, impacts, contacts
+        fidelity, start, system, masses[0], law, p, control, y[0], n[0], window, sampling, none, impacts, contacts
     )
     for run in range(tables.shape[0] - 1, -1, -1):  # the first last: the others go on from its state
         y[run], n[run] = y[0], n[0]
         ended = begun
         if begun == Outcome.DONE:
             ended = _integrate(
-                fidelity, tables[run], system, masses[run], law, p, control, y[run], n[run], window, sampling, out,
-                impacts, contacts,
+                fidelity, tables[run], system, masses[run], law, p, control, y[run], n[run], window, sampling,
+                outs[run], impacts, contacts,
             )  # fmt: skip
         outcomes[run] = ended.value
 

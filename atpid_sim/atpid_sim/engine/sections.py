@@ -44,6 +44,12 @@ class Sections(NamedTuple):
         self.enter(state.y, section)
         return state
 
+    def without_ledger(self) -> Sections:
+        """Return the same with states that keep no energy ledger (`engine.work`)."""
+        flight = self.flight.copy()
+        flight[at.INPUT] = np.nan
+        return Sections(self.places, flight)
+
 
 @lru_cache(maxsize=64)
 def sections_of(count: int) -> Sections:

@@ -277,8 +277,32 @@ class Integration:
 
         The tables differ in the ceiling only, and only behind their first `common` rows, which lie before the steady
         window; nothing but the beam's range in that window is observed. Compiled, without the interpreter's lock.
+        Raises NumericalFailure.
         """
+        begun = time.perf_counter()
         first = self.initial_state()
+        y, n, outcomes = self.ends_alike(first, tables, common)
+        wall = time.perf_counter() - begun
+        if outcomes.any():
+            failed = int(np.flatnonzero(outcomes)[0])
+            raise NumericalFailure(failure_at(Outcome(int(outcomes[failed])), State(y[failed], n[failed])))
+        amplitudes = 0.5 * (y[:, columns.HIGHEST] - y[:, columns.LOWEST])
+        impacts = n[:, columns.FLOOR_HITS] + n[:, columns.CEILING_HITS]
+        return AlikeRuns(amplitudes, residuals(self.system, self.contact, tables, first, y, n), impacts, wall)
+
+    def ends_alike(
+        self,
+        first: State,
+        tables: Array,
+        common: int,
+        sampling: tuple[float, float] = (0.0, 1.0),
+        series: Array | None = None,
+    ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+        """Return states (runs, m) and counters (runs, COUNTERS) in which such runs end, and their outcomes (runs,).
+
+        first: state in which they begin; sampling: first instant, not before the first `common` rows end, and period
+        [s] of the samples in `series` (runs, SAMPLE_ROWS, n).
+        """
         count = len(tables)
         y, n = np.tile(first.y, (count, 1)), np.tile(first.n, (count, 1))
         ends = tables[:, :, columns.HEIGHT] + tables[:, :, columns.CEILING_VELOCITY] * (
@@ -288,18 +312,13 @@ class Integration:
         masses = np.where(_closed(self.scene, highest), self.scene.total_mass, self.scene.beam.mass)
         outcomes = np.zeros(count, dtype=np.int64)
         law, parameters = self.contact
-        begun = time.perf_counter()
         integrate_alike(
             self._fidelity, tables, common if (masses == masses[0]).all() else 0, self.system, masses, law, parameters,
-            self.rtol, y, n, self.scene.steady_window, self.step_limit, self._contacts, outcomes,
+            self.rtol, y, n, self.scene.steady_window, sampling,
+            np.empty((count, columns.SAMPLE_ROWS, 0)) if series is None else series, self.step_limit, self._contacts,
+            outcomes,
         )  # fmt: skip
-        wall = time.perf_counter() - begun
-        if outcomes.any():
-            failed = int(np.flatnonzero(outcomes)[0])
-            raise NumericalFailure(failure_at(Outcome(int(outcomes[failed])), State(y[failed], n[failed])))
-        amplitudes = 0.5 * (y[:, columns.HIGHEST] - y[:, columns.LOWEST])
-        impacts = n[:, columns.FLOOR_HITS] + n[:, columns.CEILING_HITS]
-        return AlikeRuns(amplitudes, residuals(self.system, self.contact, tables, first, y, n), impacts, wall)
+        return y, n, outcomes
 
     def run(self, observation: Observation = NO_OBSERVATION, table: Array | None = None, limit: int | None = None,
             disturbance: float = 0.0) -> FinishedRun:  # fmt: skip

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`atpid sweep`: the steady motions of a scene over heights, support amplitudes and grain masses."""
+
+import argparse
+import csv
+import json
+from dataclasses import fields
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from atpid_common import output
+from atpid_common.arguments import file_path, path_to, real
+from atpid_sim.commands.map import amplitudes_of, mass_fractions_of
+from atpid_sim.commands.options import add_workers, workers_of
+from atpid_sim.display import counting
+from atpid_sim.scene import load_scene
+from atpid_sim.simulation.integration import FIDELITIES
+from atpid_sim.simulation.journal import beside
+from atpid_sim.simulation.simulate import finite
+
+#: Arguments of the example in the help.
+EXAMPLE = "scenes/standard.yaml --heights 0.05:0.15:101 --out sweep.csv"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("scene", type=file_path, metavar="SCENE.yaml", help="the system and its excitation, a tone")
+    heights = "N heights from H0 to H1 [m], to which the ceiling goes last"
+    parser.add_argument("--heights", type=amplitudes_of, required=True, metavar="H0:H1:N", help=heights)
+    parser.add_argument("--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help="N support amplitudes [m]")
+    fractions = "grain mass over total mass [-]"
+    parser.add_argument("--mass-fractions", type=mass_fractions_of, metavar="m1,m2,...", help=fractions)
+    levels = "fidelity level; default: the cheapest within the scene's tolerance"
+    parser.add_argument("--fidelity", default="auto", choices=("auto", *FIDELITIES), help=levels)
+    rtol = "relative tolerance of the integrator; default: as the scene's tolerance asks"
+    parser.add_argument("--rtol", type=real(1e-13, 0.1), metavar="R", help=rtol)
+    help_out = "write the table here, and what is done in a journal beside it"
+    parser.add_argument("--out", type=path_to(".csv"), metavar="FILE.csv", help=help_out)
+    add_workers(parser)
+    output.add_force(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON array and nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find the motions and print how; return 0. Raises SceneError, OutputError, JournalError."""
+    from atpid_sim.periodic.over_heights import HeightSweep, Way, over_heights
+
+    scene = load_scene(args.scene)
+    if args.out is not None:
+        output.file(args.out, replace=args.force)
+    cases = list(product(args.mass_fractions or (None,), args.amplitudes or (None,)))
+    scenes = []
+    for fraction, amplitude in cases:
+        changed = scene if fraction is None else scene.with_(mass_fraction=fraction)
+        scenes.append(changed if amplitude is None else changed.with_(amplitude=amplitude))
+    with counting("heights", len(scenes) * len(args.heights)) as count:
+        done = over_heights(
+            scenes, np.array(args.heights), args.fidelity, args.rtol, workers_of(args), count,
+            None if args.out is None else beside(args.out),
+        )  # fmt: skip
+    rows: list[dict[str, Any]] = []
+    for each, one in zip(scenes, done, strict=True):
+        columns = [field.name for field in fields(HeightSweep) if field.name != "fidelity"]
+        for values in zip(*(getattr(one, name).tolist() for name in columns), strict=True):
+            row = dict(zip(columns, values, strict=True))
+            support = each.excitation.amplitude_points[-1][1]
+            head = {"mass_fraction": each.grain.mass_fraction, "support": support}
+            rows.append(finite({**head, **row, "ways": Way(row["ways"]).name.lower(), "fidelity": one.fidelity}))
+    if args.out is not None:
+        with output.writing(args.out), args.out.open("w", newline="") as file:
+            table = csv.DictWriter(file, fieldnames=list(rows[0]))
+            table.writeheader()
+            table.writerows(rows)
+        beside(args.out).unlink(missing_ok=True)
+    if args.json:
+        print(json.dumps(rows, allow_nan=False))
+        return 0
+    for each, one in zip(scenes, done, strict=True):
+        support = each.excitation.amplitude_points[-1][1]
+        print(f"grain {each.grain.mass_fraction:g}, support {support:g} m: {one.sentence}")
+    return 0
