@@ -12,9 +12,9 @@ from atpid_sim.engine.modes import from_joined
 from atpid_sim.kernel import kernel
 
 # Gauss-Legendre, six points on [0, 1]
-_NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
+NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
           0.6193095930415985, 0.8306046932331323, 0.966234757101576)  # fmt: skip
-_WEIGHTS = (0.08566224618958517, 0.1803807865240693, 0.23395696728634552,
+WEIGHTS = (0.08566224618958517, 0.1803807865240693, 0.23395696728634552,
             0.23395696728634552, 0.1803807865240693, 0.08566224618958517)  # fmt: skip
 
 #: Time constants after which a free vibration is negligible: e^-40 of it is below rounding, of its energy far below.
@@ -55,7 +55,7 @@ def _modal_work(modes, y, segment, arc, left, right, to_free, mass, weight):
     panels = 1 + int(fastest_of(arc) * (right - left) / 1.6)
     length = (right - left) / panels
     for panel in range(panels):
-        for node, weighting in zip(_NODES, _WEIGHTS):  # noqa: B905  numba's zip takes no keyword
+        for node, weighting in zip(NODES, WEIGHTS):  # noqa: B905  numba's zip takes no keyword
             tau = left + length * (panel + node)
             u, w = support_at(segment, tau)
             push = -weight
@@ -111,7 +111,7 @@ def _add_work(y, arc, left, right, pace):
     length = (right - left) / panels
     work = loss = 0.0
     for panel in range(panels):
-        for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba's zip takes no keyword
+        for node, weight in zip(NODES, WEIGHTS):  # noqa: B905  numba's zip takes no keyword
             x, v, _a, u, w = beam_at(arc, left + length * (panel + node))
             slip = v - w
             work += weight * (arc.stiffness * (u - x) - arc.damping * slip) * w

@@ -110,6 +110,7 @@ def basin(
     error: half-width of the 95 % interval for which the number of starts is chosen; count: so many in its place.
     fidelity: as in `simulate`, for an amplitude to a thousandth. Raises as `steady_state`.
     """
+    scene.refuse_further_dampers("a basin")
     if scene.modes is not None:
         raise NumericalFailure(SteadyEnding.SEVERAL_MODES.value)
     scene = scene.with_(tolerance=max(scene.tolerance, _TOLERANCE))

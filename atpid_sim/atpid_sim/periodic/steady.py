@@ -52,6 +52,7 @@ def steady_state(scene: Scene, fidelity: str = "auto", rtol: float | None = None
     ValueError for an unknown fidelity.
     """
     scene.require_prescribed_ceiling()
+    scene.refuse_further_dampers("a search of steady motions")
     choice = choose(scene, fidelity)
     if scene.modes is not None:
         return SteadySearch(SteadyEnding.SEVERAL_MODES)

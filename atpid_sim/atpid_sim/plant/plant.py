@@ -61,6 +61,7 @@ class Plant:
         is not closed throughout; ValueError for soft and a law without force.
         """
         self._scene = scene
+        scene.refuse_further_dampers("a loop")
         if scene.drive == "force":
             raise PlantError("drive: given force; allowed: support, whose motion a loop measures; use `simulate`")
         if fidelity not in ("auto", *FIDELITIES):
