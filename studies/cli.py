@@ -23,6 +23,7 @@ COMMANDS: Commands = {
         "tradeoff-page": ("studies.tradeoff.page", "the page of three such tables"),
         "sweep": ("studies.sweep.command", "simulate the standard task at many heights and time it"),
         "modes": ("studies.modal", "structures of several modes against scipy, and what a mode costs"),
+        "dampers": ("studies.dampers.command", "several dampers on a structure against scipy; one mass in cells"),
         "steady": ("studies.steady.command", "what `simulate --steady` finds, beside long runs of random systems"),
         "extremes": ("studies.extremes.command", "outcomes of random systems far outside the usual range"),
         "rebound": ("studies.rebound_fit", "print the coefficients of the rebound's series"),

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m studies dampers`: several dampers against two references, outcomes of wild scenes, and cells for one mass.
+
+Random structures of 1 to 4 modes with 2 to 5 grains run once more by `naive`: with impacts that scipy finds, and with
+stiff linear contacts in place of impacts, which is what the level `impact` leaves out.
+"""
+
+import argparse
+import json
+import math
+from collections import Counter
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from atpid_common.arguments import whole
+from atpid_sim.kernel_inputs import dampers_of
+from atpid_sim.outcome import Outcome
+from atpid_sim.scene import Scene, standard_bench
+from atpid_sim.simulation.integration import Integration, Observation, amplitude_without_damper
+from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
+from atpid_sim.system import Array
+from studies.dampers.naive import with_contacts, with_impacts
+
+#: Arguments of the example in the help.
+EXAMPLE = "--systems 40 --wild 3000 --seed 7"
+#: Relative change of the start, and of the amplitude up to which it is reproducible.
+_DISTURBANCE, _REPRODUCIBLE = 1e-6, 5e-4
+#: Stiffness of the reference's contacts [N/m], and its step [s].
+_STIFFNESS, _STEP = 1e8, 5e-7
+#: Samples a second of the amplitude found by scipy.
+_RATE = 4000.0
+#: Cells of one mass, scatters of their start, and heights [m] and spreads of heights that are tried.
+_CELLS, _SCATTERS = (1, 2, 3, 5, 10, 20), (1e-3, 1.7e-3, 3e-3)
+_HEIGHTS, _SPREADS = np.arange(0.06, 0.42, 0.01), (0.0, 0.1, 0.2, 0.4, 0.6)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One random structure, by the engine and by the references."""
+
+    modes: int
+    grains: int
+    drive: str
+    impacts: int
+    amplitude: float  # in the steady window [m]
+    by_impacts: float  # the same with impacts found by scipy, NaN where that did not end [m]
+    by_contacts: float  # with stiff linear contacts [m]
+    residual: float  # of the ledger [-]
+    spread: float  # of the amplitude where the start changes, relative [-]
+    contacts_spread: float  # the same of the reference with contacts [-]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--systems", type=whole(0, 10_000), default=40, help="random structures beside references")
+    parser.add_argument("--wild", type=whole(0, 1_000_000), default=3000, help="scenes far outside the usual range")
+    parser.add_argument("--cells", action="store_true", help="also the table of one mass in several cells")
+    parser.add_argument("--seed", type=whole(0, 2**31), default=7, help="seed of what is drawn")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare, count outcomes, and divide a mass into cells."""
+    rng = np.random.default_rng(args.seed)
+    compared = [compare(drawn(rng)) for _ in range(args.systems)]
+    outcomes = Counter(outcome(wild(rng)) for _ in range(args.wild))
+    cells = [divided(count) for count in _CELLS] if args.cells else []
+    if args.json:
+        print(json.dumps({"compared": [asdict(one) for one in compared], "outcomes": outcomes, "cells": cells}))
+        return 0
+    console = Console(width=100, highlight=False)
+    if compared:
+        console.print(
+            _table("structures with several dampers", ["", "impacts by scipy", "stiff contacts"], _rows(compared))
+        )
+    if outcomes:
+        console.print(
+            _table("outcomes of wild scenes", ["", ""], [[name, str(n)] for name, n in outcomes.most_common()])
+        )
+    if cells:
+        names = ["cells", "equal heights [m]", "reduction", "spread heights", "their spread", "reduction"]
+        console.print(
+            _table("one mass in several cells", names, [[f"{each:.3g}" for each in row.values()] for row in cells])
+        )
+    return 0
+
+
+def drawn(rng: np.random.Generator) -> Scene:
+    """Return a random scene of 2 s: 1 to 4 modes, 2 to 5 grains, support or force, ceilings closed, low or high."""
+    drive = str(rng.choice(["support", "force"]))
+    further = [
+        {
+            "mass": float(0.3 * 10.0 ** rng.uniform(-0.3, 1.3)), "frequency": float(5.5 * rng.uniform(1.3, 10.0)),
+            "damping_ratio": float(10.0 ** rng.uniform(-2.5, -1.0)), "drive_factor": float(rng.uniform(-0.4, 0.4)),
+        }
+        for _ in range(rng.integers(0, 4))
+    ]  # fmt: skip
+    dampers = [
+        {
+            "mass_fraction": float(10.0 ** rng.uniform(-2.0, -0.8)), "height": _height(rng),
+            "shapes": [float(rng.choice([1.0, rng.uniform(-1.5, 1.5)])) for _ in range(1 + len(further))],
+        }
+        for _ in range(rng.integers(1, 5))
+    ]  # fmt: skip
+    return standard_bench(
+        further_modes=further, further_dampers=dampers, drive=drive, duration=2.0, steady_window=[1.2, 2.0],
+        gravity=float(rng.choice([0.0, 9.81])), ceiling={"height": _height(rng)},
+        excitation={
+            "amplitude": float(rng.uniform(0.01, 0.04) if drive == "support" else rng.uniform(1.0, 6.0)),
+            "frequency": float(rng.uniform(3.5, 7.0)),
+        },
+        grain={"mass_fraction": float(10.0 ** rng.uniform(-2.0, -0.8)), "radius": 0.0085},
+        contact={"law": "linear", "stiffness": _STIFFNESS, "restitution": float(rng.uniform(0.1, 0.8))},
+    )  # fmt: skip
+
+
+def _height(rng: np.random.Generator) -> float:
+    kind = rng.choice(["closed", "low", "high", "high"])
+    return {"closed": 0.017, "low": float(rng.uniform(0.0175, 0.04)), "high": float(rng.uniform(0.05, 0.3))}[str(kind)]
+
+
+def compare(scene: Scene) -> Compared:
+    """Return what the engine and the references make of a scene."""
+    integration = Integration(scene, "impact")
+    last, disturbed = (integration.run(Observation(scene.steady_window), disturbance=by) for by in (0.0, _DISTURBANCE))
+    begin, end = scene.steady_window
+    times = np.arange(begin, end, 1.0 / _RATE)
+    found = with_impacts(scene, scene.contact.restitution, times)  # type: ignore[attr-defined]
+    damping = dampers_of(scene).parameters[:, 1]
+    contacts = [
+        half_peak_to_peak(with_contacts(scene, _STIFFNESS, damping, _STEP, by)[round(begin / _STEP) :])
+        for by in (0.0, _DISTURBANCE)
+    ]
+    amplitude = last.last.amplitude
+    return Compared(
+        1 + len(scene.further_modes), len(scene.dampers), scene.drive,
+        last.last.floor_impacts + last.last.ceiling_impacts, amplitude,
+        math.nan if found is None else half_peak_to_peak(found), contacts[0], last.ledger.residual,
+        abs(disturbed.last.amplitude / amplitude - 1.0), abs(contacts[1] / contacts[0] - 1.0),
+    )  # fmt: skip
+
+
+def wild(rng: np.random.Generator) -> Scene:
+    """Return a random scene of a few periods whose numbers are spread over decades."""
+
+    def decades(low: float, high: float) -> float:
+        return float(10.0 ** rng.uniform(low, high))
+
+    mass, radius, frequency = decades(-3.0, 3.0), decades(-3.5, -1.0), decades(-1.0, 3.0)
+    laws: list[dict[str, Any]] = [
+        {"law": "impact", "restitution": float(rng.choice([0.0, 1.0, rng.uniform(0.0, 1.0)]))},
+        {"law": "tsuji", "young_modulus": decades(5.0, 11.5), "poisson_ratio": 0.3, "damping_ratio": decades(-2.0, 0.5)},
+        {"law": "linear", "stiffness": decades(2.0, 9.0), "restitution": float(rng.uniform(0.01, 1.0))},
+    ]  # fmt: skip
+    further = [
+        {"mass": mass * decades(-2.0, 2.0), "frequency": frequency * decades(-1.0, 2.0),
+         "damping_ratio": float(rng.choice([0.0, decades(-3.0, 1.0)])), "drive_factor": float(rng.normal())}
+        for _ in range(rng.integers(0, 4))
+    ]  # fmt: skip
+    size = float(rng.choice([0.0, decades(-6.0, 0.0)]))
+
+    def height() -> float:
+        return 2.0 * radius + float(rng.choice([0.0, radius * decades(-7.0, 2.0), size * decades(-1.0, 1.5)]))
+
+    dampers = [
+        {"mass_fraction": decades(-5.0, -0.01), "height": height(), "count": int(rng.choice([1, 1, 1, 4])),
+         "shapes": [float(rng.choice([0.0, 1.0, rng.normal()])) for _ in range(1 + len(further))]}
+        for _ in range(rng.integers(1, 5))
+    ]  # fmt: skip
+    start, end = rng.uniform(0.0, 5.0 / frequency, 2)
+    ceiling: dict[str, float] = {"height": height()}
+    if rng.random() < 0.3:
+        low, high = sorted((height(), height() + radius))
+        ceiling = {"closed": low, "open": high, "start": float(min(start, end)), "end": float(max(start, end) + 1e-3)}
+    duration = 10.0 / frequency
+    return standard_bench(
+        beam={"mass": mass, "frequency": frequency, "damping_ratio": float(rng.choice([0.0, decades(-3.0, 1.0)]))},
+        further_modes=further, further_dampers=dampers, drive=str(rng.choice(["support", "force"])), ceiling=ceiling,
+        grain={"mass_fraction": decades(-5.0, -0.01), "radius": radius}, contact=laws[rng.integers(0, 3)],
+        gravity=float(rng.choice([0.0, 9.81, decades(-2.0, 3.0)])), duration=duration,
+        steady_window=[0.5 * duration, duration],
+        excitation={"amplitude": size, "frequency": "resonance" if rng.random() < 0.3 else frequency * decades(-1.0, 1.0)},
+    )  # fmt: skip
+
+
+def outcome(scene: Scene) -> str:
+    """Return how the run of a scene ends, and whether its ledger closes."""
+    integration = Integration(scene, "impact")
+    state = integration.initial_state()
+    first = state.copy()
+    ended = integration.advance(state, integration.table, Observation(scene.steady_window))
+    if ended != Outcome.DONE:
+        return ended.name
+    residual = abs(integration.ledger(first, state, integration.table).residual)
+    return "DONE" if residual <= 1e-6 else "DONE, ledger open by more than 1e-6"
+
+
+def divided(count: int) -> dict[str, float]:
+    """Return the best heights of a tenth of all mass in so many cells, equal and spread, and the reductions."""
+    trials = {
+        (float(height), spread): _reduction(count, float(height), spread)
+        for spread in (_SPREADS if count > 1 else _SPREADS[:1])
+        for height in _HEIGHTS
+    }
+    equal = max((one for one in trials if one[1] == 0.0), key=trials.__getitem__)
+    best = max(trials, key=trials.__getitem__)
+    return {"cells": count, "height": equal[0], "equal": trials[equal], "middle": best[0], "spread": best[1],
+            "best": trials[best]}  # fmt: skip
+
+
+def _reduction(count: int, height: float, spread: float) -> float:
+    """Return the reduction [-] at the resonance without damper, the worst of some starts; spread: of heights."""
+    mass = 0.3258
+    each = mass / 9.0 / count
+    own = {"mass_fraction": each / (each + mass)}
+    heights = height * (1.0 + spread * np.linspace(-0.5, 0.5, count)) if count > 1 else np.array([height])
+    scene = standard_bench(
+        grain=own | {"radius": 0.0085}, gravity=0.0, duration=24.0, steady_window=[16.0, 24.0],
+        contact={"law": "impact", "restitution": 0.5}, ceiling={"height": float(heights[0])},
+        further_dampers=[own | {"height": float(each)} for each in heights[1:]],
+        excitation={"amplitude": 0.01, "frequency": math.sqrt(427.6 / mass) / (2.0 * math.pi)},
+    )  # fmt: skip
+    integration, bare = Integration(scene, "impact"), amplitude_without_damper(scene)
+    amplitudes = [integration.run(Observation(scene.steady_window), disturbance=by).last.amplitude for by in _SCATTERS]
+    return efficiency(max(amplitudes), bare)
+
+
+def _rows(compared: list[Compared]) -> list[list[str]]:
+    def column(values: Array, spread: Array) -> list[str]:
+        own = np.array([one.amplitude for one in compared])
+        same = np.isfinite(values) & (spread <= _REPRODUCIBLE)
+        apart = np.abs(own / values - 1.0)[same]
+        return [
+            f"{len(compared)}", f"{np.median([one.impacts for one in compared]):.0f}", f"{np.sum(~np.isfinite(values))}",
+            f"{same.sum()}", f"{np.sum(apart <= 2e-3)}", f"{np.median(apart):.1e}, {apart.max():.1e}",
+            f"{max(abs(one.residual) for one in compared):.1e}",
+        ]  # fmt: skip
+
+    spread = np.array([one.spread for one in compared])
+    both = np.maximum(spread, [one.contacts_spread for one in compared])
+    names = ["structures", "impacts, median", "not ended by the reference", "amplitude reproducible",
+             "of these within 0.2 %", "difference, median and worst", "ledger, worst"]  # fmt: skip
+    impacts = column(np.array([one.by_impacts for one in compared]), spread)
+    contacts = column(np.array([one.by_contacts for one in compared]), both)
+    return [list(row) for row in zip(names, impacts, contacts, strict=True)]
+
+
+def _table(title: str, names: list[str], rows: list[list[str]]) -> Table:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
+    for number, name in enumerate(names):
+        table.add_column(name, justify="left" if number == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
