@@ -21,15 +21,15 @@ from atpid_common.arguments import whole
 from atpid_sim.kernel_inputs import dampers_of
 from atpid_sim.outcome import Outcome
 from atpid_sim.scene import Scene, standard_bench
-from atpid_sim.simulation.integration import Integration, Observation, amplitude_without_damper
+from atpid_sim.simulation.integration import SUPPORT, Integration, Observation, amplitude_without_damper
 from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
 from atpid_sim.system import Array
 from studies.dampers.naive import with_contacts, with_impacts
 
 #: Arguments of the example in the help.
 EXAMPLE = "--systems 40 --wild 3000 --seed 7"
-#: Relative change of the start, and of the amplitude up to which it is reproducible.
-_DISTURBANCE, _REPRODUCIBLE = 1e-6, 5e-4
+#: Relative change of the drive, and of the amplitude up to which it is reproducible.
+_DISTURBANCE, _REPRODUCIBLE = 1e-6, 1e-4
 #: Stiffness of the reference's contacts [N/m], and its step [s].
 _STIFFNESS, _STEP = 1e8, 5e-7
 #: Samples a second of the amplitude found by scipy.
@@ -51,7 +51,7 @@ class Compared:
     by_impacts: float  # the same with impacts found by scipy, NaN where that did not end [m]
     by_contacts: float  # with stiff linear contacts [m]
     residual: float  # of the ledger [-]
-    spread: float  # of the amplitude where the start changes, relative [-]
+    spread: float  # of the amplitude where the drive changes, relative [-]
     contacts_spread: float  # the same of the reference with contacts [-]
 
 
@@ -127,7 +127,9 @@ def _height(rng: np.random.Generator) -> float:
 def compare(scene: Scene) -> Compared:
     """Return what the engine and the references make of a scene."""
     integration = Integration(scene, "impact")
-    last, disturbed = (integration.run(Observation(scene.steady_window), disturbance=by) for by in (0.0, _DISTURBANCE))
+    tables = [integration.table, integration.table.copy()]
+    tables[1][:, SUPPORT] *= 1.0 + _DISTURBANCE
+    last, disturbed = (integration.run(Observation(scene.steady_window), table=table) for table in tables)
     begin, end = scene.steady_window
     times = np.arange(begin, end, 1.0 / _RATE)
     found = with_impacts(scene, scene.contact.restitution, times)  # type: ignore[attr-defined]
@@ -151,14 +153,15 @@ def wild(rng: np.random.Generator) -> Scene:
     def decades(low: float, high: float) -> float:
         return float(10.0 ** rng.uniform(low, high))
 
-    mass, radius, frequency = decades(-3.0, 3.0), decades(-3.5, -1.0), decades(-1.0, 3.0)
+    mass, radius, frequency = decades(-3.0, 2.0), decades(-3.5, -1.0), decades(-1.0, 2.5)
     laws: list[dict[str, Any]] = [
         {"law": "impact", "restitution": float(rng.choice([0.0, 1.0, rng.uniform(0.0, 1.0)]))},
-        {"law": "tsuji", "young_modulus": decades(5.0, 11.5), "poisson_ratio": 0.3, "damping_ratio": decades(-2.0, 0.5)},
+        {"law": "tsuji", "young_modulus": decades(5.0, 11.5), "poisson_ratio": 0.3,
+         "damping_ratio": decades(-2.0, 0.0)},
         {"law": "linear", "stiffness": decades(2.0, 9.0), "restitution": float(rng.uniform(0.01, 1.0))},
     ]  # fmt: skip
     further = [
-        {"mass": mass * decades(-2.0, 2.0), "frequency": frequency * decades(-1.0, 2.0),
+        {"mass": mass * decades(-2.0, 2.0), "frequency": frequency * decades(-1.0, 1.5),
          "damping_ratio": float(rng.choice([0.0, decades(-3.0, 1.0)])), "drive_factor": float(rng.normal())}
         for _ in range(rng.integers(0, 4))
     ]  # fmt: skip
@@ -184,7 +187,8 @@ def wild(rng: np.random.Generator) -> Scene:
         grain={"mass_fraction": decades(-5.0, -0.01), "radius": radius}, contact=laws[rng.integers(0, 3)],
         gravity=float(rng.choice([0.0, 9.81, decades(-2.0, 3.0)])), duration=duration,
         steady_window=[0.5 * duration, duration],
-        excitation={"amplitude": size, "frequency": "resonance" if rng.random() < 0.3 else frequency * decades(-1.0, 1.0)},
+        excitation={"amplitude": size, "frequency": "resonance" if rng.random() < 0.3 else
+                    frequency * decades(-1.0, 1.0)},
     )  # fmt: skip
 
 
@@ -236,8 +240,9 @@ def _rows(compared: list[Compared]) -> list[list[str]]:
         same = np.isfinite(values) & (spread <= _REPRODUCIBLE)
         apart = np.abs(own / values - 1.0)[same]
         return [
-            f"{len(compared)}", f"{np.median([one.impacts for one in compared]):.0f}", f"{np.sum(~np.isfinite(values))}",
-            f"{same.sum()}", f"{np.sum(apart <= 2e-3)}", f"{np.median(apart):.1e}, {apart.max():.1e}",
+            f"{len(compared)}", f"{np.median([one.impacts for one in compared]):.0f}",
+            f"{np.sum(~np.isfinite(values))}", f"{same.sum()}", f"{np.sum(apart <= 2e-3)}",
+            f"{np.median(apart):.1e}, {apart.max():.1e}",
             f"{max(abs(one.residual) for one in compared):.1e}",
         ]  # fmt: skip
 

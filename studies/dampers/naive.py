@@ -5,19 +5,26 @@ They share the scene's numbers with the engine, and nothing else. The mass matri
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array
 
+Flags = NDArray[np.bool_]
+
 #: Relative tolerance and longest step [s] of scipy; the closing speed below which a grain stays at its wall [m/s].
 _RTOL, _LONGEST, _SLOW = 1e-10, 1e-3, 1e-5
 #: How far off a wall a grain is put after an impact, so that the next event is another one [m].
 _OFF = 1e-13
+#: A wall that pulls more than this is left [m/s^2].
+_PULL = 1e-9
+#: A grain this near its wall lands with one that does [m].
+_LANDED = 1e-11
 #: Events of a run at most.
 _EVENTS = 4000
 #: Impacts of one instant at most before all is plastic.
@@ -71,20 +78,22 @@ class Structure(NamedTuple):
         q = -weight / self.stiffness
         return np.concatenate((q, 0.0 * q, self.shapes @ q, np.zeros(len(self.grains))))
 
-    def accelerations(self, t: float, q: Array, rate: Array, held: Array) -> Array:
+    def accelerations(self, t: float, q: Array, rate: Array, held: Flags) -> Any:
         """Return those of the modes (modes,) with the grains `held` (dampers,) of bool as part of the structure."""
         u, w = self.size * math.sin(self.omega * t), self.size * self.omega * math.cos(self.omega * t)
         force = self.direct * u + self.rate * w - self.stiffness * q - self.damping * rate
         force[0] -= self.mass[0] * self.gravity
         matrix = np.diag(self.mass)
-        for j in np.flatnonzero(held):
+        for j in map(int, np.flatnonzero(held)):
             force = force - self.grains[j] * self.gravity * self.shapes[j]
             matrix = matrix + self.grains[j] * np.outer(self.shapes[j], self.shapes[j])
         return np.linalg.solve(matrix, force)
 
 
-def with_impacts(scene: Scene, restitution: float, times: Array) -> Array | None:
-    """Return the first container's displacement at `times` (n,) [s]; None where bounces follow each other without end."""
+def with_impacts(  # noqa: C901 one run, as it is written down
+    scene: Scene, restitution: float, times: Array
+) -> Array | None:
+    """Return the first container's displacement at `times` (n,) [s]; None: bounces without end."""
     s = Structure.of(scene)
     n, count = len(s.mass), len(s.grains)
     z, t = s.start(), 0.0
@@ -102,29 +111,30 @@ def with_impacts(scene: Scene, restitution: float, times: Array) -> Array | None
         gap = float(z[2 * n + j] - s.shapes[j] @ z[:n])
         return gap, float(s.clearance[j]) - gap
 
-    def event(j: int, which: int):
+    def event(j: int, which: int) -> Any:
         def value(t: float, z: Array) -> float:
             if which < 2:
                 return 1.0 if held[j] else walls(j, z)[which]
             if not held[j] or clamped[j]:
                 return 1.0
-            return float(side[j] * (s.shapes[j] @ s.accelerations(t, z[:n], z[n : 2 * n], held) + s.gravity))
+            press = side[j] * (s.shapes[j] @ s.accelerations(t, z[:n], z[n : 2 * n], held) + s.gravity)
+            return float(press + _PULL)
 
         value.terminal, value.direction = True, -1  # type: ignore[attr-defined]
         return value
 
     events = [event(j, which) for j in range(count) for which in range(3)]
     for _ in range(_EVENTS):
-        for j in np.flatnonzero(held):  # exactly at the wall
+        for j in map(int, np.flatnonzero(held)):  # exactly at the wall
             z[2 * n + j] = s.shapes[j] @ z[:n] + (0.0 if side[j] > 0.0 else s.clearance[j])
             z[2 * n + count + j] = s.shapes[j] @ z[n : 2 * n]
         while True:  # who is pressed on
             a = s.accelerations(t, z[:n], z[n : 2 * n], held)
             press = np.where(held & ~clamped, side * (s.shapes @ a + s.gravity), 1.0)
-            if press.min() >= -1e-9:
+            if press.min() >= -0.5 * _PULL:
                 break
             held[press.argmin()] = False
-        for j in np.flatnonzero(~held):
+        for j in map(int, np.flatnonzero(~held)):
             below, above = walls(j, z)
             z[2 * n + j] += max(0.0, _OFF - below) - max(0.0, _OFF - above)
         motion = solve_ivp(
@@ -149,33 +159,35 @@ def with_impacts(scene: Scene, restitution: float, times: Array) -> Array | None
     return None
 
 
-def _struck(s: Structure, z: Array, side: Array, held: Array, clamped: Array, first: int, e: float) -> None:
-    """Let the grain `first` strike its wall, then those that its impact makes others close on; the fastest first."""
+def _struck(s: Structure, z: Array, side: Array, held: Flags, clamped: Flags, first: int, e: float) -> None:
+    """Let the grain `first`, and those that land with it, strike their walls, then those that this makes others meet.
+
+    The fastest come first, those of one closing speed together.
+    """
     n, count = len(s.mass), len(s.grains)
-    matrix = np.diag(s.mass)
-    for j in np.flatnonzero(clamped):
-        matrix = matrix + s.grains[j] * np.outer(s.shapes[j], s.shapes[j])
-    touching = held.copy()
+    matrix = np.diag(s.mass) + sum(s.grains[j] * np.outer(s.shapes[j], s.shapes[j]) for j in np.flatnonzero(clamped))
+    touching, gaps = held.copy(), z[2 * n : 2 * n + count] - s.shapes @ z[:n]
+    side[~held & (gaps <= _LANDED)], side[~held & (s.clearance - gaps <= _LANDED)] = 1.0, -1.0
+    touching |= (gaps <= _LANDED) | (s.clearance - gaps <= _LANDED)
     touching[first] = True
-    for round_ in range(_ROUNDS):
+    for lap in range(_ROUNDS):
         closing = side * (s.shapes @ z[n : 2 * n] - z[2 * n + count :])
         closing[~touching | clamped] = 0.0
-        j = int(closing.argmax())
-        speed = closing[j]
-        if speed <= 1e-12:
+        if closing.max() <= 1e-12:
             break
-        own = 0.0 if speed < _SLOW or round_ > _ROUNDS // 2 else e
-        response = np.linalg.solve(matrix, s.shapes[j])
-        impulse = side[j] * (1.0 + own) * speed / (1.0 / s.grains[j] + s.shapes[j] @ response)
-        z[n : 2 * n] -= impulse * response
-        z[2 * n + count + j] += impulse / s.grains[j]
+        together = closing >= (1.0 - 1e-6) * closing.max()
+        own = np.where((closing < _SLOW) | (lap > _ROUNDS // 2), 0.0, e)
+        response = np.linalg.solve(matrix, (s.shapes[together] * side[together, None]).T)
+        meets = (s.shapes[together] * side[together, None]) @ response + np.diag(1.0 / s.grains[together])
+        impulse = np.maximum(np.linalg.solve(meets, (1.0 + own[together]) * closing[together]), 0.0)
+        z[n : 2 * n] -= response @ impulse
+        z[2 * n + count :][together] += side[together] * impulse / s.grains[together]
     parting = side * (z[2 * n + count :] - s.shapes @ z[n : 2 * n])
-    for j in np.flatnonzero(touching):
-        held[j] = bool(clamped[j]) or parting[j] <= 0.3 * _SLOW
+    held[touching] = clamped[touching] | (parting[touching] <= 0.3 * _SLOW)
 
 
 @njit(cache=False)
-def _contacts(
+def _contacts(  # type: ignore[no-untyped-def]  # noqa: C901, PLR0913 compiled: plain numbers and arrays
     mass, stiffness, damping, direct, rate, grains, clearance, shapes, gravity, omega, size, k, c, z, t, h, n
 ):
     """Displacement of the first container at the ends of n steps by Runge and Kutta's method, linear contacts."""
@@ -222,7 +234,7 @@ def with_contacts(scene: Scene, stiffness: float, damping: Array, step: float, d
     z = s.start()
     n = len(s.mass)
     z[2 * n : 2 * n + len(s.grains)] -= s.grains * s.gravity / stiffness
-    z[0] *= 1.0 + disturbance
+    s = s._replace(size=s.size * (1.0 + disturbance))
     steps = round(scene.duration / step)
     found: Array = _contacts(*s, stiffness, damping, z, 0.0, step, steps)
     return found

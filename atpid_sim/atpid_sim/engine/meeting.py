@@ -18,7 +18,9 @@ from atpid_sim.kernel import kernel
 from atpid_sim.system import Array
 
 #: Closing speeds that differ by less are the same, and those below this share of the velocities are none.
-_ALIKE, _NONE = 1e-9, 1e-12
+_ALIKE, _NONE = 1e-6, 1e-12
+#: A gap below this fraction of the lengths in play is none where another grain lands: those at one place land together.
+_NEAR = 1e-10
 #: Rounds of impacts at one instant; from `COLLAPSE` on all of them are plastic.
 _ROUNDS = 5 * COLLAPSE
 
@@ -67,7 +69,7 @@ def _land(d, wall, segment, tau, which, grains, hits):
             continue
         clearance, opening = clearance_of(d, segment, tau, j)
         gap, parting = grains[j, at.G_PLACE] - wall[j, 0], grains[j, at.G_SPEED] - wall[j, 1]
-        touch = 1e-14 * (abs(wall[j, 0]) + abs(grains[j, at.G_PLACE]) + 2.0 * d.table[j, at.RADIUS])
+        touch = _NEAR * (abs(wall[j, 0]) + abs(grains[j, at.G_PLACE]) + 2.0 * d.table[j, at.RADIUS])
         floor, ceiling = gap <= touch and parting < 0.0, clearance - gap <= touch and opening - parting < 0.0
         if j == which and not floor and not ceiling:
             floor = gap <= 0.5 * clearance

@@ -33,6 +33,8 @@ from atpid_sim.system import Array
 
 #: A gap below this fraction of the lengths in play is a touch, a velocity or acceleration below such one is rounding.
 _TOUCH, _STILL, _WEIGHTLESS = 1e-14, 1e-15, 1e-12
+#: Share of the accelerations below which the pressing force on a grain vanishes together with that on another.
+_TOGETHER = 1e-9
 
 
 class Scratch(NamedTuple):
@@ -258,6 +260,11 @@ def _pass_row(d, work, segment, y, n, view, out, impacts, budget):
             outcome = Outcome.OVERLAP_TOO_DEEP if crushed else Outcome.DONE
         elif which >= 0 and not touches:
             hits[which, at.D_MODE] = at.FREE
+            for j in range(len(hits)):  # those at one place are let off together
+                a = work.wall[j, 2]
+                pressing = side_of(hits[j, at.D_MODE]) * (a + d.gravity)
+                if held[j] and not clamped[j] and pressing <= _TOGETHER * (abs(a) + d.gravity):
+                    hits[j, at.D_MODE] = at.FREE
         if outcome != Outcome.DONE:
             return outcome
         if steps_used(n) >= budget:

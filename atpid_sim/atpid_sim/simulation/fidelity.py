@@ -12,7 +12,7 @@ omega T, T the depth of an impact over its speed, exceeds it in 54 of 55 (docs/d
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
@@ -39,6 +39,8 @@ _COMPLIANT_CLOSED_SHARE = 0.2
 _CLOSED_DECAY_SHARE = 0.5
 #: Clearance over the radius below which the grain is held, as the engine has it.
 _HELD_CLEARANCE = 1e-5
+#: What else is left out where grains are several.
+_TOGETHER = "; what impacts within the duration of one do to each other"
 #: Logarithms of the least and largest depth [m] considered.
 _SHALLOW, _DEEP = -60.0, 10.0
 
@@ -66,7 +68,8 @@ def choose(
             raise ValueError(
                 f"fidelity {fidelity}: given with further_dampers; allowed: auto, impact (docs/dampers.md)"
             )
-        return _described(scene, "impact", undamped)
+        choice = _described(scene, "impact", undamped)
+        return choice if choice.model_error == 0.0 else replace(choice, left_out=f"{choice.left_out}{_TOGETHER}")
     if fidelity == "auto" and scene.modes is not None and not is_closed(scene):
         return _described(scene, complete_fidelity(scene), undamped)  # what a contact does to fast modes has no bound
     if fidelity == "auto":
