@@ -9,8 +9,9 @@ import argparse
 import json
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -36,9 +37,10 @@ _STIFFNESS, _STEP = 1e8, 5e-7
 _STEPS = 100_000
 #: Samples a second of the amplitude found by scipy.
 _RATE = 4000.0
-#: Cells of one mass, scatters of their start, and heights [m] and spreads of heights that are tried.
+#: Cells of one mass, scatters of their start, amplitudes of the support [m], heights [m] and spreads of heights.
 _CELLS, _SCATTERS = (1, 2, 3, 5, 10, 20), (1e-3, 1.7e-3, 3e-3)
-_HEIGHTS, _SPREADS = np.arange(0.06, 0.42, 0.01), (0.0, 0.1, 0.2, 0.4, 0.6)
+_AMPLITUDE, _AMPLITUDES = 0.01, (0.006, 0.01, 0.014)
+_HEIGHTS, _SPREADS = np.arange(0.06, 0.42, 0.01), (0.0, 0.02, 0.2, 0.5, 0.8)
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,11 @@ class Compared:
     grains: int
     drive: str
     impacts: int
-    amplitude: float  # in the steady window [m]
-    by_impacts: float  # the same with impacts found by scipy, NaN where that did not end [m]
-    by_contacts: float  # with stiff linear contacts [m]
-    residual: float  # of the ledger [-]
-    spread: float  # of the amplitude where the drive changes, relative [-]
-    contacts_spread: float  # the same of the reference with contacts [-]
+    by_impacts: float  # difference of the amplitude from scipy's, relative; NaN where its bounces do not end [-]
+    impacts_spread: float  # of the amplitude where the drive changes, relative [-]
+    by_contacts: float  # difference from the amplitude with stiff linear contacts [-]
+    contacts_spread: float  # of these, the larger one [-]
+    residual: float  # of the ledgers [-]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,10 +86,12 @@ def run(args: argparse.Namespace) -> int:
             _table("outcomes of wild scenes", ["", ""], [[name, str(n)] for name, n in outcomes.most_common()])
         )
     if cells:
-        names = ["cells", "equal heights [m]", "reduction", "spread heights", "their spread", "reduction"]
-        console.print(
-            _table("one mass in several cells", names, [[f"{each:.3g}" for each in row.values()] for row in cells])
-        )
+        names = [
+            "cells",
+            *(f"{what} [{unit}]" for what in ("equal:", "made:", "wide:") for unit in ("m", "-", "red.")),
+        ]
+        rows = [[f"{each:.3g}" for each in row.values()] for row in cells]
+        console.print(_table("one mass in several cells: height, spread, reduction", names, rows))
     return 0
 
 
@@ -127,26 +130,42 @@ def _height(rng: np.random.Generator) -> float:
 
 
 def compare(scene: Scene) -> Compared:
-    """Return what the engine and the references make of a scene."""
-    integration = Integration(scene, "impact")
-    tables = [integration.table, integration.table.copy()]
-    tables[1][:, SUPPORT] *= 1.0 + _DISTURBANCE
-    last, disturbed = (integration.run(Observation(scene.steady_window), table=table) for table in tables)
+    """Return what the engine and the references make of a scene with linear contacts, and of one with impacts."""
+    e: float = scene.contact.restitution  # type: ignore[attr-defined]
     begin, end = scene.steady_window
+    of_impacts, of_contacts = _twice(scene.with_(contact={"law": "impact", "restitution": e})), _twice(scene)
     times = np.arange(begin, end, 1.0 / _RATE)
-    found = with_impacts(scene, scene.contact.restitution, times)  # type: ignore[attr-defined]
+    found = with_impacts(scene, e, times)
     damping = dampers_of(scene).parameters[:, 1]
     contacts = [
         half_peak_to_peak(with_contacts(scene, _STIFFNESS, damping, _STEP, by)[round(begin / _STEP) :])
         for by in (0.0, _DISTURBANCE)
     ]
-    amplitude = last.last.amplitude
+    by_impacts = math.nan if found is None else half_peak_to_peak(found)
     return Compared(
-        1 + len(scene.further_modes), len(scene.dampers), scene.drive,
-        last.last.floor_impacts + last.last.ceiling_impacts, amplitude,
-        math.nan if found is None else half_peak_to_peak(found), contacts[0], last.ledger.residual,
-        abs(disturbed.last.amplitude / amplitude - 1.0), abs(contacts[1] / contacts[0] - 1.0),
+        1 + len(scene.further_modes), len(scene.dampers), scene.drive, of_impacts.impacts,
+        abs(of_impacts.amplitude / by_impacts - 1.0), of_impacts.spread,
+        abs(of_contacts.amplitude / contacts[0] - 1.0), max(of_contacts.spread, abs(contacts[1] / contacts[0] - 1.0)),
+        max(of_impacts.residual, of_contacts.residual),
     )  # fmt: skip
+
+
+class _Run(NamedTuple):
+    """A run of the engine."""
+
+    amplitude: float  # in the steady window [m]
+    spread: float  # of it where the drive changes, relative [-]
+    impacts: int
+    residual: float  # of the ledger [-]
+
+
+def _twice(scene: Scene) -> _Run:
+    integration = Integration(scene, "impact")
+    tables = [integration.table, integration.table.copy()]
+    tables[1][:, SUPPORT] *= 1.0 + _DISTURBANCE
+    run, disturbed = (integration.run(Observation(scene.steady_window), table=table) for table in tables)
+    amplitude, impacts = run.last.amplitude, run.last.floor_impacts + run.last.ceiling_impacts
+    return _Run(amplitude, abs(disturbed.last.amplitude / amplitude - 1.0), impacts, abs(run.ledger.residual))
 
 
 def wild(rng: np.random.Generator) -> Scene:
@@ -211,54 +230,69 @@ def outcome(scene: Scene) -> str:
 
 
 def divided(count: int) -> dict[str, float]:
-    """Return the best heights of a tenth of all mass in so many cells, equal and spread, and the reductions."""
-    trials = {
-        (float(height), spread): _reduction(count, float(height), spread)
-        for spread in (_SPREADS if count > 1 else _SPREADS[:1])
-        for height in _HEIGHTS
-    }
-    equal = max((one for one in trials if one[1] == 0.0), key=trials.__getitem__)
-    best = max(trials, key=trials.__getitem__)
-    return {"cells": count, "height": equal[0], "equal": trials[equal], "middle": best[0], "spread": best[1],
-            "best": trials[best]}  # fmt: skip
+    """Return the best reductions of a tenth of all mass in so many cells, with their heights and spreads of heights.
+
+    With equal heights, where grains that start alike move as one; with heights as alike as they are made; and the worst
+    of several excitation amplitudes, at any spread.
+    """
+    heights = [(float(height), spread) for spread in _SPREADS[: None if count > 1 else 1] for height in _HEIGHTS]
+    alone = {one: _reduction(count, *one, _SCATTERS, (_AMPLITUDE,)) for one in heights if one[1] <= _SPREADS[1]}
+    wide = {one: _reduction(count, *one, _SCATTERS[:1], _AMPLITUDES) for one in heights}
+    made = {one: value for one, value in alone.items() if one[1] > 0.0 or count == 1}
+    found: dict[str, float] = {"cells": count}
+    for name, trials in (
+        ("equal", {one: alone[one] for one in alone if one[1] == 0.0}),
+        ("made", made),
+        ("wide", wide),
+    ):
+        best = max(trials, key=trials.__getitem__)
+        found |= {f"{name}_height": best[0], f"{name}_spread": best[1], name: trials[best]}
+    return found
 
 
-def _reduction(count: int, height: float, spread: float) -> float:
-    """Return the reduction [-] at the resonance without damper, the worst of some starts; spread: of heights."""
+def _reduction(
+    count: int, height: float, spread: float, scatters: Sequence[float], amplitudes: Sequence[float]
+) -> float:
+    """Return the reduction [-] at the resonance without damper, the worst of some starts and amplitudes [m]."""
     mass = 0.3258
     each = mass / 9.0 / count
     own = {"mass_fraction": each / (each + mass)}
     heights = height * (1.0 + spread * np.linspace(-0.5, 0.5, count)) if count > 1 else np.array([height])
-    scene = standard_bench(
-        grain=own | {"radius": 0.0085}, gravity=0.0, duration=24.0, steady_window=[16.0, 24.0],
-        contact={"law": "impact", "restitution": 0.5}, ceiling={"height": float(heights[0])},
-        further_dampers=[own | {"height": float(each)} for each in heights[1:]],
-        excitation={"amplitude": 0.01, "frequency": math.sqrt(427.6 / mass) / (2.0 * math.pi)},
-    )  # fmt: skip
-    integration, bare = Integration(scene, "impact"), amplitude_without_damper(scene)
-    amplitudes = [integration.run(Observation(scene.steady_window), disturbance=by).last.amplitude for by in _SCATTERS]
-    return efficiency(max(amplitudes), bare)
+    worst = 1.0
+    for amplitude in amplitudes:
+        scene = standard_bench(
+            grain=own | {"radius": 0.0085}, gravity=0.0, duration=24.0, steady_window=[16.0, 24.0],
+            contact={"law": "impact", "restitution": 0.5}, ceiling={"height": float(heights[0])},
+            further_dampers=[own | {"height": float(each)} for each in heights[1:]],
+            excitation={"amplitude": amplitude, "frequency": math.sqrt(427.6 / mass) / (2.0 * math.pi)},
+        )  # fmt: skip
+        integration, bare = Integration(scene, "impact"), amplitude_without_damper(scene)
+        for by in scatters:
+            run = integration.run(Observation(scene.steady_window), disturbance=by)
+            worst = min(worst, efficiency(run.last.amplitude, bare))
+    return worst
 
 
 def _rows(compared: list[Compared]) -> list[list[str]]:
-    def column(values: Array, spread: Array) -> list[str]:
-        own = np.array([one.amplitude for one in compared])
-        same = np.isfinite(values) & (spread <= _REPRODUCIBLE)
-        apart = np.abs(own / values - 1.0)[same]
+    def column(apart: Array, spread: Array) -> list[str]:
+        same = apart[np.isfinite(apart) & (spread <= _REPRODUCIBLE)]
         return [
-            f"{len(compared)}", f"{np.median([one.impacts for one in compared]):.0f}",
-            f"{np.sum(~np.isfinite(values))}", f"{same.sum()}", f"{np.sum(apart <= 2e-3)}",
-            f"{np.median(apart):.1e}, {apart.max():.1e}",
-            f"{max(abs(one.residual) for one in compared):.1e}",
+            f"{len(apart)}", f"{np.sum(~np.isfinite(apart))}", f"{len(same)}", f"{np.sum(same <= 2e-3)}",
+            f"{np.median(same):.1e}, {same.max():.1e}",
         ]  # fmt: skip
 
-    spread = np.array([one.spread for one in compared])
-    both = np.maximum(spread, [one.contacts_spread for one in compared])
-    names = ["structures", "impacts, median", "not ended by the reference", "amplitude reproducible",
-             "of these within 0.2 %", "difference, median and worst", "ledger, worst"]  # fmt: skip
-    impacts = column(np.array([one.by_impacts for one in compared]), spread)
-    contacts = column(np.array([one.by_contacts for one in compared]), both)
-    return [list(row) for row in zip(names, impacts, contacts, strict=True)]
+    names = ["structures", "not ended by the reference", "others whose amplitude is reproducible",
+             "of these within 0.2 %", "difference, median and worst"]  # fmt: skip
+    impacts, contacts = (
+        column(np.array([getattr(one, f"by_{name}") for one in compared]),
+               np.array([getattr(one, f"{name}_spread") for one in compared]))
+        for name in ("impacts", "contacts")
+    )  # fmt: skip
+    common = [
+        ["impacts, median", f"{np.median([one.impacts for one in compared]):.0f}", ""],
+        ["ledger, worst", f"{max(one.residual for one in compared):.1e}", ""],
+    ]
+    return [*(list(row) for row in zip(names, impacts, contacts, strict=True)), *common]
 
 
 def _table(title: str, names: list[str], rows: list[list[str]]) -> Table:
