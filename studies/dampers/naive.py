@@ -26,7 +26,7 @@ _PULL = 1e-9
 #: A grain this near its wall lands with one that does [m].
 _LANDED = 1e-11
 #: Events of a run at most.
-_EVENTS = 4000
+_EVENTS = 2500
 #: Impacts of one instant at most before all is plastic.
 _ROUNDS = 60
 

@@ -92,10 +92,10 @@ def _closing(d, segment, states, grains, hits, j):
 
 
 @kernel
-def _impulses(d, inverse, hits, struck, wanted):
+def _impulses(d, inverse, hits, struck, wanted, pulling):
     """Impulses (k,) [N s] of the dampers `struck` (k,) that change their closing speeds by `wanted` (k,) [m/s].
 
-    Where one would pull, it is left out.
+    Where one would pull, it is left out, unless `pulling`.
     """
     size = len(struck)
     matrix, impulse = np.empty((size, size)), np.zeros(size)
@@ -108,11 +108,51 @@ def _impulses(d, inverse, hits, struck, wanted):
     kept = np.arange(size)
     while len(kept) > 0:
         found = np.linalg.solve(matrix[kept][:, kept], wanted[kept])
-        if found.min() >= 0.0:
+        if pulling or found.min() >= 0.0:
             impulse[kept] = found
             break
         kept = np.delete(kept, found.argmin())
     return impulse
+
+
+@kernel
+def _strike(d, inverse, segment, y, states, grains, hits, struck, wanted, pulling):
+    """Enter the impulses of `_impulses` and what they lose."""
+    before = np.empty(len(struck))
+    for a, hit in enumerate(struck):
+        before[a] = _closing(d, segment, states, grains, hits, hit)[0]
+    impulse = _impulses(d, inverse, hits, struck, wanted, pulling)
+    for a, hit in enumerate(struck):
+        push = side_of(hits[hit, at.D_MODE]) * impulse[a]
+        moved = inverse @ d.shapes[hit]
+        for i in range(states.shape[0]):
+            states[i, at.Q_RATE] -= push * moved[i]
+        grains[hit, at.G_SPEED] += push / d.table[hit, at.GRAIN_MASS]
+    for a, hit in enumerate(struck):
+        after = _closing(d, segment, states, grains, hits, hit)[0]
+        y[at.CONTACT_LOSS] += 0.5 * impulse[a] * (before[a] + after)
+        if hit == 0 and hits[hit, at.D_MODE] == at.ON_CEILING:
+            y[at.CEILING_WORK] -= segment[at.CEILING_VELOCITY] * impulse[a]
+
+
+@kernel
+def _keep_at_rest(d, inverse, wall, segment, y, states, grains, hits, left_out, fastest):
+    """Hold the pressed grains that another's impact has moved off so slowly that they would be back in no time.
+
+    left_out (dampers,): those that are clamped or were thrown off. Two that do this to each other would never rest.
+    """
+    slowly = np.zeros(len(hits), np.bool_)
+    for j in range(len(hits)):
+        if hits[j, at.D_MODE] != at.FREE and not left_out[j]:
+            parting = -_closing(d, segment, states, grains, hits, j)[0]
+            push = side_of(hits[j, at.D_MODE]) * (wall[j, 2] + d.gravity)
+            slowly[j] = 2.0 * parting * fastest <= STICKING * push
+    kept = np.flatnonzero(slowly)
+    if len(kept) > 1:
+        wanted = np.empty(len(kept))
+        for a, hit in enumerate(kept):
+            wanted[a] = _closing(d, segment, states, grains, hits, hit)[0]
+        _strike(d, inverse, segment, y, states, grains, hits, kept, wanted, True)
 
 
 @kernel
@@ -163,7 +203,7 @@ def meet(d, wall, segment, tau, which, y, n, states, grains, hits, clamped, fast
     landed = _land(d, wall, segment, tau, which, grains, hits)
     inverse = np.empty((states.shape[0], states.shape[0]))
     inverse_mass(d.modes, d.table, d.shapes, clamped, inverse)
-    closing, counted = np.zeros(len(hits)), np.zeros(len(hits), np.bool_)
+    closing, counted, thrown = np.zeros(len(hits)), np.zeros(len(hits), np.bool_), np.zeros(len(hits), np.bool_)
     for lap in range(_ROUNDS):
         for j in range(len(hits)):
             closing[j] = 0.0
@@ -187,21 +227,12 @@ def meet(d, wall, segment, tau, which, y, n, states, grains, hits, clamped, fast
             least = min(least, e)
             if closing[hit] > d.table[hit, at.FAST]:
                 return True
+            thrown[hit] |= e > 0.0
             if not counted[hit] and (landed[hit] or e > 0.0):
                 counted[hit] = True
                 _count(n, hits, hit, closing[hit], view.origin + tau, view.observing, impacts)
-        impulse = _impulses(d, inverse, hits, struck, (1.0 + least) * closing[struck])
-        for a, hit in enumerate(struck):
-            push = side_of(hits[hit, at.D_MODE]) * impulse[a]
-            moved = inverse @ d.shapes[hit]
-            for i in range(states.shape[0]):
-                states[i, at.Q_RATE] -= push * moved[i]
-            grains[hit, at.G_SPEED] += push / d.table[hit, at.GRAIN_MASS]
-        for a, hit in enumerate(struck):
-            after = _closing(d, segment, states, grains, hits, hit)[0]
-            y[at.CONTACT_LOSS] += 0.5 * impulse[a] * (closing[hit] + after)
-            if hit == 0 and hits[hit, at.D_MODE] == at.ON_CEILING:
-                y[at.CEILING_WORK] -= segment[at.CEILING_VELOCITY] * impulse[a]
+        _strike(d, inverse, segment, y, states, grains, hits, struck, (1.0 + least) * closing[struck], False)
+    _keep_at_rest(d, inverse, wall, segment, y, states, grains, hits, clamped | thrown, fastest)
     for j in range(len(hits)):
         if hits[j, at.D_MODE] != at.FREE:
             speed, size, moving_wall = _closing(d, segment, states, grains, hits, j)
