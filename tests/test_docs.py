@@ -59,6 +59,7 @@ RUN = {
         r"python -m studies identification ": "test_the_command_puts_its_table_into_a_page"
     },
     "tests/of_studies/test_designs.py": {r"python -m studies designs": "test_the_command_prints_its_tables"},
+    "tests/of_studies/test_dampers.py": {r"python -m studies dampers": "test_the_tables_are_printed"},
     "tests/of_studies/test_modal.py": {r"python -m studies modes": "test_the_tables_show_what_a_mode_costs"},
     "tests/of_studies/test_peace01.py": {r"python -m studies peace01": "test_the_study_s_page_of_numbers"},
     "tests/test_emulated_stand.py": {

@@ -32,12 +32,13 @@ _DRIVEN = (
     "rms", "undamped_rms", "efficiency_rms", "bare_rms", "reduction_rms", "independent_samples", "support_rms",
     "support_acceleration_rms", "deflection", "undamped_deflection", "bare_deflection",
     "amplitude", "undamped_amplitude", "efficiency", "bare_amplitude", "reduction", "reproducible", "spread", "motion",
-    "impacts", "resonance", "fidelity", "left_out", "error_estimate", "energy_residual", "steps", "wall_s", "result",
+    "impacts", "impacts_per_damper", "resonance", "fidelity", "left_out", "error_estimate", "energy_residual", "steps",
+    "wall_s", "result",
 )  # fmt: skip
 #: The amplitude in a window of a decay depends on the window: the decrement is what it is measured by.
 _DECAY = (
-    "decrement", "undamped_decrement", "decrement_error", "impacts", "resonance", "fidelity", "left_out",
-    "energy_residual", "steps", "wall_s", "result",
+    "decrement", "undamped_decrement", "decrement_error", "impacts", "impacts_per_damper", "resonance", "fidelity",
+    "left_out", "energy_residual", "steps", "wall_s", "result",
 )  # fmt: skip
 
 
@@ -201,7 +202,7 @@ def _show(name: str, scene: Scene, result: Result) -> None:
     values = result.to_json()
     table = Table(title=name, show_header=False)
     for key in _DECAY if scene.excitation.is_free else _DRIVEN:
-        if values[key] is not None:
+        if values[key] not in (None, []):
             table.add_row(key, _shown(key, values), _UNITS.get(key, ""))
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(table)

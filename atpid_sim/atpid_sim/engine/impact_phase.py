@@ -16,15 +16,15 @@ from atpid_sim.engine.work import joined_work
 from atpid_sim.kernel import kernel, lean
 
 #: Bounces that would all be over within this many radians of the fastest vibration are taken as one: the grain sticks.
-_STICKING = 0.01
+STICKING = 0.01
 #: A clearance below this share of the grain's radius is none: no contact is so shallow, and elastic bounces never end.
-_NO_CLEARANCE = 1e-5
+NO_CLEARANCE = 1e-5
 #: A closing speed below this share of push / fastest is none: elastic grains too come to rest.
-_NO_SPEED = 1e-9
+NO_SPEED = 1e-9
 #: Impacts at one and the same instant after which the grain sticks: its bounces are shorter than the clock resolves.
-_COLLAPSE = 50
+COLLAPSE = 50
 #: Bounces below this share of the beam's displacement are low.
-_LOW = 1e-8
+LOW = 1e-8
 
 
 @lean
@@ -38,7 +38,7 @@ def begin_impact_row(y, n, segment):
 def is_held(segment, tau, system):
     """Whether floor and ceiling hold the grain: there is no clearance and the ceiling is not opening."""
     clearance = segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * tau - 2.0 * system.radius
-    return segment[at.CEILING_VELOCITY] <= 0.0 and clearance <= _NO_CLEARANCE * system.radius
+    return segment[at.CEILING_VELOCITY] <= 0.0 and clearance <= NO_CLEARANCE * system.radius
 
 
 @lean
@@ -74,7 +74,7 @@ def collide(y, n, segment, tau, system, law, p, stuck):
     `stuck`: impacts at this very instant so far. Returns how long the bounces last that sticking replaces [s].
     """
     arc = free_arc(system.modes, y, system.beam_mass, system, segment, tau)
-    replaced = only_micro_bounces(y, n, segment, tau, system, _LOW) or stuck > _COLLAPSE
+    replaced = only_micro_bounces(y, n, segment, tau, system, LOW) or stuck > COLLAPSE
     side = 1.0 if n[at.MODE] == at.ON_FLOOR else -1.0
     moving = 0.0 if side > 0.0 else segment[at.CEILING_VELOCITY]
     closing = side * (y[at.BEAM_VELOCITY] + moving - y[at.GRAIN_VELOCITY])
@@ -85,13 +85,13 @@ def collide(y, n, segment, tau, system, law, p, stuck):
     fastest = fastest_of(arc)
     # the bounces that follow last 2 e v / (push (1 - e)) in all, a geometric series
     rounding = -1e-12 * (abs(push) + system.gravity) if closing == 0.0 else 0.0
-    slow = max(push, 0.0) * max(_NO_SPEED, _STICKING * (1.0 - e) / max(2.0 * e, 1e-300))
+    slow = max(push, 0.0) * max(NO_SPEED, STICKING * (1.0 - e) / max(2.0 * e, 1e-300))
     held = is_held(segment, tau, system) or replaced
     sticks = held or (push >= rounding and closing * fastest <= slow)
     bounces = 0.0
     if sticks:
         if not held and push > 0.0 and e < 1.0:
-            bounces = min(2.0 * e * closing / (push * (1.0 - e)), _STICKING / fastest)
+            bounces = min(2.0 * e * closing / (push * (1.0 - e)), STICKING / fastest)
         e = 0.0
     impulse = max(0.0, (1.0 + e) * reduced * closing)
     y[at.BEAM_VELOCITY] -= side * impulse / beam_mass

@@ -17,9 +17,9 @@ from atpid_sim.engine.modes import container_mass, free_acceleration, kick, rest
 from atpid_sim.kernel import kernel
 
 #: Low bounces before static contact: bounces that die out by themselves are a few, or a few dozen.
-_LIMIT = 1000
+LIMIT = 1000
 #: Low bounces that one higher one cancels: near its equilibrium a slowly moving beam makes every bounce a high one.
-_OUTWEIGHED = 10
+OUTWEIGHED = 10
 
 
 @kernel
@@ -54,8 +54,8 @@ def only_micro_bounces(y, n, segment, tau, system, share):
     pressing = side * _support_force(system.modes, y, segment, tau, system) / container_mass(system.modes, system)
     closing = closing_speed(y, side, segment[at.CEILING_VELOCITY])
     low = clearance <= share * size or (pressing > 0.0 and closing * closing <= 2.0 * pressing * share * size)
-    n[at.LOW_HOPS] = n[at.LOW_HOPS] + 1 if low else max(0, n[at.LOW_HOPS] - _OUTWEIGHED)
-    return low and n[at.LOW_HOPS] > _LIMIT and pressing > 0.0
+    n[at.LOW_HOPS] = n[at.LOW_HOPS] + 1 if low else max(0, n[at.LOW_HOPS] - OUTWEIGHED)
+    return low and n[at.LOW_HOPS] > LIMIT and pressing > 0.0
 
 
 @kernel

@@ -27,7 +27,7 @@ from atpid_sim.outcome import Outcome
 #: What `pass_sections` returns where the grain is in contact at the end.
 IN_CONTACT = -1
 #: Phases without any progress in time after which a run ends as STALLED.
-_STALLED = 1000
+STALLED = 1000
 
 
 class Fidelity(IntEnum):
@@ -154,7 +154,7 @@ def _fault(fidelity, y, height, diameter):
 
 
 @kernel
-def _open_length(segment, diameter):
+def open_length(segment, diameter):
     """How long the ceiling stays at or above the grain's diameter in this row [s]; the row's length if all the time."""
     length = segment[at.END] - segment[at.START]
     if min(segment[at.HEIGHT], segment[at.HEIGHT] + segment[at.CEILING_VELOCITY] * length) >= diameter * (1.0 - 1e-12):
@@ -205,7 +205,7 @@ def _advance(fidelity, table, system, mass, law, p, control, y, n, window, sampl
         start, end = segment[at.START], segment[at.END]
         if end <= y[at.TIME]:
             continue
-        length = end - start if fidelity == Fidelity.SIMPLIFIED else _open_length(segment, diameter)
+        length = end - start if fidelity == Fidelity.SIMPLIFIED else open_length(segment, diameter)
         view = SampleView(window[0] <= 0.5 * (start + end) <= window[1], sampling[0], sampling[1], start)
         if view.observing:
             record_extreme(y, y[at.BEAM])
@@ -229,7 +229,7 @@ def _advance(fidelity, table, system, mass, law, p, control, y, n, window, sampl
             if fault != Outcome.DONE:
                 return fault
             stuck = stuck + 1 if tau == before else 0
-            if stuck > _STALLED:
+            if stuck > STALLED:
                 return Outcome.STALLED
         if length < end - start:
             return Outcome.CEILING_CRUSHES

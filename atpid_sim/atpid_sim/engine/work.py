@@ -19,9 +19,9 @@ from atpid_sim.engine.vibration import free_vibration, grown
 from atpid_sim.kernel import chosen, inlined, kernel, lean
 
 # Gauss-Legendre, six points on [0, 1]
-_NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
+NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
           0.6193095930415985, 0.8306046932331323, 0.966234757101576)  # fmt: skip
-_WEIGHTS = (0.08566224618958517, 0.1803807865240693, 0.23395696728634552,
+WEIGHTS = (0.08566224618958517, 0.1803807865240693, 0.23395696728634552,
             0.23395696728634552, 0.1803807865240693, 0.08566224618958517)  # fmt: skip
 
 #: Longest panel of several modes, in radians of the fastest: six points leave 3e-8 of a square there.
@@ -57,7 +57,7 @@ def _free_mode_work(modes, i, y, arc, left, right, segment):
         length = (end - begin) / panels
         swings = mode.squared > 0.0 and not mode.resonant
         work = loss = 0.0
-        for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba's zip takes no keyword
+        for node, weight in zip(NODES, WEIGHTS):  # noqa: B905  numba's zip takes no keyword
             tau = begin + length * node
             # from panel to panel, tone and free vibration only turn by the same angle
             tone_turn = free_turn = tone_at = free_at = complex(1.0, 0.0)
@@ -112,7 +112,7 @@ def _joined_modes_work(modes, y, segment, system, arc, left, right):
     panels = 1 + int(fastest_of(arc) * (right - left) / _MODAL_PANEL)
     length = (right - left) / panels
     for panel in range(panels):
-        for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba's zip takes no keyword
+        for node, weight in zip(NODES, WEIGHTS):  # noqa: B905  numba's zip takes no keyword
             tau = left + length * (panel + node)
             u, w = support_at(segment, tau)
             for i in range(count):
@@ -168,7 +168,7 @@ def _add_work(y, arc, left, right, pace):
     length = (right - left) / panels
     work = loss = 0.0
     for panel in range(panels):
-        for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba's zip takes no keyword
+        for node, weight in zip(NODES, WEIGHTS):  # noqa: B905  numba's zip takes no keyword
             x, v, _a, u, w = beam_at(arc, left + length * (panel + node))
             slip = v - w
             work += weight * (arc.stiffness * (u - x) - arc.damping * slip) * w

@@ -7,9 +7,20 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeGuard
 
-from pydantic import Field, model_validator
+from pydantic import Field, Strict, model_validator
 
-from atpid_sim.fields import Damping, Fraction, Length, Mass, Number, SceneBlock, Stiffness, Words, impossible, within
+from atpid_sim.fields import (
+    Damping,
+    Fraction,
+    Length,
+    Mass,
+    Number,
+    SceneBlock,
+    Stiffness,
+    Words,
+    impossible,
+    within,
+)  # fmt: skip
 
 #: Largest damping ratio of the beam alone. Beyond, it follows the support and nothing else, but ever shorter steps are
 #: needed and the ledger loses its digits: at 400 000 it is open by 1 %, and a second takes five.
@@ -89,6 +100,31 @@ class Grain(SceneBlock):
 
     mass_fraction: Fraction = Field(description="grain mass over the mass of beam and grain together [-]")
     radius: Length = Field(description="grain radius [m]")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _alone(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and "count" in given:
+            allowed = "one grain in a cell; grains that touch each other are left out: give cells as further_dampers"
+            raise impossible("count", given["count"], allowed)
+        return given
+
+
+_Shape = Annotated[Number, within(-1e3, 1e3)]
+
+
+class FurtherDamper(SceneBlock):
+    """A damper, or several alike, beside the first: a cell of its own with one grain and a fixed ceiling."""
+
+    mass_fraction: Fraction = Field(description="grain mass over the mass of beam and this grain together [-]")
+    height: Length = Field(description="of the ceiling above the floor [m]")
+    radius: Length | None = Field(default=None, description="grain radius [m]; default: that of grain")
+    shapes: tuple[_Shape, ...] | None = Field(
+        default=None,
+        description="displacement there over that at the first container, in beam and each further mode [-]; default: "
+        "1 each, in the same container",
+    )
+    count: Annotated[int, Strict(), Field(ge=1, le=200)] = Field(default=1, description="so many alike [-]")
 
 
 class Container(SceneBlock):

@@ -32,9 +32,13 @@ class Ledger:
     residual: float
 
 
-def ledger_of(system: System, contact: Contact, table: Array, first: State, last: State) -> Ledger:
-    """Return the ledger between two states of a run through `table`."""
-    left = contact_energy(contact, system, last, table)
+def ledger_of(
+    system: System, contact: Contact, table: Array, first: State, last: State, further: Array | None = None
+) -> Ledger:
+    """Return the ledger between two states of a run through `table`; further: masses of further grains (k,) [kg]."""
+    left: float | Array = contact_energy(contact, system, last, table)
+    if further is not None:
+        left += _stored_further(system, further, last.y) - _stored_further(system, further, first.y)
     flows = _flows(system, table, first, last.y, last.time, left)
     return Ledger(*(float(flow) for flow in flows))
 
@@ -88,7 +92,7 @@ def _stored(system: System, y: Array, support: float) -> Any:
     beam, velocity = y[..., columns.BEAM], y[..., columns.BEAM_VELOCITY]
     grain, grain_velocity = y[..., columns.GRAIN], y[..., columns.GRAIN_VELOCITY]
     if system.modes is not None:
-        states = _mode_states(y)
+        states = _mode_states(y, system.modes.shape[1])
         own = _stored_by_mode(free_of(system.modes), states).sum(axis=-1)
         return own + system.grain_mass * (0.5 * grain_velocity**2 + system.gravity * grain)
     stretch = beam - support
@@ -103,13 +107,21 @@ def _stored(system: System, y: Array, support: float) -> Any:
 def _sprung(system: System, y: Array, support: float) -> Any:
     """Return the elastic energy of the structure (...) [J]."""
     if system.modes is not None:
-        return 0.5 * (free_of(system.modes).stiffness * _mode_states(y)[..., columns.Q] ** 2).sum(axis=-1)
+        places = _mode_states(y, system.modes.shape[1])[..., columns.Q]
+        return 0.5 * (free_of(system.modes).stiffness * places**2).sum(axis=-1)
     return 0.5 * system.stiffness * (y[..., columns.BEAM] - support) ** 2
 
 
-def _mode_states(y: Array) -> Array:
+def _stored_further(system: System, masses: Array, y: Array) -> float:
+    """Return kinetic and potential energy of further grains, of their masses (k,) [kg], in a state [J]."""
+    grains = y[columns.STATE_SIZE + columns.MODE_COLUMNS * system.modes.shape[1] :].reshape(-1, columns.GRAIN_COLUMNS)
+    place, speed = grains[1:, columns.G_PLACE], grains[1:, columns.G_SPEED]
+    return float(masses @ (0.5 * speed**2 + system.gravity * place))
+
+
+def _mode_states(y: Array, modes: int) -> Array:
     """Return the modes' part (..., modes, MODE_COLUMNS) of states (..., n)."""
-    part = y[..., columns.STATE_SIZE :]
+    part = y[..., columns.STATE_SIZE : columns.STATE_SIZE + modes * columns.MODE_COLUMNS]
     return part.reshape(*part.shape[:-1], -1, columns.MODE_COLUMNS)
 
 
@@ -122,7 +134,7 @@ def _stored_by_mode(modes: ModeSet, states: Array) -> Array:
 
 def mode_residuals(modes: ModeSet, first: State, last: State) -> Array:
     """Return what does not add up in each mode's ledger (modes,), relative to its flows and its largest energy."""
-    begun, ended = _mode_states(first.y), _mode_states(last.y)
+    begun, ended = (_mode_states(state.y, len(modes.mass)) for state in (first, last))
     work, lost, contact = ((ended - begun)[:, k] for k in (columns.Q_INPUT, columns.Q_LOSS, columns.Q_CONTACT))
     stored = _stored_by_mode(modes, ended) - _stored_by_mode(modes, begun)
     sprung = 0.5 * modes.stiffness * np.maximum(begun[:, columns.Q], ended[:, columns.Q]) ** 2

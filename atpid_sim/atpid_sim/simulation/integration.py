@@ -18,8 +18,9 @@ from atpid_sim.engine import columns, drive
 from atpid_sim.engine.contact_table import NO_TABLE, ContactTable
 from atpid_sim.engine.row_loop import IN_CONTACT, Fidelity, integrate, integrate_alike, pass_sections
 from atpid_sim.engine.sections import Sections, sections_of
+from atpid_sim.engine.several_dampers import integrate_dampers
 from atpid_sim.engine.state import State
-from atpid_sim.kernel_inputs import Contact, contact_of, system_of
+from atpid_sim.kernel_inputs import Contact, contact_of, dampers_of, system_of
 from atpid_sim.modal import coupling, resting, static_response
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
@@ -50,14 +51,14 @@ _MOST_COUPLED = 0.5
 _NEGLIGIBLE = 1e-8
 
 
-def sample_series(count: int) -> Array:
-    """Return an empty series for `count` samples."""
-    return np.zeros((columns.SAMPLE_ROWS, count))
+def sample_series(count: int, further: int = 0) -> Array:
+    """Return an empty series for `count` samples, and so many further grains."""
+    return np.zeros((columns.SAMPLE_ROWS + further, count))
 
 
-def impact_log(capacity: int) -> Array:
-    """Return an empty log for `capacity` impacts."""
-    return np.zeros((capacity, columns.IMPACT_COLUMNS))
+def impact_log(capacity: int, several: bool = False) -> Array:
+    """Return an empty log for `capacity` impacts, with the number of the damper where they are several."""
+    return np.zeros((capacity, columns.IMPACT_COLUMNS + several))
 
 
 class Observation(NamedTuple):
@@ -147,13 +148,24 @@ class Integration:
                 f"fidelity {fidelity}: the contact law impact has no force to integrate; "
                 "use fidelity impact, or another law"
             )
-        if fidelity == "impact" and self.scene.modes is not None and coupling(self.scene.modes) > _MOST_COUPLED:
+        several = bool(self.scene.further_dampers)
+        if several and fidelity in ("finite", "soft"):
+            raise ValueError(
+                f"fidelity {fidelity}: given with further_dampers; allowed: auto, impact (docs/dampers.md)"
+            )
+        if (
+            fidelity == "impact"
+            and not several
+            and self.scene.modes is not None
+            and coupling(self.scene.modes) > _MOST_COUPLED
+        ):
             raise ValueError(
                 "fidelity impact: the damping of the modes couples them while the grain is held, by "
                 f"{coupling(self.scene.modes):.2g} of what keeps them apart; allowed: at most {_MOST_COUPLED:g}; "
                 "use fidelity soft and a contact law with a force"
             )
         self.fidelity, self.rtol = fidelity, rtol
+        self._dampers = dampers_of(self.scene) if several and fidelity == "impact" else None
         self._fidelity = int(Fidelity[fidelity.upper()])
         self._contacts = table_of(self.system, self.contact)[0] if fidelity == "finite" else NO_TABLE
 
@@ -187,7 +199,7 @@ class Integration:
             state = self._start.copy()
             state.restart_observation()
             state.restart_steps()
-            state.y[[columns.BEAM, columns.GRAIN]] += disturbance * max(abs(state.beam), self.scene.grain.radius)
+            self.disturb(state, disturbance * max(abs(state.beam), self.scene.grain.radius))
             return state
         excitation, initial = self.scene.excitation, self.scene.initial or Initial()
         deflection = excitation.deflection if excitation.is_free else initial.displacement
@@ -199,7 +211,45 @@ class Integration:
         state = State.resting(beam + disturbance * size, initial.velocity, modes)
         if initial.grain_height > 0.0 or initial.grain_speed > initial.velocity:
             state.release_grain(initial.grain_height, initial.grain_speed)
-        return state
+        return self._with_further_grains(state, disturbance * size)
+
+    def _with_further_grains(self, state: State, apart: float) -> State:
+        """Return the state with the grains of further dampers on their floors; `apart` as in `disturb`."""
+        if self._dampers is None:
+            return state
+        shapes = self._dampers.shapes
+        parts = state.y[columns.STATE_SIZE :].reshape(-1, columns.MODE_COLUMNS)
+        grains = np.zeros((len(shapes), columns.GRAIN_COLUMNS))
+        hits = np.zeros((len(shapes), columns.DAMPER_COUNTERS), dtype=np.int64)
+        grains[:, columns.G_PLACE], grains[:, columns.G_SPEED] = (shapes @ parts)[:, [columns.Q, columns.Q_RATE]].T
+        grains[0, columns.G_PLACE], grains[0, columns.G_SPEED] = state.grain, state.grain_velocity
+        hits[:, columns.D_MODE], hits[0, columns.D_MODE] = columns.ON_FLOOR, state.mode
+        full = State(np.append(state.y, grains), np.append(state.n, hits))
+        self._scatter(full, apart)
+        return full
+
+    def disturb(self, state: State, by: float) -> None:
+        """Displace beam and grain [m]; of several dampers each further grain by another part, up from its floor."""
+        state.y[[columns.BEAM, columns.GRAIN]] += by
+        if self._dampers is not None:
+            modes = self._dampers.shapes.shape[1]
+            state.y[columns.STATE_SIZE + columns.Q] += by
+            grains = state.y[columns.STATE_SIZE + modes * columns.MODE_COLUMNS :].reshape(-1, columns.GRAIN_COLUMNS)
+            grains[:, columns.G_PLACE] += by * self._dampers.shapes[:, 0]
+            self._scatter(state, by)
+
+    def _scatter(self, state: State, apart: float) -> None:
+        """Lift the grains of further dampers off their floors by rising parts of |apart| [m]."""
+        dampers, count = self._dampers, self._dampers.shapes.shape[1] if self._dampers is not None else 0
+        if dampers is None or apart == 0.0:
+            return
+        grains = state.y[columns.STATE_SIZE + count * columns.MODE_COLUMNS :].reshape(-1, columns.GRAIN_COLUMNS)
+        hits = state.n[columns.COUNTERS :].reshape(-1, columns.DAMPER_COUNTERS)
+        room = dampers.table[:, columns.FIXED_HEIGHT] - 2.0 * dampers.table[:, columns.RADIUS]
+        for k in range(1, len(grains)):
+            if hits[k, columns.D_MODE] == columns.ON_FLOOR and room[k] > 0.0:
+                grains[k, columns.G_PLACE] += min(abs(apart) * k / len(grains), 0.5 * room[k])
+                hits[k, columns.D_MODE] = columns.FREE
 
     @property
     def resting_modes(self) -> Array | None:
@@ -246,6 +296,13 @@ class Integration:
             limit = self._limit(table)
         law, parameters = self.contact
         seen = observation
+        if self._dampers is not None:
+            return Outcome(
+                integrate_dampers(
+                    table, self._dampers, state.y, state.n, seen.window, (seen.first, seen.period), seen.samples,
+                    seen.impacts, limit,
+                )
+            )  # fmt: skip
         return Outcome(
             integrate(
                 self._fidelity, table, self.system, self._mass, law, parameters, self.rtol, state.y, state.n,
@@ -260,6 +317,7 @@ class Integration:
         sections (runs, n): section states (`engine.sections`); runs beyond these go on from the one before. The grain
         has to fly at the end. One call of compiled code.
         """
+        self.scene.refuse_further_dampers("a section")
         after = np.empty((count, sections.shape[1]))
         law, parameters = self.contact
         limit = self._limit(table)
@@ -279,6 +337,7 @@ class Integration:
         window; nothing but the beam's range in that window is observed. Compiled, without the interpreter's lock.
         Raises NumericalFailure.
         """
+        self.scene.refuse_further_dampers("a batch of heights")
         begun = time.perf_counter()
         first = self.initial_state()
         y, n, outcomes = self.ends_alike(first, tables, common)
@@ -341,7 +400,8 @@ class Integration:
 
     def ledger(self, first: State, last: State, table: Array) -> Ledger:
         """Return the energy ledger between two states of a run through `table`."""
-        return ledger_of(self.system, self.contact, table, first, last)
+        further = None if self._dampers is None else self._dampers.table[1:, columns.GRAIN_MASS]
+        return ledger_of(self.system, self.contact, table, first, last, further)
 
 
 def failure_at(outcome: Outcome, state: State) -> str:
@@ -358,7 +418,9 @@ def rtol_of(scene: Scene) -> float:
 
 
 def is_closed(scene: Scene) -> bool:
-    """Return whether the ceiling holds the grain during the whole run."""
+    """Return whether the ceiling, of all dampers, holds the grain during the whole run."""
+    if any(one.height > 2.0 * one.radius * (1.0 + 1e-9) for one in scene.dampers[1:]):
+        return False
     return bool(_closed(scene, max(height for _, height in scene.ceiling.heights)))
 
 

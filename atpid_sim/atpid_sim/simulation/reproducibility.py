@@ -198,7 +198,7 @@ class _Repetition:
     def run(self, share: float, by: _Disturbance, samples: int = 0) -> _Motion:
         """Return a run with a share of the tolerance and a disturbance."""
         state = self.integration.initial_state()
-        state.y[[columns.BEAM, columns.GRAIN]] += by.start * self.amplitude
+        self.integration.disturb(state, by.start * self.amplitude)
         table = self.integration.table.copy()
         table[:, SUPPORT] *= 1.0 + by.drive
         if by.held != 0.0 or by.late != 0.0:

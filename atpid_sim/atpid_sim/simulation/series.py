@@ -30,11 +30,11 @@ def write_series(motion: Trajectory, path: Path, drive: Drive) -> None:
         "beam_acceleration": motion.beam_acceleration,
         "grain_displacement": motion.grain,
         "ceiling_height": motion.ceiling,
-    }
+    } | {f"grain_displacement_{k}": grain for k, grain in enumerate(motion.further_grains, 2)}
     with writing(path, "--series"):
         if path.suffix.lower() == ".npz":
             with path.open("wb") as file:
-                np.savez(file, impacts=motion.impacts, **columns)  # type: ignore[arg-type]
+                np.savez(file, impacts=motion.impacts, **columns)
         else:
             table = np.column_stack(list(columns.values()))
             np.savetxt(path, table, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")

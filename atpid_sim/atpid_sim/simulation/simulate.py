@@ -54,7 +54,7 @@ class Result:
     undamped_amplitude: float  # the same with the damper closed [m]
     efficiency: float  # 1 - amplitude / undamped_amplitude [-]
     motion: str  # closed, sticking, mixed, optimal, irregular, no_ceiling; random, tones, recorded, shock: as driven
-    impacts: int
+    impacts: int  # of all dampers
     floor_impacts: int
     ceiling_impacts: int
     fidelity: str
@@ -90,6 +90,7 @@ class Result:
     deflection: float = math.nan  # of a shock: the beam's largest against the support in the steady window [m]
     undamped_deflection: float = math.nan  # the same with the damper closed [m]
     bare_deflection: float = math.nan  # and without the damper [m]
+    impacts_per_damper: tuple[int, ...] = ()  # where there are several
     warnings: tuple[str, ...] = ()  # unusual values of the scene, and a damper that makes it worse
 
     def to_json(self) -> dict[str, Any]:
@@ -109,7 +110,8 @@ class Trajectory:
     beam_acceleration: Array
     grain: Array
     ceiling: Array
-    impacts: Array  # time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]
+    impacts: Array  # time [s], wall (+1 floor, -1 ceiling), closing speed [m/s]; of several dampers also its number
+    further_grains: Array  # displacements (k, n) [m]
 
 
 def simulate(
@@ -162,6 +164,7 @@ def simulate(
         wall_s=wall,
         result=Outcome.DONE.sentence,
         reproducible_for=verdict.change,
+        impacts_per_damper=tuple(int(floor + ceiling) for floor, ceiling in last.hits_per_damper),
         resonance=scene.natural_frequency_hz,
         bare_amplitude=bare,
         reduction=reduction,
@@ -176,7 +179,8 @@ def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: 
     """Return the verdict on a run of so many steps, its error with what the fidelity level leaves out."""
     errors = judged_errors(integration.scene, choice, undamped)
     verdict = judge(integration, amplitude, steps, *errors)
-    if choice.fidelity == "impact" and choice.model_error > 0.0 and verdict.reproducible:
+    alone = not integration.scene.further_dampers
+    if alone and choice.fidelity == "impact" and choice.model_error > 0.0 and verdict.reproducible:
         return cross_check_with_finite(integration, amplitude, verdict, choice, undamped)
     return replace(verdict, error=verdict.error + choice.model_error)
 
@@ -191,11 +195,12 @@ def trajectory(
     scene = _with_height(scene, height)
     integration = Integration(scene, choose(scene, fidelity).fidelity, rtol)
     count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
-    observation = Observation(period=1.0 / rate, samples=sample_series(count), impacts=impact_log(_LOG))
-    run = integration.run(observation, drive_table(scene))
-    support, beam, velocity, acceleration, grain, ceiling = run.samples
-    times = np.arange(len(beam)) / rate
-    return Trajectory(times, support, beam, velocity, acceleration, grain, ceiling, run.impacts)
+    further = len(scene.dampers) - 1
+    samples, log = sample_series(count, further), impact_log(_LOG, further > 0)
+    run = integration.run(Observation(period=1.0 / rate, samples=samples, impacts=log), drive_table(scene))
+    support, beam, velocity, acceleration, grain, ceiling = run.samples[: columns.SAMPLE_ROWS]
+    times, others = np.arange(len(beam)) / rate, run.samples[columns.SAMPLE_ROWS :]
+    return Trajectory(times, support, beam, velocity, acceleration, grain, ceiling, run.impacts, others)
 
 
 def _with_height(scene: Scene, height: float | None) -> Scene:
@@ -236,10 +241,14 @@ def _classify(scene: Scene, state: State, samples: Array, amplitude: float) -> s
     driven = not scene.excitation.is_free
     if driven and amplitude > negligible_displacement(scene) and _period_variation(samples, amplitude) > _IRREGULAR:
         return "irregular"
-    floor, ceiling = state.n[columns.WINDOW_FLOOR], state.n[columns.WINDOW_CEILING]
+    kinds = {_kind(floor, ceiling, time / window, periods) for floor, ceiling, time in state.contacts_per_damper}
+    return kinds.pop() if len(kinds) == 1 else "mixed"
+
+
+def _kind(floor: int, ceiling: int, touching: float, periods: float) -> str:
+    """Return no_ceiling, optimal, sticking or mixed of a damper, by impacts in the window and share in contact."""
     if ceiling == 0:
         return "no_ceiling" if floor > 0 else "sticking"
-    touching = state.y[columns.CONTACT_TIME] / window
     if abs(floor - periods) <= 1.0 and abs(ceiling - periods) <= 1.0 and touching < _STICKING:
         return "optimal"
     return "sticking" if touching > 2.0 * _STICKING else "mixed"

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several dampers on one structure beside computations that share nothing with the engine."""

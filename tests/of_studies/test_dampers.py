@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`python -m studies dampers`: several dampers beside scipy and stiff contacts, and wild scenes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from studies.cli import main
+from studies.dampers.command import outcome, wild
+
+
+def test_structures_beside_the_references(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dampers", "--systems", "3", "--wild", "0", "--seed", "7", "--json"]) == 0
+    compared = json.loads(capsys.readouterr().out)["compared"]
+    assert len(compared) == 3
+    assert all(one["residual"] < 1e-9 and one["grains"] > 1 for one in compared)
+    same = [one for one in compared if one["impacts_spread"] < 1e-4]
+    assert len(same) > 1
+    assert max(one["by_impacts"] for one in same) < 2e-3
+    assert min(one["by_contacts"] for one in compared) < 2e-3
+
+
+def test_wild_scenes_end_with_a_name_and_a_closed_ledger() -> None:
+    rng = np.random.default_rng(3)
+    outcomes = [outcome(wild(rng)) for _ in range(60)]
+    assert set(outcomes) <= {"DONE", "OVERLAP_TOO_DEEP", "STEP_BUDGET"}
+    assert outcomes.count("DONE") > 40
+
+
+def test_the_tables_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dampers", "--systems", "1", "--wild", "3", "--seed", "7"]) == 0
+    shown = capsys.readouterr().out
+    assert "of these within 0.2 %" in shown
+    assert "outcomes of wild scenes" in shown
