@@ -25,10 +25,10 @@ from atpid_sim.engine.sections import GRAIN, GRAIN_VELOCITY, MODES, MODES_VELOCI
 from atpid_sim.engine.state import State
 from atpid_sim.modal import container_mass
 from atpid_sim.outcome import NumericalFailure, Outcome
-from atpid_sim.periodic.motion import SteadyEnding
+from atpid_sim.periodic.motion import SteadyEnding, SteadyState
 from atpid_sim.periodic.neighbourhood import Counts, Cycle, Flow, cycle_of, neighbourhoods
-from atpid_sim.periodic.return_map import Conditions
-from atpid_sim.periodic.solve import periodic_motion, size_of
+from atpid_sim.periodic.return_map import Conditions, ReturnMap
+from atpid_sim.periodic.solve import PeriodicMotion, periodic_motion, size_of, solve
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.scene import Scene
 from atpid_sim.scene.plausibility import closed_amplitude
@@ -38,8 +38,9 @@ from atpid_sim.system import Array
 
 #: Settling times, and periods at least, after which a start that has not arrived has not come.
 LIMIT, _LEAST_LIMIT = 20.0, 100
-#: Relative tolerance of the amplitude for which the fidelity is chosen: shares need no finer one.
-_TOLERANCE = 1e-3
+#: Relative tolerance of the amplitude for which the fidelity is chosen: shares need no finer one. That of runs of
+#: several modes, whose contacts are integrated: the least neighbourhoods are smaller than what looser runs repeat.
+_TOLERANCE, _SMOOTH = 1e-3, 1e-7
 #: Error of all looks' intervals together, that of the looks before the last, and how many looks there are.
 _MISSED, _EARLY, _LOOKS = 0.05, 0.01, 5
 #: Starts whose ends show which other motions there are, and how many of the ends are looked at.
@@ -118,9 +119,12 @@ def basin(
     level = choose(scene, fidelity, stays_closed=False).fidelity
     search = steady_state(scene, level)
     conditions = Conditions(scene.excitation.amplitude_points[-1][1], scene.frequency_hz, scene.ceiling.heights[-1][1])
-    integration, source = Integration(scene, level), Source.OWN
+    integration, source = Integration(scene, level, None if scene.modes is None else _SMOOTH), Source.OWN
     drawn = np.random.default_rng(seed).random((count or _looks(error)[-1], len(integration.sections.places) + 2))
-    cycle = None if search.state is None else cycle_of(integration, conditions, search.state)
+    own: SteadyState | PeriodicMotion | None = search.state
+    if own is not None and scene.modes is not None:  # found to within what the level leaves out: not near enough
+        own = solve(ReturnMap(integration, conditions, own.phase, own.periods), own.section).motion or own
+    cycle = None if own is None else cycle_of(integration, conditions, own)
     if cycle is None and search.ending != SteadyEnding.CHANGING:
         cycle, source = _lowest(Flow(integration, conditions, 0.0), drawn[:_LOOKING]), Source.LOWEST
     trial = None if cycle is None else _Trial(integration, conditions, cycle, starts)
