@@ -80,16 +80,10 @@ def test_learned_states_that_it_knows_one_mode() -> None:
 # by root mean square
 
 
-def noisy(**changes: Any) -> Scene:
+def noisy(duration: float = 40.0, **changes: Any) -> Scene:
     psd = {"psd": [[2.0, 1.0e-5], [12.0, 1.0e-5]], "unit": "m^2/Hz"}
-    scene = {
-        "excitation": {"random": psd},
-        "duration": 40.0,
-        "steady_window": [5.0, 40.0],
-        "tolerance": 1e-4,
-        "seed": 3,
-    }
-    return standard_bench(**(scene | changes))
+    scene = {"excitation": {"random": psd}, "tolerance": 1e-4, "seed": 3, "steady_window": [5.0, duration]}
+    return standard_bench(**(scene | changes), duration=duration)
 
 
 def test_a_height_is_rated_as_a_run_is() -> None:
@@ -126,7 +120,7 @@ def test_what_lies_within_the_error_is_named_and_what_does_not_is_not() -> None:
 
 @pytest.mark.slow
 def test_the_height_of_least_rms_is_that_of_a_scan() -> None:
-    scene = noisy(drive="force", further_modes=[SECOND], duration=80.0, steady_window=[5.0, 80.0],
+    scene = noisy(drive="force", further_modes=[SECOND], duration=80.0,
                   excitation={"random": {"psd": [[2.0, 1.5], [12.0, 1.5]], "unit": "m^2/Hz"}})  # fmt: skip
     chosen, bare, _ = least_rms(scene)
     own = Realisation(scene)
@@ -136,6 +130,20 @@ def test_the_height_of_least_rms_is_that_of_a_scan() -> None:
     assert chosen.beam_amplitude < bare
     assert [stage.name for stage in chosen.stages] == ["RMS", "as good", "again"]
     assert chosen.stages[2].note.startswith("seed 4, with which it was not selected: efficiency 0.")
+
+
+def test_where_the_grain_is_not_lifted_the_damper_stays_closed() -> None:
+    quiet = {"tones": [{"amplitude": 1e-4, "frequency": 5.3}, {"amplitude": 1e-4, "frequency": 5.9}]}
+    chosen, _, _ = least_rms(noisy(excitation=quiet, duration=20.0))
+    assert (chosen.height, chosen.efficiency) == (0.017, 0.0)
+    assert chosen.no_use.startswith("the damper is of no use: the best height found, ")
+    assert chosen.no_use.endswith(" % off the RMS; it stays closed")
+
+
+def test_heights_keep_to_the_ceiling_s_range() -> None:
+    ceiling = {"closed": 0.05, "range": [0.05, 0.08], "speed": 0.3, "controller": "direct"}
+    chosen, _, _ = least_rms(noisy(ceiling=ceiling, duration=20.0))
+    assert 0.05 <= chosen.height <= 0.08
 
 
 def test_the_command_selects_by_rms_and_refuses_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
