@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from atpid_control.cli import main
-from atpid_control.selection import Excitation, make_selector
+from atpid_control.selection import Excitation, SelectionError, make_selector
 from atpid_control.selection.by_rms import Rated, Realisation, _as_good, least_rms
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import equilibrium, simplified
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import system_of
-from atpid_sim.maps import DamperResponse, best_height
+from atpid_sim.maps import DamperResponse, best_height, build_map
 from atpid_sim.scene import Scene, scene_from_mapping, standard_bench
 from atpid_sim.simulation.quantities import linear_amplitude
 from atpid_sim.simulation.simulate import simulate
@@ -75,6 +75,18 @@ def test_learned_states_that_it_knows_one_mode() -> None:
     chosen = make_selector("learned", two_modes()).select(Excitation(0.01))
     assert chosen.note.startswith("learned from structures of one mode, shaken at the support")
     assert not make_selector("learned", standard_bench()).select(Excitation(0.01)).note
+
+
+def test_a_force_is_refused_in_newtons(tmp_path: Path) -> None:
+    scene = two_modes("force")
+    with pytest.raises(SelectionError, match=r"amplitude: given 0\.001 N; the learned model covers .* N for this beam"):
+        make_selector("learned", scene).select(Excitation(0.001))
+    made = build_map(scene, [3.0, 4.0], [scene.grain.mass_fraction], tmp_path / "force.npz")
+    assert np.isnan(made.reductions).all()  # of one mode on its support, which is not this structure
+    lookup = make_selector("lookup", scene, tmp_path / "force.npz")
+    assert lookup.select(Excitation(4.0)).efficiency > 0.7
+    with pytest.raises(SelectionError, match=r"amplitude 5 N is outside its 3 to 4 N"):
+        lookup.select(Excitation(5.0))
 
 
 # by root mean square

@@ -22,7 +22,7 @@ class AnyFrequency:
     def __init__(self, selector: HeightSelector, scene: Scene) -> None:
         """Take the method and the scene it selects for."""
         self._selector, self._damper = selector, DamperResponse(scene)
-        self._lowest = scene.height_limits[0]
+        self._lowest, self._unit = scene.height_limits[0], scene.drive_unit
         self.method, self.simulates = selector.method, selector.simulates
         #: Lowest and highest frequency it selects for [Hz].
         self.frequencies = frequencies_of(scene)
@@ -59,7 +59,7 @@ class AnyFrequency:
         """Return the selection of the ceiling's lowest height, with the reason."""
         shut = self._lowest <= damper.diameter * (1.0 + 1e-9)
         kept = "it stays closed" if shut else f"the ceiling stays at its lowest, {self._lowest:g} m"
-        where = f"the damper is of no use at {amplitude:.4g} m and {damper.frequency:.4g} Hz"
+        where = f"the damper is of no use at {amplitude:.4g} {self._unit} and {damper.frequency:.4g} Hz"
         beam = damper.closed_amplitude(amplitude) if shut or damper.rests(amplitude) else math.nan
         efficiency = 0.0 if math.isfinite(beam) else math.nan
         return replace(

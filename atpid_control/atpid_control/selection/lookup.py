@@ -35,7 +35,7 @@ class LookupSelector:
         height_map.check(scene)
         self._map = height_map
         self._mass_fraction, self._natural = scene.grain.mass_fraction, scene.natural_frequency_hz
-        self._frequency = scene.frequency_hz
+        self._frequency, self._unit = scene.frequency_hz, scene.drive_unit
         ratios = height_map.frequency_ratios
         #: Lowest and highest frequency of a map over several [Hz]; None: it holds for one.
         self.frequencies = None if ratios is None else (self._natural * ratios[0], self._natural * ratios[-1])
@@ -62,5 +62,5 @@ class LookupSelector:
         )
 
     def _of_no_use(self, amplitude: float, ratio: float) -> str:
-        where = f"{amplitude:.4g} m and {ratio * self._natural:.4g} Hz"
+        where = f"{amplitude:.4g} {self._unit} and {ratio * self._natural:.4g} Hz"
         return f"the damper is of no use at {where}: no height of the map takes {100.0 * LEAST_USE:g} % off the beam"

@@ -93,7 +93,7 @@ class HeightMap:
     @property
     def reductions(self) -> Array:
         """1 - amplitude / amplitude of the structure without the damper [-], in the shape of the grids."""
-        if self.identity.get("further_modes.0.mass") is not None:
+        if {"further_modes.0.mass", "drive"} & self.identity.keys():
             return np.full(self.beam_amplitudes.shape, math.nan)  # one mode is not the structure
         mass, stiffness, damping = (self.identity[f"beam.{key}"] for key in ("mass", "stiffness", "damping"))
         natural = np.sqrt(stiffness * (1.0 - self.mass_fractions) / mass) / (2.0 * math.pi)
@@ -118,9 +118,9 @@ class HeightMap:
         amplitude = _on_grid(amplitude, self.amplitudes)
         lowest, highest = float(self.amplitudes[0]), float(self.amplitudes[-1])
         if not lowest <= amplitude <= highest:
-            raise MapError(
-                f"{self.source}: amplitude {amplitude:g} m is outside its {lowest:g} to {highest:g} m; {_MAKE}"
-            )
+            unit = "N" if "drive" in self.identity else "m"
+            reach = f"{lowest:g} to {highest:g} {unit}"
+            raise MapError(f"{self.source}: amplitude {amplitude:g} {unit} is outside its {reach}; {_MAKE}")
         # on a row of the map the other one does not matter: it may lack the point
         left, right = self._at(row + (share == 1.0), amplitude), self._at(row + (share > 0.0), amplitude)
         clearances = np.maximum([left[0] - self._diameter, right[0] - self._diameter], _TINY)

@@ -127,6 +127,11 @@ class SceneValues(SceneBlock):
         return None if not self.further_modes and self.drive == "support" else _modes_of(self)
 
     @property
+    def drive_unit(self) -> str:
+        """Unit of the excitation's amplitude: m of a support, N of a force."""
+        return "m" if self.drive == "support" else "N"
+
+    @property
     def frequency_hz(self) -> float:
         """Frequency of the tone [Hz], at the run's end where it moves; without a tone the natural frequency."""
         given = self.excitation.tone_frequency
