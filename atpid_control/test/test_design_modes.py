@@ -130,9 +130,9 @@ def test_a_tuned_mass_on_two_modes_is_that_of_the_matrices() -> None:
 
 @pytest.mark.slow
 def test_a_mode_that_hardly_moves_changes_nothing() -> None:
-    """A second mode of a million times the mass and no drive: the design of one mode, found by other code."""
+    """A second mode of 250 000 times the mass and no drive: the design of one mode, found by other code."""
     one = problem_of(mass=2.0, frequency=15.0, damping=0.02, amplitudes=(0.002, 0.003))
-    heavy = {"mass": 1e6, "frequency": 60.0, "damping_ratio": 0.02}
+    heavy = {"mass": 5e5, "frequency": 60.0, "damping_ratio": 0.02}
     two = problem_of(**one.model_dump(exclude={"further_modes"}), further_modes=[heavy])
     _, alone, _ = promised(one, 0.2, amplitudes=2)
     _, beside, _ = promised(two, 0.2, amplitudes=2)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from atpid_control.cli import main
-from atpid_control.selection import Excitation, make_selector
+from atpid_control.selection import Excitation, SelectionError, make_selector
 from atpid_control.selection.by_rms import Rated, Realisation, _as_good, least_rms
 from atpid_control.selection.complex_model import ComplexModel
 from atpid_control.selection.predictive import equilibrium, simplified
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import system_of
-from atpid_sim.maps import DamperResponse, best_height
+from atpid_sim.maps import DamperResponse, best_height, build_map
 from atpid_sim.scene import Scene, scene_from_mapping, standard_bench
 from atpid_sim.simulation.quantities import linear_amplitude
 from atpid_sim.simulation.simulate import simulate
@@ -77,19 +77,25 @@ def test_learned_states_that_it_knows_one_mode() -> None:
     assert not make_selector("learned", standard_bench()).select(Excitation(0.01)).note
 
 
+def test_a_force_is_refused_in_newtons(tmp_path: Path) -> None:
+    scene = two_modes("force")
+    with pytest.raises(SelectionError, match=r"amplitude: given 0\.001 N; the learned model covers .* N for this beam"):
+        make_selector("learned", scene).select(Excitation(0.001))
+    made = build_map(scene, [3.0, 4.0], [scene.grain.mass_fraction], tmp_path / "force.npz")
+    assert np.isnan(made.reductions).all()  # of one mode on its support, which is not this structure
+    lookup = make_selector("lookup", scene, tmp_path / "force.npz")
+    assert lookup.select(Excitation(4.0)).efficiency > 0.7
+    with pytest.raises(SelectionError, match=r"amplitude 5 N is outside its 3 to 4 N"):
+        lookup.select(Excitation(5.0))
+
+
 # by root mean square
 
 
-def noisy(**changes: Any) -> Scene:
+def noisy(duration: float = 40.0, **changes: Any) -> Scene:
     psd = {"psd": [[2.0, 1.0e-5], [12.0, 1.0e-5]], "unit": "m^2/Hz"}
-    scene = {
-        "excitation": {"random": psd},
-        "duration": 40.0,
-        "steady_window": [5.0, 40.0],
-        "tolerance": 1e-4,
-        "seed": 3,
-    }
-    return standard_bench(**(scene | changes))
+    scene = {"excitation": {"random": psd}, "tolerance": 1e-4, "seed": 3, "steady_window": [5.0, duration]}
+    return standard_bench(**(scene | changes), duration=duration)
 
 
 def test_a_height_is_rated_as_a_run_is() -> None:
@@ -126,7 +132,7 @@ def test_what_lies_within_the_error_is_named_and_what_does_not_is_not() -> None:
 
 @pytest.mark.slow
 def test_the_height_of_least_rms_is_that_of_a_scan() -> None:
-    scene = noisy(drive="force", further_modes=[SECOND], duration=80.0, steady_window=[5.0, 80.0],
+    scene = noisy(drive="force", further_modes=[SECOND], duration=80.0,
                   excitation={"random": {"psd": [[2.0, 1.5], [12.0, 1.5]], "unit": "m^2/Hz"}})  # fmt: skip
     chosen, bare, _ = least_rms(scene)
     own = Realisation(scene)
@@ -136,6 +142,20 @@ def test_the_height_of_least_rms_is_that_of_a_scan() -> None:
     assert chosen.beam_amplitude < bare
     assert [stage.name for stage in chosen.stages] == ["RMS", "as good", "again"]
     assert chosen.stages[2].note.startswith("seed 4, with which it was not selected: efficiency 0.")
+
+
+def test_where_the_grain_is_not_lifted_the_damper_stays_closed() -> None:
+    quiet = {"tones": [{"amplitude": 1e-4, "frequency": 5.3}, {"amplitude": 1e-4, "frequency": 5.9}]}
+    chosen, _, _ = least_rms(noisy(excitation=quiet, duration=20.0))
+    assert (chosen.height, chosen.efficiency) == (0.017, 0.0)
+    assert chosen.no_use.startswith("the damper is of no use: the best height found, ")
+    assert chosen.no_use.endswith(" % off the RMS; it stays closed")
+
+
+def test_heights_keep_to_the_ceiling_s_range() -> None:
+    ceiling = {"closed": 0.05, "range": [0.05, 0.08], "speed": 0.3, "controller": "direct"}
+    chosen, _, _ = least_rms(noisy(ceiling=ceiling, duration=20.0))
+    assert 0.05 <= chosen.height <= 0.08
 
 
 def test_the_command_selects_by_rms_and_refuses_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

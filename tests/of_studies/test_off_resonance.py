@@ -15,7 +15,7 @@ from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.integration import undamped_amplitude
 from studies.cli import main
 from studies.off_resonance.command import METHODS
-from studies.off_resonance.measure import compared, systems, table_lines
+from studies.off_resonance.measure import compared, modal_systems, systems, table_lines
 from studies.thorough_search import thorough_best
 
 PAGE = Path(__file__).parents[2] / "docs" / "selection.md"
@@ -129,3 +129,22 @@ def test_the_command_prints_one_object(capsys: pytest.CaptureFixture[str]) -> No
     (one,) = json.loads(capsys.readouterr().out)["systems"]
     assert set(one["reductions"]) == {"direct", "pca"}
     assert one["brute"] >= 0.0
+
+
+def test_modal_systems_have_two_and_three_modes_on_support_and_under_force() -> None:
+    scenes = [one.scene() for one in modal_systems(8, 1)]
+    assert {len(scene.further_modes) for scene in scenes} == {1, 2}
+    assert {scene.drive for scene in scenes} == {"support", "force"}
+    assert all(0.94 <= scene.frequency_hz / scene.natural_frequency_hz <= 1.08 for scene in scenes)
+
+
+@pytest.mark.slow
+def test_direct_is_as_good_as_brute_force_with_modes_under_a_force() -> None:
+    (system,) = [one for one in modal_systems(30, 1) if one.number == 14]
+    (found,) = compared([system], METHODS)
+    assert system.drive == "force"
+    assert found.short("direct") < 0.01
+    assert found.brute == pytest.approx(0.785, abs=0.005)
+    (row,) = list(table_lines([found], METHODS))[2:]
+    assert "| 3.672 N |" in row
+    assert row.endswith("| 1.73, 26.5 |")

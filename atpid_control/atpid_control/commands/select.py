@@ -72,8 +72,7 @@ def run(args: argparse.Namespace) -> int:
         shown = to_json(chosen) | today | {"resonance": scene.natural_frequency_hz, "warnings": warnings}
         print(json.dumps(shown, allow_nan=False))
     else:
-        unit = "m" if scene.drive == "support" else "N"
-        _show(f"{args.scene}: {chosen.method} at {amplitude:g} {unit}", scene, chosen, warnings, bare)
+        _show(f"{args.scene}: {chosen.method} at {amplitude:g} {scene.driven_by.unit}", scene, chosen, warnings, bare)
     return 0
 
 

@@ -7,6 +7,7 @@ is least among many is too small by chance: a random motion is run again in anot
 
 import math
 import time
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from atpid_control.selection.protocol import Selection, SelectionError, SelectionStage
 from atpid_sim.engine import columns, drive
+from atpid_sim.maps.response import LEAST_USE
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene
 from atpid_sim.scene.excitation import RandomExcitation
@@ -81,14 +83,15 @@ def least_rms(scene: Scene) -> tuple[Selection, float, list[str]]:
         swing = math.pi * math.sqrt(2.0 * float(np.mean(own.closed)))
         if not swing > 0.0:
             raise SelectionError("excitation: the closed damper does not move in the steady window; nothing to select")
-        seen = _run(own, [float(h) for h in diameter + swing * np.geomspace(_LEAST, _MOST, _COUNT) if low <= h <= high])
+        within = np.unique(np.clip(diameter + swing * np.geomspace(_LEAST, _MOST, _COUNT), low, high))
+        seen = _run(own, [float(height) for height in within])
         for _ in range(_ROUNDS):
             seen += _run(own, _between(seen))
         best = min(seen, key=lambda one: one.rms)
         again = _again(scene, best.height)
     except NumericalFailure as error:
         raise SelectionError(f"direct: {error}") from error
-    seen.sort()
+    seen.sort(key=lambda one: one.height)
     spread, independent = mean_error(best.squares)
     share, share_error = efficiency(best.rms, _rms(own.closed)), ratio_error(best.squares, own.closed)
     note = f"RMS {best.rms:.4g} ± {0.5 * spread / best.rms:.2g} m, efficiency {share:.3f} ± {share_error:.2g}"
@@ -101,6 +104,13 @@ def least_rms(scene: Scene) -> tuple[Selection, float, list[str]]:
         best.height, best.rms, share, "direct", len(seen) + len(again), time.perf_counter() - begun,
         stages=tuple(stages), note=stages[1].note,
     )  # fmt: skip
+    if share < LEAST_USE:
+        shut = low <= diameter * (1.0 + 1e-9)
+        stays = "it stays closed" if shut else f"the ceiling stays at its lowest, {low:g} m"
+        found = f"the best height found, {best.height:.4f} m, takes {100.0 * share:.1f} % off the RMS"
+        left, kept = (_rms(own.closed), 0.0) if shut else (math.nan, math.nan)
+        why = f"the damper is of no use: {found}; {stays}"
+        chosen = replace(chosen, height=low, beam_amplitude=left, efficiency=kept, no_use=why)
     return chosen, _rms(own.bare), few_samples({"independent_samples": independent})
 
 

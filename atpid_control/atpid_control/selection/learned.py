@@ -64,8 +64,11 @@ class LearnedSelector:
     def _check_amplitude(self, amplitude: float) -> None:
         low, high = self._amplitudes(amplitude)
         if not low * (1.0 - _SLACK) <= amplitude <= high * (1.0 + _SLACK):
-            covered = f"{low:.4g} to {high:.4g} m for this beam and grain"
-            raise SelectionError(f"amplitude: given {amplitude:g} m; the learned model covers {covered}; {_INSTEAD}")
+            unit = self._scene.driven_by.unit
+            covered = f"{low:.4g} to {high:.4g} {unit} for this beam and grain"
+            raise SelectionError(
+                f"amplitude: given {amplitude:g} {unit}; the learned model covers {covered}; {_INSTEAD}"
+            )
 
     def _check_frequency(self, frequency: float) -> None:
         resonance = self._scene.natural_frequency_hz

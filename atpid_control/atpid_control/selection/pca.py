@@ -88,9 +88,8 @@ class PcaSelector:
         amplitude = excitation.amplitude
         used = amplitude - excitation.spread(margin)
         if used <= 0.0:
-            raise SelectionError(
-                f"amplitude: its error bar ({margin:g} x {excitation.amplitude_std:g} m) reaches below 0"
-            )
+            bar = f"{margin:g} x {excitation.amplitude_std:g} {self._scene.driven_by.unit}"
+            raise SelectionError(f"amplitude: its error bar ({bar}) reaches below 0")
         run = _Run(response_at(self._damper, self._scene, excitation.frequency, _RTOL), used, self._limits)
         try:
             best, observed = run.whole()

@@ -99,8 +99,8 @@ class HeightMap:
     @property
     def reductions(self) -> Array:
         """1 - amplitude / amplitude of the structure without the damper [-], in the shape of the grids."""
-        if self.identity.get("further_modes.0.mass") is not None or "drive" in self.identity:
-            return np.full(self.beam_amplitudes.shape, math.nan)  # one mode under its support is not the structure
+        if {"further_modes.0.mass", "drive"} & self.identity.keys():
+            return np.full(self.beam_amplitudes.shape, math.nan)  # one mode is not the structure
         mass, stiffness, damping = (self.identity[f"beam.{key}"] for key in ("mass", "stiffness", "damping"))
         natural = np.sqrt(stiffness * (1.0 - self.mass_fractions) / mass) / (2.0 * math.pi)
         given = self.identity.get(FREQUENCY, "resonance")

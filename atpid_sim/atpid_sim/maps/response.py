@@ -231,8 +231,11 @@ class DamperResponse:
         )
         if outcome != Outcome.DONE:
             reason = Outcome(outcome).sentence
-            raise NumericalFailure(f"{reason} (amplitude {amplitude:g} {self._unit}, height {path[-1][1]:g} m)")
+            raise NumericalFailure(f"{reason} {self._at(amplitude, path)}")
         return WindowResponse(size, change / size if size > 0.0 else 0.0, verdict == EXCEEDED)
+
+    def _at(self, amplitude: float, path: Path) -> str:
+        return f"(amplitude {amplitude:g} {self._unit}, height {path[-1][1]:g} m)"
 
     def advance(self, amplitude: float, state: State, path: Path, observation: Observation, phase: float = 0.0) -> None:
         """Advance a state in place from its time to the end of the observation's window while the ceiling follows the
@@ -247,9 +250,7 @@ class DamperResponse:
         state.restart_observation()
         outcome = self._integration.advance(state, drive.with_ceiling(rows, path), observation)
         if outcome != Outcome.DONE:
-            raise NumericalFailure(
-                f"{outcome.sentence} (amplitude {amplitude:g} {self._unit}, height {path[-1][1]:g} m)"
-            )
+            raise NumericalFailure(f"{outcome.sentence} {self._at(amplitude, path)}")
 
     def cliff(self, amplitude: float, state: State, height: float, end: float) -> Cliff | None:
         """Return the regular motion near a simulated one, followed while the ceiling is moved to `end` [m] at most.
