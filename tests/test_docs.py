@@ -109,6 +109,10 @@ RUN = {
         r"python -m studies steady ": "test_the_study_puts_its_table_into_a_page",
         r"atpid simulate scenes/standard.yaml --steady": "test_the_command_prints_it",
     },
+    "tests/of_studies/test_sweep_steady.py": {
+        r"atpid sweep ": "test_the_command_prints_and_writes_heights",
+        r"python -m studies sweep .*--steady": "test_the_study_prints_both_speeds_and_the_judgement",
+    },
     "tests/of_studies/test_off_resonance.py": {
         r"python -m studies off-resonance": "test_the_command_prints_one_object"
     },

@@ -242,8 +242,7 @@ class _Part:
         places = np.array(sorted({place for place in wanted if self.periods[place] < 0}), dtype=int)
         if not len(places):
             return
-        first, (still, period, count) = self.integration.initial_state(), self.strobes
-        first.y[columns.INPUT] = math.nan  # the ledger is not asked for
+        first, (still, period, count) = self.integration.initial_state().without_ledger(), self.strobes
         series = np.zeros((len(places), columns.SAMPLE_ROWS, count))
         common = min(self.common, int(np.searchsorted(self.tables[0, :, columns.END], still, side="right")))
         y, n, outcomes = self.integration.ends_alike(first, self.tables[places], common, (still, period), series)
@@ -308,13 +307,11 @@ class _Part:
         table[0, columns.END] = near.periods / self.frequency
         table[0, columns.A0], table[0, columns.OMEGA] = self.support, 2.0 * math.pi * self.frequency
         table[0, columns.PHASE] = 2.0 * math.pi * near.phase
-        flight = flying(near.section).y
-        flight[columns.INPUT] = math.nan
         sections, solved = np.empty((len(heights), len(PLACES))), np.empty((3, len(heights)))
         try:
             count = solve_along(
-                self.integration.kernel_inputs, table, flight, np.array(PLACES), heights, near.section, near.scale,
-                self.close, self.integration.step_limit, sections, solved,
+                self.integration.kernel_inputs, table, flying(near.section).y, np.array(PLACES), heights, near.section,
+                near.scale, self.close, self.integration.step_limit, sections, solved,
             )  # fmt: skip
         except np.linalg.LinAlgError:  # a multiplier of exactly 1
             count = 0

@@ -183,8 +183,8 @@ def section_of(state: State) -> Array:
 
 
 def flying(section: Array) -> State:
-    """Return the engine's state of a section state (4,), at time zero."""
-    state = State.resting(0.0, 0.0)
+    """Return the engine's state of a section state (4,), at time zero, without a ledger."""
+    state = State.resting(0.0, 0.0).without_ledger()
     state.y[PLACES] = section
     state.n[columns.MODE] = columns.FREE
     return state
