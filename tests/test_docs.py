@@ -243,7 +243,7 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install", "--enclave"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
-    "my_beam.yaml", "my_map.npz", "methods.json",
+    "my_beam.yaml", "my_map.npz", "methods.json", "sweep.csv",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml",
     "scenes/a.yaml", "levels.yaml", "contact.yaml", "drop.csv", "force.csv",
