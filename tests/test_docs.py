@@ -111,6 +111,10 @@ RUN = {
         r"python -m studies steady ": "test_the_study_puts_its_table_into_a_page",
         r"atpid simulate scenes/standard.yaml --steady": "test_the_command_prints_it",
     },
+    "tests/of_studies/test_sweep_steady.py": {
+        r"atpid sweep ": "test_the_command_prints_and_writes_heights",
+        r"python -m studies sweep .*--steady": "test_the_study_prints_both_speeds_and_the_judgement",
+    },
     "tests/of_studies/test_off_resonance.py": {
         r"python -m studies off-resonance": "test_the_command_prints_one_object"
     },
@@ -241,7 +245,7 @@ NOT_RUN = {
 FOREIGN_OPTIONS = {"--ros-args", "--params-file", "--show-args", "--symlink-install", "--enclave"}
 #: Names of files that runs make, that the reader gives, or that belong to others.
 MADE_OR_GIVEN = {
-    "my_beam.yaml", "my_map.npz", "methods.json",
+    "my_beam.yaml", "my_map.npz", "methods.json", "sweep.csv",
     "atpid_sim/atpid_sim/contact/hunt_crossley.py",
     "FILE.mcap", "MAP.npz", "READINGS.csv", "SCENE.yaml", "FILE.h", "readings.csv", "table.h", "beam.yaml",
     "scenes/a.yaml", "levels.yaml", "contact.yaml", "drop.csv", "force.csv",

@@ -39,7 +39,6 @@ class Modes(NamedTuple):
     joined: ModeSet
     to_joined: Array  # (modes, modes)
     from_joined: Array
-    damping: Array  # of the joined modes together, over the roots of their masses (modes, modes) [1/s]
 
     @property
     def table(self) -> Array:
@@ -64,13 +63,12 @@ def modes_of(free: ModeSet, grains: Array, shapes_there: Array, gravity: float) 
     order = [first, *(k for k in range(len(squares)) if k != first)]
     shapes, squares, mass = (shapes / at_container)[:, order], squares[order], at_container[order] ** -2.0
     weight = -free.mass * free.gravity - (shapes_there.T @ grains) * gravity
-    damping = shapes.T @ (free.damping[:, None] * shapes)
     joined = ModeSet(
-        mass, squares * mass, damping.diagonal().copy(), shapes.T @ free.direct,
+        mass, squares * mass, np.einsum("ij,i,ij->j", shapes, free.damping, shapes), shapes.T @ free.direct,
         shapes.T @ free.rate, -(shapes.T @ weight) / mass,
     )  # fmt: skip
     to_joined = np.ascontiguousarray((shapes / mass).T @ joined_mass)
-    return Modes(free, joined, to_joined, np.ascontiguousarray(shapes), damping / np.sqrt(np.outer(mass, mass)))
+    return Modes(free, joined, to_joined, np.ascontiguousarray(shapes))
 
 
 def coupling(modes: Modes) -> float:
@@ -79,9 +77,10 @@ def coupling(modes: Modes) -> float:
     Of two modes that is |c| w / |w1^2 - w2^2|, w the larger angular frequency; the error of a motion is about its
     square (Hasselman, AIAA J. 14 (1976) 1627).
     """
-    squares = modes.joined.stiffness / modes.joined.mass
+    squares, shapes = modes.joined.stiffness / modes.joined.mass, modes.from_joined
+    damping = shapes.T @ (modes.free.damping[:, None] * shapes) / np.sqrt(np.outer(modes.joined.mass, modes.joined.mass))
     first, second = np.triu_indices(len(squares), 1)
-    left_out = np.abs(modes.damping[first, second]) * np.sqrt(np.maximum(squares[first], squares[second]))
+    left_out = np.abs(damping[first, second]) * np.sqrt(np.maximum(squares[first], squares[second]))
     apart = np.abs(squares[first] - squares[second])
     # what is damped alike is not coupled, however close: rounding of the shapes is no damping
     counts = left_out > 1e-9 * np.maximum(squares[first], squares[second])

@@ -32,6 +32,10 @@ LINES: dict[str, tuple[Main, str]] = {
         control.main,
         "basin SCENE --height 0.1 --kick 0.1 --error 0.2 --starts 5 --seed 1 --out SERIES --workers 1",
     ),
+    "heights": (
+        control.main,
+        "sweep SCENE --heights 0.1:0.2:2 --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --rtol 1e-2 --out SERIES",
+    ),
     "map": (
         control.main,
         "map SCENE --amplitudes 0.01:0.02:2 --mass-fractions 0.1 --out MAP --header HEADER --workers 1",

@@ -28,7 +28,7 @@ class Sections(NamedTuple):
     """Where the numbers of a section state lie in the engine's state vector, and the rest of that."""
 
     places: NDArray[np.int64]  # (2 modes + 2,)
-    flight: Array  # state vector of a flight at time zero, into which they are entered
+    flight: Array  # state vector of a flight at time zero without a ledger, into which they are entered
 
     def enter(self, y: Array, sections: Array) -> None:
         """Enter section states (..., 2 modes + 2) into state vectors (..., m)."""
@@ -44,12 +44,6 @@ class Sections(NamedTuple):
         self.enter(state.y, section)
         return state
 
-    def without_ledger(self) -> Sections:
-        """Return the same with states that keep no energy ledger (`engine.work`)."""
-        flight = self.flight.copy()
-        flight[at.INPUT] = np.nan
-        return Sections(self.places, flight)
-
 
 @lru_cache(maxsize=64)
 def sections_of(count: int) -> Sections:
@@ -58,7 +52,7 @@ def sections_of(count: int) -> Sections:
     if count:
         begins = at.STATE_SIZE + at.MODE_COLUMNS * np.arange(count)
         places = np.column_stack((begins + at.Q, begins + at.Q_RATE)).ravel().tolist()
-    flight = State.resting(0.0, 0.0, np.zeros((count, 2)) if count else None).y
+    flight = State.resting(0.0, 0.0, np.zeros((count, 2)) if count else None).without_ledger().y
     return Sections(np.array([*places, at.GRAIN, at.GRAIN_VELOCITY]), flight)
 
 

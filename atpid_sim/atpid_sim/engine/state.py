@@ -75,6 +75,11 @@ class State:
         n[columns.MODE] = columns.ON_FLOOR
         return State(y, n)
 
+    def without_ledger(self) -> State:
+        """Keep no energy ledger from here on, a fifth of a run's time at `impact` and `finite`; return this state."""
+        self.y[columns.INPUT] = np.nan
+        return self
+
     def release_grain(self, height: float, velocity: float) -> None:
         """Put the grain in flight at `height` [m] above the floor, with `velocity` [m/s] upward."""
         self.y[columns.GRAIN] = self.y[columns.BEAM] + height

@@ -193,15 +193,19 @@ class DamperResponse:
         return drive_force / resistance
 
     def closed_state(self, amplitude: float) -> State:
-        """Return the steady state of the closed damper at phase zero of the support's sine, grain on the floor."""
+        """Return the steady state of the closed damper at phase zero of the support's sine, grain on the floor.
+
+        Without a ledger: nobody asks for one.
+        """
         s, w = self.system, 2.0 * math.pi * self.frequency
         if self._modes is not None:
             joined, back = self._modes.joined, self._modes.from_joined
             each = amplitude * phasors(joined, self.frequency)
-            return State.resting(0.0, 0.0, back @ np.column_stack((each.imag + resting(joined), w * each.real)))
+            modes = back @ np.column_stack((each.imag + resting(joined), w * each.real))
+            return State.resting(0.0, 0.0, modes).without_ledger()
         phasor = self._phasor(amplitude)
         rest = (s.beam_mass + s.grain_mass) * s.gravity / s.stiffness
-        return State.resting(phasor.imag - rest, w * phasor.real)
+        return State.resting(phasor.imag - rest, w * phasor.real).without_ledger()
 
     def follow(self, amplitude: float, path: Path, timing: Timing) -> WindowResponse:
         """Return the response in the window after the ceiling has followed the path ((t [s], h [m]), ...).

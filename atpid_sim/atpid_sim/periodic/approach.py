@@ -55,7 +55,7 @@ def follow(scene: Scene, quick: Integration, conditions: Conditions, still: floa
     if most < 1:
         return None
     rows = rows_until(scene, begin)
-    state, sections = quick.initial_state(), np.empty((most, len(quick.sections.places)))
+    state, sections = quick.initial_state().without_ledger(), np.empty((most, len(quick.sections.places)))
     table = _next_period(rows[-1], period)
     outcome, ending, passed, amplitude, count, periods, remaining = settle(
         quick.kernel_inputs, rows, table, state.y, state.n, quick.sections, quick.sizes(conditions.frequency),

@@ -113,12 +113,18 @@ def over_heights(
     """Return what each of the scenes comes to at heights (n,), rising [m], to which its ceiling goes last.
 
     fidelity, rtol: as in `simulate`; progress: called with the number of heights done; journal: of what is done, which
-    the caller removes. Raises SceneError where excitation or ceiling change until the steady window or a controller
-    moves the ceiling, ValueError for an unknown fidelity or heights that do not rise, ClusterError, JournalError.
+    the caller removes. Raises SceneError where excitation or ceiling change until the steady window, a controller moves
+    the ceiling, or the structure has several modes, ValueError for an unknown fidelity or heights that do not rise,
+    ClusterError, JournalError.
     """
     heights = np.asarray(heights, dtype=float)
     if len(heights) < 1 or not (np.diff(heights) > 0.0).all():
         raise ValueError(f"heights: given {heights.tolist()}; allowed: at least one, each above the one before")
+    if any(scene.modes is not None for scene in scenes):
+        raise SceneError(
+            "further_modes: given several modes, or a force; allowed for steady motions over heights: one mode, driven "
+            "at the support; simulate each height"
+        )
     rows = [_Row(scene, heights, choose(scene, fidelity), rtol) for scene in scenes]
     begins = range(0, len(heights), _CHUNK)
     # from the largest heights down: irregular motions, whose jobs take longest, mostly lie there
@@ -242,8 +248,7 @@ class _Part:
         places = np.array(sorted({place for place in wanted if self.periods[place] < 0}), dtype=int)
         if not len(places):
             return
-        first, (still, period, count) = self.integration.initial_state(), self.strobes
-        first.y[columns.INPUT] = math.nan  # the ledger is not asked for
+        first, (still, period, count) = self.integration.initial_state().without_ledger(), self.strobes
         series = np.zeros((len(places), columns.SAMPLE_ROWS, count))
         common = min(self.common, int(np.searchsorted(self.tables[0, :, columns.END], still, side="right")))
         y, n, outcomes = self.integration.ends_alike(first, self.tables[places], common, (still, period), series)
@@ -309,7 +314,7 @@ class _Part:
         table[0, columns.END] = near.periods / self.frequency
         table[0, columns.A0], table[0, columns.OMEGA] = self.support, 2.0 * math.pi * self.frequency
         table[0, columns.PHASE] = 2.0 * math.pi * near.phase
-        places = self.integration.sections.without_ledger()
+        places = self.integration.sections
         sections, solved = np.empty((len(heights), len(near.section))), np.empty((3, len(heights)))
         try:
             count = solve_along(
