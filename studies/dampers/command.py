@@ -82,9 +82,7 @@ def run(args: argparse.Namespace) -> int:
             _table("structures with several dampers", ["", "impacts by scipy", "stiff contacts"], _rows(compared))
         )
     if outcomes:
-        console.print(
-            _table("outcomes of wild scenes", ["", ""], [[name, str(n)] for name, n in outcomes.most_common()])
-        )
+        console.print(_table("wild scenes", ["", ""], [[name, str(n)] for name, n in outcomes.most_common()]))
     if cells:
         names = [
             "cells",
