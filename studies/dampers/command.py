@@ -82,7 +82,11 @@ def run(args: argparse.Namespace) -> int:
             _table("structures with several dampers", ["", "impacts by scipy", "stiff contacts"], _rows(compared))
         )
     if outcomes:
-        console.print(_table("wild scenes", ["", ""], [[name, str(n)] for name, n in outcomes.most_common()]))
+        console.print(
+            _table(
+                "wild scenes", ["outcome of a wild scene", ""], [[name, str(n)] for name, n in outcomes.most_common()]
+            )
+        )
     if cells:
         names = [
             "cells",
