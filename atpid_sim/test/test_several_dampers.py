@@ -164,7 +164,7 @@ def test_what_takes_one_damper_refuses_several() -> None:
         lambda: basin(scene, Starts(0.1)),
         lambda: Plant(scene),
         lambda: DamperResponse(scene),
-        lambda: Integration(scene, "impact").pass_sections(np.zeros((1, 4)), np.zeros((1, 12)), 1),
+        lambda: Integration(scene, "impact").advance_alike(np.zeros((1, 1, 12)), 0),
     ):
         with pytest.raises(SceneError, match=r"further_dampers: given 1 beside the first; .* takes one damper; leave"):
             refused()

@@ -83,7 +83,9 @@ def run(args: argparse.Namespace) -> int:
         )
     if outcomes:
         console.print(
-            _table("outcomes of wild scenes", ["", ""], [[name, str(n)] for name, n in outcomes.most_common()])
+            _table(
+                "wild scenes", ["outcome of a wild scene", ""], [[name, str(n)] for name, n in outcomes.most_common()]
+            )
         )
     if cells:
         names = [

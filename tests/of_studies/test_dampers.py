@@ -32,4 +32,4 @@ def test_the_tables_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dampers", "--systems", "1", "--wild", "3", "--seed", "7"]) == 0
     shown = capsys.readouterr().out
     assert "of these within 0.2 %" in shown
-    assert "outcomes of wild scenes" in shown
+    assert "outcome of a wild scene" in shown

@@ -271,8 +271,8 @@ def test_defaults_are_visible() -> None:
     assert scene.steady_window == (14.0, 16.0)
     keys = [line.split(" = ")[0] for line in scene.defaults()]
     assert keys == [
-        "further_modes", "drive", "container.side_friction", "container.slope", "contact.wall_young_modulus",
-        "contact.wall_poisson_ratio", "contact.wall_stiffness",
+        "further_modes", "drive", "further_dampers", "container.side_friction", "container.slope",
+        "contact.wall_young_modulus", "contact.wall_poisson_ratio", "contact.wall_stiffness",
         "contact.wall_speed", "initial", "steady_window", "sensors.laser.rate",
         "sensors.laser.noise", "sensors.laser.saturation", "sensors.accelerometer", "recording.block",
         "recording.chunk", "seed", "faults",

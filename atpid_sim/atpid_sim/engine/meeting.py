@@ -105,6 +105,9 @@ def _impulses(d, inverse, hits, struck, wanted, pulling):
             sides = side_of(hits[struck[a], at.D_MODE]) * side_of(hits[struck[b], at.D_MODE])
             matrix[a, b] = sides * (d.shapes[struck[b]] @ moved)
         matrix[a, a] += 1.0 / d.table[struck[a], at.GRAIN_MASS]
+    if size == 1:  # as nearly always: what follows takes much longer
+        impulse[0] = wanted[0] / matrix[0, 0]
+        return impulse
     kept = np.arange(size)
     while len(kept) > 0:
         found = np.linalg.solve(matrix[kept][:, kept], wanted[kept])

@@ -87,7 +87,7 @@ class State:
         self.n[columns.MODE] = columns.FREE
 
     @property
-    def _dampers(self) -> tuple[NDArray[np.int64], Array]:
+    def dampers(self) -> tuple[NDArray[np.int64], Array]:
         """Counters (dampers, DAMPER_COUNTERS) and grains (dampers, GRAIN_COLUMNS); none where there is one damper."""
         hits = self.n[columns.COUNTERS :].reshape(-1, columns.DAMPER_COUNTERS)
         return hits, self.y[len(self.y) - columns.GRAIN_COLUMNS * len(hits) :].reshape(-1, columns.GRAIN_COLUMNS)
@@ -95,12 +95,12 @@ class State:
     @property
     def hits_per_damper(self) -> NDArray[np.int64]:
         """Impacts on floor and ceiling of each of several dampers (dampers, 2); none of one."""
-        return self._dampers[0][:, [columns.D_FLOOR, columns.D_CEILING]]
+        return self.dampers[0][:, [columns.D_FLOOR, columns.D_CEILING]]
 
     @property
     def contacts_per_damper(self) -> list[tuple[int, int, float]]:
         """Impacts on floor and ceiling and time in contact [s] inside the window, of each damper."""
-        hits, grains = self._dampers
+        hits, grains = self.dampers
         if not len(hits):
             window = self.n[columns.WINDOW_FLOOR], self.n[columns.WINDOW_CEILING]
             return [(int(window[0]), int(window[1]), float(self.y[columns.CONTACT_TIME]))]

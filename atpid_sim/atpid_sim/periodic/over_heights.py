@@ -120,11 +120,8 @@ def over_heights(
     heights = np.asarray(heights, dtype=float)
     if len(heights) < 1 or not (np.diff(heights) > 0.0).all():
         raise ValueError(f"heights: given {heights.tolist()}; allowed: at least one, each above the one before")
-    if any(scene.modes is not None for scene in scenes):
-        raise SceneError(
-            "further_modes: given several modes, or a force; allowed for steady motions over heights: one mode, driven "
-            "at the support; simulate each height"
-        )
+    for scene in scenes:
+        scene.refuse_further_dampers("a sweep of steady motions")
     rows = [_Row(scene, heights, choose(scene, fidelity), rtol) for scene in scenes]
     begins = range(0, len(heights), _CHUNK)
     # from the largest heights down: irregular motions, whose jobs take longest, mostly lie there

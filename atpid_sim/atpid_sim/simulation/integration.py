@@ -28,6 +28,7 @@ from atpid_sim.scene.structure import Initial
 from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of, residuals
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points, support_rows
+from atpid_sim.simulation.further_grains import displace, with_further_grains
 from atpid_sim.simulation.quantities import linear_amplitude
 from atpid_sim.system import Array, System
 
@@ -211,45 +212,13 @@ class Integration:
         state = State.resting(beam + disturbance * size, initial.velocity, modes)
         if initial.grain_height > 0.0 or initial.grain_speed > initial.velocity:
             state.release_grain(initial.grain_height, initial.grain_speed)
-        return self._with_further_grains(state, disturbance * size)
-
-    def _with_further_grains(self, state: State, apart: float) -> State:
-        """Return the state with the grains of further dampers on their floors; `apart` as in `disturb`."""
-        if self._dampers is None:
-            return state
-        shapes = self._dampers.shapes
-        parts = state.y[columns.STATE_SIZE :].reshape(-1, columns.MODE_COLUMNS)
-        grains = np.zeros((len(shapes), columns.GRAIN_COLUMNS))
-        hits = np.zeros((len(shapes), columns.DAMPER_COUNTERS), dtype=np.int64)
-        grains[:, columns.G_PLACE], grains[:, columns.G_SPEED] = (shapes @ parts)[:, [columns.Q, columns.Q_RATE]].T
-        grains[0, columns.G_PLACE], grains[0, columns.G_SPEED] = state.grain, state.grain_velocity
-        hits[:, columns.D_MODE], hits[0, columns.D_MODE] = columns.ON_FLOOR, state.mode
-        full = State(np.append(state.y, grains), np.append(state.n, hits))
-        self._scatter(full, apart)
-        return full
+        return state if self._dampers is None else with_further_grains(state, self._dampers, disturbance * size)
 
     def disturb(self, state: State, by: float) -> None:
-        """Displace beam and grain [m]; of several dampers each further grain by another part, up from its floor."""
+        """Displace beam and grain [m], and each further grain by another part."""
         state.y[[columns.BEAM, columns.GRAIN]] += by
         if self._dampers is not None:
-            modes = self._dampers.shapes.shape[1]
-            state.y[columns.STATE_SIZE + columns.Q] += by
-            grains = state.y[columns.STATE_SIZE + modes * columns.MODE_COLUMNS :].reshape(-1, columns.GRAIN_COLUMNS)
-            grains[:, columns.G_PLACE] += by * self._dampers.shapes[:, 0]
-            self._scatter(state, by)
-
-    def _scatter(self, state: State, apart: float) -> None:
-        """Lift the grains of further dampers off their floors by rising parts of |apart| [m]."""
-        dampers, count = self._dampers, self._dampers.shapes.shape[1] if self._dampers is not None else 0
-        if dampers is None or apart == 0.0:
-            return
-        grains = state.y[columns.STATE_SIZE + count * columns.MODE_COLUMNS :].reshape(-1, columns.GRAIN_COLUMNS)
-        hits = state.n[columns.COUNTERS :].reshape(-1, columns.DAMPER_COUNTERS)
-        room = dampers.table[:, columns.FIXED_HEIGHT] - 2.0 * dampers.table[:, columns.RADIUS]
-        for k in range(1, len(grains)):
-            if hits[k, columns.D_MODE] == columns.ON_FLOOR and room[k] > 0.0:
-                grains[k, columns.G_PLACE] += min(abs(apart) * k / len(grains), 0.5 * room[k])
-                hits[k, columns.D_MODE] = columns.FREE
+            displace(state, self._dampers, by)
 
     @property
     def resting_modes(self) -> Array | None:
@@ -317,7 +286,6 @@ class Integration:
         sections (runs, n): section states (`engine.sections`); runs beyond these go on from the one before. The grain
         has to fly at the end. One call of compiled code.
         """
-        self.scene.refuse_further_dampers("a section")
         after = np.empty((count, sections.shape[1]))
         law, parameters = self.contact
         limit = self._limit(table)
