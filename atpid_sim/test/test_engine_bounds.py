@@ -116,7 +116,7 @@ def test_an_undamped_beam_at_resonance_grows_linearly() -> None:
         assert beam_at(arc, t)[0] == pytest.approx(expected, rel=1e-5, abs=1e-8)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def _along(table: Any, system: Any, states: Any, segment: Any, begin: float, times: Any) -> Any:
     """Displacement and acceleration (times, 2) of several modes, their jerk's bound at `begin`, and the fast part."""
     own, owner = with_room(table, system)
