@@ -94,7 +94,7 @@ def test_jerk_and_snap_keep_to_their_bounds_near_resonance(
     start, until = begin * row[1], float(row[1])
     arc = arc_from(MASS, System(MASS, 0.0, STIFFNESS, damping, GRAVITY, 0.0), row, start, 0.02, -0.5)
     tau = start + at * (until - start)
-    _, _, _, jerk_bound = bounded_at(arc, tau, until)
+    _, _, _, jerk_bound, _ = bounded_at(arc, tau, until)
     *_, jerk, snap_bound = snap_bounded_at(arc, tau, until)
     assert abs(jerk) <= jerk_bound * (1.0 + 1e-9)
     times = np.linspace(tau, until, 300)

@@ -2,16 +2,21 @@
 """What docs/no_missed_impact.md rests on: jerk and snap bounds hold, and a safe step never passes a root."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from scipy.integrate import solve_ivp
 
 from atpid_sim.engine.arc import arc_from, support_at
 from atpid_sim.engine.beam import beam_at, bounded_at, snap_bounded_at
+from atpid_sim.engine.modal_arc import modal_arc
+from atpid_sim.engine.modal_room import keep, with_room
 from atpid_sim.engine.safe_step import safe_step, safe_velocity_step
+from atpid_sim.modal import ModeSet, modes_of
 from atpid_sim.system import Array, System
 
 
@@ -43,7 +48,7 @@ def test_jerk_and_snap_never_exceed_their_bounds(
 ) -> None:
     mass, stiffness, damping = beam
     arc = arc_from(mass, System(mass, 0.0, stiffness, damping, 9.81, 0.0), segment, 0.0, x, v)
-    _, _, a0, jerk_bound = bounded_at(arc, at, 1.0)
+    _, _, a0, jerk_bound, _ = bounded_at(arc, at, 1.0)
     *_, jerk0, snap_bound = snap_bounded_at(arc, at, 1.0)
     times = np.linspace(at, 1.0, 400)
     acceleration = np.array([beam_at(arc, t)[2] for t in times])
@@ -109,3 +114,47 @@ def test_an_undamped_beam_at_resonance_grows_linearly() -> None:
     for t in (0.1, 0.7, 1.9):
         expected = 0.5 * 0.01 * (math.sin(omega * t) - omega * t * math.cos(omega * t))
         assert beam_at(arc, t)[0] == pytest.approx(expected, rel=1e-5, abs=1e-8)
+
+
+@njit(error_model="numpy")  # type: ignore[untyped-decorator]
+def _along(table: Any, system: Any, states: Any, segment: Any, begin: float, times: Any) -> Any:
+    """Displacement and acceleration (times, 2) of several modes, their jerk's bound at `begin`, and the fast part."""
+    own, owner = with_room(table, system)
+    arc = modal_arc(own.modes, 0, states, segment, begin)
+    x, v, a, bound, fast = bounded_at(arc, begin, times[-1])
+    found = np.empty((times.size, 2))
+    for k in range(times.size):
+        found[k, 0], _v, found[k, 1], _u, _w = beam_at(arc, times[k])
+    keep(owner)
+    return found, (x, v, a, bound), (fast.x, fast.v, fast.a, fast.jerk, fast.size)
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_several_modes_stay_within_their_bounds(seed: int) -> None:
+    """The jerk's bound, and the motion that is slow with the fast free vibrations anywhere within their size."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 6))
+    mass = 0.3 * 10.0 ** rng.uniform(-2, 2, count)
+    natural = 30.0 * 10.0 ** rng.uniform(0, 2, count)
+    natural[0] = 30.0
+    stiffness = mass * natural**2
+    damping = 2.0 * rng.choice([0.0, 0.02, 0.7, 3.0], count) * mass * natural
+    factors = rng.uniform(-1.0, 1.0, count)
+    free = ModeSet(mass, stiffness, damping, factors * stiffness, factors * damping, np.eye(count)[0] * 9.81)
+    table = modes_of(free, 0.03, 9.81).table
+    system = System(mass[0], 0.03, stiffness[0], damping[0], 9.81, 0.0085, table)
+    segment = np.zeros(12)
+    segment[1], segment[2:6] = 1.0, (0.01, 0.02 * rng.random(), rng.uniform(5.0, 60.0), rng.uniform(0.0, 6.0))
+    segment[6:10] = 0.01 * rng.uniform(-1.0, 1.0, 4)
+    states = np.column_stack((0.01 * rng.normal(size=count), rng.normal(size=count)))
+    times = np.linspace(0.1, 0.3, 4001)
+    found, (x, v, a, bound), (fast_x, fast_v, fast_a, fast_jerk, size) = _along(
+        table, system, states, segment, 0.1, times
+    )
+    s = times - times[0]
+    assert found[0] == pytest.approx((x, a))
+    assert np.abs(np.diff(found[:, 1])).max() <= bound * s[1] * (1.0 + 1e-9)
+    slow = x - fast_x + s * (v - fast_v + 0.5 * s * (a - fast_a))
+    reach = (bound - fast_jerk) * s**3 / 6.0 + size
+    assert (np.abs(found[:, 0] - slow) <= reach * (1.0 + 1e-9) + 1e-12).all()

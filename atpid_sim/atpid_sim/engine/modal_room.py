@@ -20,11 +20,11 @@ _ARC, _ENDS, _COORDINATES, _STAGES, _ROWS = 0, 20, 32, 34, 64
 Q_ACCELERATION, END_ROWS = at.MODE_COLUMNS, at.MODE_COLUMNS + 1
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def unowned(typing_context, array):  # type: ignore[no-untyped-def]
+@intrinsic
+def unowned(typing_context, array):
     """Return the same array without a reference to its owner, which has to outlive it."""
 
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, arguments):
         made = context.make_array(signature.return_type)(context, builder, value=arguments[0])
         made.meminfo, made.parent = get_null_value(made.meminfo.type), get_null_value(made.parent.type)
         return made._getvalue()

@@ -114,7 +114,7 @@ def over_heights(
 
     fidelity, rtol: as in `simulate`; progress: called with the number of heights done; journal: of what is done, which
     the caller removes. Raises SceneError where excitation or ceiling change until the steady window, a controller moves
-    the ceiling, or the structure has several modes, ValueError for an unknown fidelity or heights that do not rise,
+    the ceiling, or there are several dampers, ValueError for an unknown fidelity or heights that do not rise,
     ClusterError, JournalError.
     """
     heights = np.asarray(heights, dtype=float)
