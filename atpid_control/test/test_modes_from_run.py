@@ -91,8 +91,7 @@ def test_random_structures_are_within_the_stated_intervals(kind: str, unit: str)
         structure = drawn(random, unit == "N")
         try:
             fit = fit_modes(recorded(random, structure, kind, unit), len(structure.mass), unit == "N")
-        except ModesError as error:
-            assert "the record does not determine" in str(error)
+        except ModesError:  # the record does not determine a weak one
             refused += 1
             continue
         if kind == "free":

@@ -22,16 +22,17 @@ from atpid_sim.system import Array
 
 TAU = 2.0 * math.pi
 #: Samples at most: of more every n-th is taken, after a low-pass; and the fewest a period of the fastest mode.
-_MOST_SAMPLES, _A_PERIOD = 60_000, 6
-#: Lines of the residual's spectrum that are averaged; draws by which errors are carried through the grain's removal.
-_LINES, _DRAWS = 15, 400
+_MOST_SAMPLES, _A_PERIOD = 60_000, 5
+#: Lines of the residual's spectrum that are averaged, of which the larger mean counts, since a resonance is narrow;
+#: draws by which errors are carried through the grain's removal.
+_LINES, _DRAWS = (5, 15), 400
 #: Segments of the spectra in which peaks are looked for, and how far apart two modes are at least [-].
 _SEGMENTS, _APART = 8, 0.05
 #: A mode is determined where its frequency's standard deviation is below this share of it [-].
 _KNOWN = 0.02
 #: Share of the largest density from which a line is excited; coherence from which it may be a peak, whose resonance
 #: leaks; coherence that noise never has, and share of the lines with it that a drive has [-].
-_EXCITED, _COHERENT, _EXPLAINS, _EXPLAINED = 1e-5, 0.4, 0.85, 0.01
+_EXCITED, _COHERENT, _EXPLAINS, _EXPLAINED = 1e-3, 0.4, 0.85, 0.01
 
 
 @dataclass(frozen=True)
@@ -203,15 +204,16 @@ def _sandwich(jacobian: Array, left: Array) -> Array:
     """Return the parameters' covariance where the residual (n,) has its own spectrum, jacobian (n, p).
 
     Ordinary least squares of a coloured residual: the residual's periodogram, averaged over neighbouring lines, is
-    taken as its spectrum; what the sensors of the drive add is resonant.
+    taken as its spectrum: what the sensors of the drive add is resonant.
     """
     samples, parameters = jacobian.shape
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    lines = np.fft.rfft(jacobian, axis=0)
-    power = uniform_filter1d(np.abs(np.fft.rfft(left)) ** 2, _LINES, mode="nearest") / (samples - parameters)
+    slopes = np.fft.rfft(jacobian, axis=0)
+    density = np.abs(np.fft.rfft(left)) ** 2 / (samples - parameters)
+    power = np.max([uniform_filter1d(density, lines, mode="nearest") for lines in _LINES], axis=0)
     twice = np.full(len(power), 2.0)
     twice[0] = 1.0
-    middle = (np.conj(lines).T @ (lines * (power * twice)[:, None])).real / samples
+    middle = (np.conj(slopes).T @ (slopes * (power * twice)[:, None])).real / samples
     return np.asarray(inverse @ middle @ inverse)
 
 
