@@ -67,8 +67,8 @@ def recorded(random: np.random.Generator, structure: Drawn, kind: str, unit: str
     enters = np.append(by_damper, by_spring - inverse @ damping @ by_damper)[:, None]
     out = np.append(np.ones(count), np.zeros(count))[None]
     beam = lsim(StateSpace(matrix, enters, out, np.zeros((1, 1))), drive, t, X0=start)[1]
-    noisy = (one + NOISE[of] * random.standard_normal(len(t)) for one, of in ((drive, unit), (beam, "m")))
-    return Signals(rate, *noisy, units=(unit, "m"))
+    given, answer = (one + NOISE[of] * random.standard_normal(len(t)) for one, of in ((drive, unit), (beam, "m")))
+    return Signals(rate, given, answer, (unit, "m"))
 
 
 def of_held(structure: Drawn, grain: float) -> tuple[Array, Array]:
