@@ -106,7 +106,9 @@ def _peak(left: Array, drive: Array | None, rate: float, known: Array, top: floa
         height = density / _level(density)
     else:
         frequency, response, coherence = _response(drive, left, rate)
-        height = np.where(coherence > _COHERENT, response / _level(response), 0.0)
+        height, excited = np.zeros(len(response)), response > 0.0
+        height[excited] = response[excited] / _level(response[excited])
+        height[coherence < _COHERENT] = 0.0
     height[(frequency < 2.0 * frequency[1]) | (frequency > top)] = 0.0
     for one in known:
         height[np.abs(frequency - one) < max(_APART * one, 3.0 * frequency[1])] = 0.0
