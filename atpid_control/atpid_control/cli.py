@@ -22,6 +22,7 @@ COMMANDS: Commands = {
     },
     "Modes of a structure": {
         "modes cantilever": (f"{_CONTROL}.modes:CANTILEVER", "modes of a beam with the damper at its tip, for a scene"),
+        "modes fit": (f"{_CONTROL}.modes:RUN", "modes of a recorded run, with their error bars"),
         "modes file": (f"{_CONTROL}.modes:FILE", "the same of modes in a universal file, computed or measured"),
     },
     "Run the nodes": {

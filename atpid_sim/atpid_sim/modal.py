@@ -46,11 +46,13 @@ class Modes(NamedTuple):
         return np.vstack([*self.free, *self.joined, self.to_joined, self.from_joined])
 
 
-def modes_of(free: ModeSet, grains: Array, shapes_there: Array, gravity: float) -> Modes:
+def modes_of(free: ModeSet, grains: Array | float, gravity: float, shapes: Array | None = None) -> Modes:
     """Return the modes of a structure in flight, and joined by grains (dampers,) [kg]; gravity [m/s^2].
 
-    shapes_there: displacement where a grain is over that at the first container (dampers, modes).
+    shapes: displacement where a grain is over that at the first container (dampers, modes); default: all are there.
     """
+    grains = np.atleast_1d(grains)
+    shapes_there = np.ones((len(grains), len(free.mass))) if shapes is None else shapes
     joined_mass = np.diag(free.mass) + (shapes_there.T * grains) @ shapes_there
     from scipy.linalg import eigh  # here, since most scenes have one mode, and it loads slowly
 
@@ -78,7 +80,9 @@ def coupling(modes: Modes) -> float:
     square (Hasselman, AIAA J. 14 (1976) 1627).
     """
     squares, shapes = modes.joined.stiffness / modes.joined.mass, modes.from_joined
-    damping = shapes.T @ (modes.free.damping[:, None] * shapes) / np.sqrt(np.outer(modes.joined.mass, modes.joined.mass))
+    damping = (
+        shapes.T @ (modes.free.damping[:, None] * shapes) / np.sqrt(np.outer(modes.joined.mass, modes.joined.mass))
+    )
     first, second = np.triu_indices(len(squares), 1)
     left_out = np.abs(damping[first, second]) * np.sqrt(np.maximum(squares[first], squares[second]))
     apart = np.abs(squares[first] - squares[second])

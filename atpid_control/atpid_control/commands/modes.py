@@ -1,18 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`atpid modes`: the modes of a structure as a scene has them, from its dimensions or from a file of modes."""
+"""`atpid modes`: the modes of a structure as a scene has them, from dimensions, a file of modes or a recorded run."""
 
 import argparse
 import json
 import math
 import re
+import sys
 from typing import Any
+
+import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real, refuse, whole
 from atpid_common.cli import Command
-from atpid_control.analysis.modes import cantilever, universal_file
+from atpid_control.analysis.modes import cantilever, from_run, universal_file
 from atpid_control.analysis.modes.structure import ModesError, Structure, choose, merged
+from atpid_control.analysis.signals import signals_of
+from atpid_control.commands.results import add_part, print_missing
+from atpid_control.runs.parts import bag_of
+from atpid_control.runs.run import open_run
 from atpid_sim.contact.materials import MATERIALS
+from atpid_sim.display import working
 from atpid_sim.scene import load_scene
 from atpid_sim.scene.yaml12 import write_yaml
 from atpid_sim.simulation.simulate import finite
@@ -44,6 +52,18 @@ def _add_file(parser: argparse.ArgumentParser) -> None:
     _add_modes(parser, required=False)
 
 
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    recording = "a run with the container empty, or the damper closed: a bag or a .csv"
+    add("recording", type=file_path, metavar="RUN", help=recording)
+    add_part(parser, "begin of the part used")
+    masses = "of the modes as recorded, needed but where a force at the container drives them [kg]"
+    add("--masses", type=positive("kg"), nargs="+", metavar="KG", help=masses)
+    grain = "what the closed damper held, which is taken away, under a force at the container [kg]; default: 0"
+    add("--grain-mass", type=real(0.0, 1e6, "kg"), default=0.0, metavar="KG", help=grain)
+    _add_modes(parser, required=True)
+
+
 def _add_modes(parser: argparse.ArgumentParser, *, required: bool) -> None:
     add = parser.add_argument
     count = "how many, from the lowest" + ("" if required else "; default: all that move the container")
@@ -71,16 +91,52 @@ def _run_cantilever(args: argparse.Namespace) -> int:
     modulus, density = (solid.young_modulus, solid.density) if solid else (args.modulus, args.density)
     stiffness, mass = modulus * args.width * args.thickness**3 / 12.0, density * args.width * args.thickness
     beam = cantilever.Cantilever(args.length, stiffness, mass * args.length, args.tip_mass, args.tip_inertia)
-    return _give(args, cantilever.modes_of(beam, args.modes, args.force_at))
+    return _give(args, cantilever.modes_of(beam, args.modes, args.force_at), forced=args.force_at is not None)
 
 
 def _run_file(args: argparse.Namespace) -> int:
     """Read the modes and print the blocks; return 0. Raises ModesError, FileError, SceneError, OutputError."""
-    return _give(args, universal_file.modes_of(args.modes_file, args.container, args.force_at))
+    structure = universal_file.modes_of(args.modes_file, args.container, args.force_at)
+    return _give(args, structure, forced=args.force_at is not None)
 
 
-def _give(args: argparse.Namespace, structure: Structure) -> int:
-    forced = args.force_at is not None
+def _run_run(args: argparse.Namespace) -> int:
+    """Fit the modes and print them; return 0. Raises ModesError, BagError, AnalysisError, SceneError, OutputError."""
+    run = open_run(bag_of(args.recording))
+    forced = run.drive.name == "force"
+    signals, missing = signals_of(run, both=False)
+    print_missing(missing, sys.stderr)
+    with working("fitting"):
+        fit = from_run.fit_modes(signals.between(args.begin, args.end), args.modes, forced)
+    if args.masses and len(args.masses) != args.modes:
+        raise ModesError(f"--masses: given {len(args.masses)}; allowed: {args.modes}, one a mode")
+    if args.grain_mass and (args.masses or not forced):
+        raise ModesError("--grain-mass: allowed where a force at the container shows the masses; empty the container")
+    driven = math.isfinite(fit.drive[0])
+    lines = [f"{'driven' if driven else 'free'} motion, {fit.samples} samples, residual {fit.residual:.3g} m of "
+             f"{fit.motion:.3g} m"]  # fmt: skip
+    if driven and (args.masses or forced):
+        masses = np.array(args.masses) if args.masses else None
+        found = from_run.structure_of(fit, masses, args.grain_mass, forced)
+        lines += [f"mode {number}: ± {f:.2g} Hz, ± {z:.2g} of critical, ± {m:.2g} kg, drive ± {by:.2g}"
+                  for number, (f, z, m, by) in enumerate(found.deviations, 1)]  # fmt: skip
+        return _give(args, found.structure._replace(notes=(*lines, *found.structure.notes)), forced=forced)
+    if args.scene is not None or args.out is not None:
+        raise ModesError("--scene, --out: need masses: give --masses, or a run that a force at the container drives")
+    deviations = fit.deviations()
+    rows = zip(fit.frequency, fit.ratio, fit.drive, *deviations, strict=True)
+    names = ("frequency", "damping_ratio", "drive_factor", "frequency_std", "damping_ratio_std", "drive_factor_std")
+    modes = [dict(zip(names, map(float, row), strict=True)) for row in rows]
+    for number, mode in enumerate(modes, 1):
+        part = f", base's motion {mode['drive_factor']:.4g} ± {mode['drive_factor_std']:.2g}" if driven else ""
+        lines.append(f"mode {number}: {mode['frequency']:.6g} ± {mode['frequency_std']:.2g} Hz, damping ratio "
+                     f"{mode['damping_ratio']:.4g} ± {mode['damping_ratio_std']:.2g}{part}")  # fmt: skip
+    lines.append("masses need --masses, or a run that a force at the container drives")
+    print(json.dumps(finite({"modes": modes, "notes": lines})) if args.json else "\n".join(f"# {one}" for one in lines))
+    return 0
+
+
+def _give(args: argparse.Namespace, structure: Structure, *, forced: bool) -> int:
     chosen = choose(structure, args.modes or len(structure.modes), args.damping_ratio, forced)
     given = chosen["blocks"]
     if args.scene is not None:
@@ -122,3 +178,4 @@ CANTILEVER = Command(
 FILE = Command(
     _add_file, _run_file, "modes.unv --container 12:z --modes 4 --scene scenes/standard.yaml --out my_beam.yaml"
 )
+RUN = Command(_add_run, _run_run, "out/bench --modes 3 --from 1 --to 20")

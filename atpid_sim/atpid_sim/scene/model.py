@@ -265,7 +265,7 @@ def _modes_from(
     weight = np.zeros(len(mass))
     weight[0] = gravity
     grains, shapes = np.array([one.grain_mass for one in dampers]), np.array([one.shapes for one in dampers])
-    return modes_of(ModeSet(mass, stiffness, damping, direct, rate, weight), grains, shapes, gravity)
+    return modes_of(ModeSet(mass, stiffness, damping, direct, rate, weight), grains, gravity, shapes)
 
 
 def _modes_of(scene: SceneValues) -> Modes:

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Modes fitted from recorded runs of random structures, simulated by scipy alone: within their stated intervals."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import yaml
+from scipy.signal import StateSpace, lsim
+
+from atpid_control.analysis.modes.from_run import fit_modes, structure_of
+from atpid_control.analysis.modes.structure import ModesError
+from atpid_control.analysis.signals import Signals
+from atpid_control.cli import main
+from atpid_sim.system import Array
+
+NOISE = {"m": 2e-5, "N": 0.01}  # of laser and load cell
+SECONDS = 40.0
+
+
+class Drawn(NamedTuple):
+    """A random structure: frequencies [Hz], damping ratios, masses [kg], parts of the drive (k,)."""
+
+    frequency: Array
+    ratio: Array
+    mass: Array
+    factor: Array
+
+
+def drawn(random: np.random.Generator, force: bool) -> Drawn:
+    count = int(random.integers(1, 5))
+    frequency = np.cumprod(np.append(random.uniform(3.0, 8.0), random.uniform(1.5, 4.0, count - 1)))
+    mass = random.uniform(0.2, 0.5) * np.append(1.0, random.uniform(2.0, 10.0, count - 1))
+    factor = np.ones(count)
+    if not force:
+        factor = random.normal(0.0, 0.2, count)
+        factor[0] = random.uniform(1.0, 1.2)
+        factor[-1] = 1.0 - factor[:-1].sum()
+    return Drawn(frequency, random.uniform(0.005, 0.03, count), mass, factor)
+
+
+def recorded(random: np.random.Generator, structure: Drawn, kind: str, unit: str, grain: float = 0.0) -> Signals:
+    """Return a run of the structure with a grain [kg] held: random, a sweep, or free."""
+    pace = 2.0 * np.pi * structure.frequency
+    stiffness, damping = (np.diag(structure.mass * part) for part in (pace**2, 2.0 * structure.ratio * pace))
+    inverse, count = np.linalg.inv(np.diag(structure.mass) + grain), len(pace)
+    matrix = np.block([[np.zeros((count, count)), np.eye(count)], [-inverse @ stiffness, -inverse @ damping]])
+    rate = 1000.0 if structure.frequency[-1] < 120.0 else 4000.0
+    t = np.arange(0.0, SECONDS, 1.0 / rate)
+    start, size = np.zeros(2 * count), {"N": 3.0, "m": 0.004}[unit]
+    if kind == "free":
+        drive = np.zeros(len(t))
+        start[:count] = random.normal(0.0, 0.02, count) * np.append(1.0, np.full(count - 1, 0.3))
+    elif kind == "sweep":
+        drive = size * np.sin(2.0 * np.pi * np.cumsum(np.geomspace(1.0, 1.3 * structure.frequency[-1], len(t))) / rate)
+    else:
+        f = np.fft.rfftfreq(2 * len(t), 1.0 / rate)
+        lines = random.standard_normal((len(f), 2)) @ np.array([1.0, 1.0j])
+        inside = (f > 1.0) & (f < 1.5 * structure.frequency[-1])
+        drive = np.fft.irfft(np.where(inside, lines / np.maximum(f, 1.0) ** (0.5 * (unit == "m")), 0.0))[: len(t)]
+        drive *= size / drive.std()
+    # without the drive's derivative: velocities less what the moving support's damper gives
+    by_damper = inverse @ damping @ structure.factor * (unit == "m")
+    by_spring = inverse @ (stiffness @ structure.factor if unit == "m" else structure.factor)
+    enters = np.append(by_damper, by_spring - inverse @ damping @ by_damper)[:, None]
+    out = np.append(np.ones(count), np.zeros(count))[None]
+    beam = lsim(StateSpace(matrix, enters, out, np.zeros((1, 1))), drive, t, X0=start)[1]
+    given, answer = (one + NOISE[of] * random.standard_normal(len(t)) for one, of in ((drive, unit), (beam, "m")))
+    return Signals(rate, given, answer, (unit, "m"))
+
+
+def of_held(structure: Drawn, grain: float) -> tuple[Array, Array]:
+    """Return frequencies [Hz] and damping ratios with a grain [kg] held, of the coupled equations."""
+    pace, count = 2.0 * np.pi * structure.frequency, len(structure.mass)
+    mass = np.diag(structure.mass) + grain
+    lower = [-np.linalg.solve(mass, np.diag(structure.mass * part)) for part in (pace**2, 2.0 * structure.ratio * pace)]
+    poles = np.linalg.eigvals(np.block([[np.zeros((count, count)), np.eye(count)], lower]))
+    poles = poles[poles.imag > 0.0]
+    poles = poles[np.argsort(np.abs(poles))]
+    return np.abs(poles) / (2.0 * np.pi), -poles.real / np.abs(poles)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "unit"), [("random", "N"), ("sweep", "N"), ("random", "m"), ("free", "m")])
+def test_random_structures_are_within_the_stated_intervals(kind: str, unit: str) -> None:
+    inside, errors, refused = [], [], 0
+    for seed in range(16):
+        random = np.random.default_rng(seed)
+        structure = drawn(random, unit == "N")
+        try:
+            fit = fit_modes(recorded(random, structure, kind, unit), len(structure.mass), unit == "N")
+        except ModesError:  # the record does not determine a weak one
+            refused += 1
+            continue
+        if kind == "free":
+            assert np.isnan(fit.drive).all()
+            found, bars = np.stack([fit.frequency, fit.ratio]), fit.deviations()[:2]
+            true = np.stack(of_held(structure, 0.0))
+        else:
+            made = structure_of(fit, None if unit == "N" else structure.mass, 0.0, unit == "N")
+            rows = [(m.frequency, m.damping_ratio, m.mass if unit == "N" else m.base) for m in made.structure.modes]
+            found, bars = np.array(rows).T, made.deviations.T[[0, 1, 2 if unit == "N" else 3]]
+            true = np.stack([structure.frequency, structure.ratio, structure.mass if unit == "N" else structure.factor])
+        inside.append(np.abs(found - true) <= 1.96 * bars)
+        errors.append(np.abs(found / true - 1.0).max())
+    assert np.concatenate([one.ravel() for one in inside]).mean() >= 0.9
+    assert refused <= 2
+    assert np.median(errors) < 0.01
+    assert max(errors) < 0.1
+
+
+@pytest.mark.slow
+def test_the_grain_that_the_closed_damper_held_is_taken_away() -> None:
+    random = np.random.default_rng(5)
+    structure = drawn(random, True)
+    fit = fit_modes(recorded(random, structure, "random", "N", grain=0.03), len(structure.mass), force=True)
+    assert fit.frequency == pytest.approx(of_held(structure, 0.03)[0], rel=1e-3)
+    modes = structure_of(fit, None, 0.03, True).structure.modes
+    assert [mode.frequency for mode in modes] == pytest.approx(structure.frequency, rel=1e-3)
+    assert [mode.mass for mode in modes] == pytest.approx(structure.mass, rel=0.02)
+    with pytest.raises(ModesError, match=r"--grain-mass: given 5 kg; allowed: below"):
+        structure_of(fit, None, 5.0, True)
+
+
+def written(signals: Signals, path: Path) -> Path:
+    name = "drive_force" if signals.units[0] == "N" else "support_displacement"
+    table = np.column_stack([signals.time, signals.excitation, signals.response])
+    np.savetxt(path, table, fmt="%.9g", delimiter=",", header=f"time,{name},beam_displacement", comments="")
+    return path
+
+
+def test_the_command_writes_the_blocks_of_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    random = np.random.default_rng(1)
+    structure = drawn(random, True)
+    run = written(recorded(random, structure, "random", "N"), tmp_path / "run.csv")
+    given = ["modes", "fit", str(run), "--modes", str(len(structure.mass))]
+    assert main([*given, "--out", str(tmp_path / "beam.yaml")]) == 0
+    assert "mode 1: ± " in capsys.readouterr().out
+    blocks = yaml.safe_load((tmp_path / "beam.yaml").read_text())
+    assert blocks["drive"] == "force"
+    modes = [blocks["beam"], *blocks["further_modes"]]
+    assert [mode["mass"] for mode in modes] == pytest.approx(structure.mass, rel=0.02)
+    assert [mode["drive_factor"] for mode in modes[1:]] == [1.0] * (len(modes) - 1)
+    assert main([*given, "--masses", "1.0"]) == 2
+    assert "--masses: given 1; allowed: 2, one a mode" in capsys.readouterr().err
+
+
+def test_a_moving_support_shows_no_masses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    random = np.random.default_rng(9)
+    structure = drawn(random, False)
+    run = written(recorded(random, structure, "random", "m"), tmp_path / "run.csv")
+    given = ["modes", "fit", str(run), "--modes", str(len(structure.mass))]
+    assert main([*given, "--json"]) == 0
+    modes = json.loads(capsys.readouterr().out)["modes"]
+    assert [mode["drive_factor"] for mode in modes] == pytest.approx(structure.factor, rel=0.02)
+    assert main([*given, "--out", str(tmp_path / "beam.yaml")]) == 2
+    assert "--scene, --out: need masses" in capsys.readouterr().err
+    assert main([*given, "--masses", *map(str, structure.mass), "--out", str(tmp_path / "beam.yaml")]) == 0
+    assert yaml.safe_load((tmp_path / "beam.yaml").read_text())["beam"]["frequency"] == pytest.approx(
+        structure.frequency[0], rel=1e-4
+    )
+
+
+def test_more_modes_than_a_record_shows_are_refused() -> None:
+    random = np.random.default_rng(3)
+    structure = Drawn(np.array([5.0]), np.array([0.02]), np.array([0.3]), np.ones(1))
+    with pytest.raises(ModesError, match=r"give fewer"):
+        fit_modes(recorded(random, structure, "random", "N"), 3, force=True)
