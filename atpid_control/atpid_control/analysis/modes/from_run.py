@@ -84,6 +84,7 @@ def fit_modes(signals: Signals, count: int, force: bool) -> Fit:
         logarithms = least_squares(model.residual, inside, bounds=bounds, x_scale=0.01, xtol=1e-9, ftol=1e-9).x
     found = model.fit(logarithms)
     doubtful = ~(found.deviations()[0] < _KNOWN * found.frequency) | ~(found.deviations()[1] < 0.5 * found.ratio)
+    doubtful[1:] |= np.diff(np.log(found.frequency)) < 0.5 * _APART  # one mode taken for two
     if doubtful.any():
         where = ", ".join(f"{f:.4g}" for f in found.frequency[doubtful])
         raise ModesError(f"--modes: given {count}; the record does not determine those at {where} Hz; give fewer")
