@@ -24,8 +24,8 @@ NODES = (0.033765242898423986, 0.16939530676686774, 0.3806904069584015,
 WEIGHTS = (0.08566224618958517, 0.1803807865240693, 0.23395696728634552,
             0.23395696728634552, 0.1803807865240693, 0.08566224618958517)  # fmt: skip
 
-#: Longest panel of several modes, in radians of the fastest: six points leave 3e-8 of a square there.
-_MODAL_PANEL = 2.4
+#: Longest panel of several modes, in radians of the fastest: six points leave 2e-10 of a square there.
+_MODAL_PANEL = 1.6
 #: Time constants after which a free vibration is negligible: e^-40 of it is below rounding, of its energy far below.
 _DECAYED = 40.0
 
