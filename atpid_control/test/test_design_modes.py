@@ -11,7 +11,6 @@ import pytest
 from scipy.linalg import eigh
 
 from atpid_control.cli import main
-from atpid_control.design.kicked import comes_back
 from atpid_control.design.make import promised
 from atpid_control.design.problem import (
     Problem,
@@ -148,13 +147,6 @@ def test_a_file_of_a_structure_is_that_of_the_options(tmp_path: Path) -> None:
     assert read.drive == "force"
     assert (read.mass, read.frequency, read.damping) == pytest.approx((2.0, 15.0, 0.02))
     assert read.further_modes == bracket().further_modes
-
-
-def test_kicks_are_said_to_be_left_out() -> None:
-    class Made:
-        problem = bracket()
-
-    assert comes_back(Made()) == "not computed for several modes or under a force"  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from atpid_common import output
+from atpid_common.vocabulary import DRIVES
 from atpid_control.design.make import Design
 from atpid_control.design.page import page
 from atpid_control.design.picture import draw
@@ -62,13 +63,11 @@ def scene_text(made: Design) -> str:
     """Return the scene to start from, with what it is and how to use it."""
     low, high = made.problem.amplitudes
     middle = made.points[len(made.points) // 2]
-    unit, bench = "m", f"#   atpid bench {SCENE} --out run\n"
-    if made.problem.drive == "force":
-        unit, bench = "N", ""  # a force drives no loop
+    unit = DRIVES[made.problem.drive].unit
     return (
         f"# Made by `atpid design`: the {made.problem.drive} goes to the least amplitude, the largest and\n"
         f"# {middle.amplitude:.3g} {unit}. The ceiling follows {MAP}, the heights of the design.\n"
-        f"{bench}"
+        f"#   atpid bench {SCENE} --out run\n"
         f"#   atpid simulate {SCENE} --height {middle.height:.5g}\n"
         f"# Promised from {low:g} to {high:g} {unit}: {_percent(made.efficiency)} % less than with the damper closed,\n"
         f"# {_percent(made.reduction)} % less than without the damper.\n"

@@ -12,10 +12,8 @@ KICK = 0.1
 def comes_back(made: Design) -> str:
     """Return the share of kicks of `KICK` after which the given structure's motion comes back, where fewest do.
 
-    At each support amplitude of the design, at its height; not of several modes. Raises NumericalFailure.
+    At each amplitude of the design, at its height. Raises NumericalFailure.
     """
-    if made.problem.is_modal:
-        return "not computed for several modes or under a force"
     found = [
         basin(scene_of(made.problem, made.mass_fraction, one.amplitude, one.height, frequency=one.frequency),
               Starts(KICK))
@@ -28,4 +26,6 @@ def comes_back(made: Design) -> str:
     least = min(come, key=lambda one: (one.share, -one.times[2]))
     text = f"{100 * least.share:.1f} % ({100 * least.low:.1f} to {100 * least.high:.1f} %) of kicks of {KICK:g} m/s"
     late = f", 95 % within {least.times[2]:.2g} s" if least.share >= 0.95 else ""
-    return "; ".join(filter(None, [f"{text} at a support of {1e3 * least.drive_amplitude:.3g} mm{late}", none]))
+    scale, unit = made.problem.unit
+    at = f"at a {made.problem.drive} of {scale * least.drive_amplitude:.3g} {unit}"
+    return "; ".join(filter(None, [f"{text} {at}{late}", none]))
