@@ -16,8 +16,8 @@ from atpid_common.nodes.messages import doubles, time_of
 from atpid_control.views.live.address import Address
 from atpid_control.views.live.server import LiveServer
 from atpid_control.views.live.view import LiveView
+from atpid_sim.modal import bare_amplitude
 from atpid_sim.scene import Scene, load_scene
-from atpid_sim.simulation.quantities import bare_amplitude
 
 pytestmark = pytest.mark.slow
 #: Of the support [m] and the excitation [Hz], scans a second [Hz] and in a block, and the first scan of a lost block.

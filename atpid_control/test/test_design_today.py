@@ -37,8 +37,8 @@ from atpid_control.design.problem import (
 from atpid_control.design.today import bare_range
 from atpid_control.design.tuned_mass import TunedBeam, optimised
 from atpid_control.design.worst_case import Point, Structures, response_of
+from atpid_sim.modal import bare_amplitude
 from atpid_sim.scene import scene_from_mapping
-from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.system import reduced_mass
 
 FLOOR = {

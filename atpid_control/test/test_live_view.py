@@ -19,8 +19,8 @@ from atpid_control.views.live.requests import HoldRequest, Note, read_request
 from atpid_control.views.live.rows import Rows
 from atpid_control.views.live.signals import LINES, RATE, WINDOW, LastSamples, highest, spectrum, thinned
 from atpid_control.views.live.view import LiveView
+from atpid_sim.modal import bare_amplitude
 from atpid_sim.scene import load_scene
-from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.simulation.simulate import simulate
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"

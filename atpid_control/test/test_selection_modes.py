@@ -18,7 +18,6 @@ from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import system_of
 from atpid_sim.maps import DamperResponse, best_height, build_map
 from atpid_sim.scene import Scene, scene_from_mapping, standard_bench
-from atpid_sim.simulation.quantities import linear_amplitude
 from atpid_sim.simulation.simulate import simulate
 from atpid_sim.simulation.unrepeated import vibration
 
@@ -37,7 +36,7 @@ def test_the_simplified_model_is_the_lesser_of_free_and_closed_modes(drive: str,
     scene = two_modes(drive)
     frequency = ratio * scene.natural_frequency_hz
     model = simplified(system_of(scene), frequency, 0.01)
-    both = [linear_amplitude(scene, 0.01, frequency, grain=grain) for grain in (False, True)]
+    both = [scene.linear_amplitude(0.01, frequency, grain=grain) for grain in (False, True)]
     assert model.amplitude == pytest.approx(min(both), rel=1e-12)
 
 

@@ -17,7 +17,6 @@ from atpid_control.runs.read import Bag, open_bag
 from atpid_control.views.traces.records import MARKERS, NUMBER, TEXT, number
 from atpid_control.views.traces.tracer import TraceError, Tracer
 from atpid_sim.scene import load_scene
-from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.excitation import amplitude_at
 from atpid_sim.simulation.integration import undamped_amplitude
 
@@ -69,7 +68,7 @@ def test_the_efficiency_is_that_of_the_true_motion(bag: Bag, traced: Traced) -> 
     for time, value in zip(times, values, strict=True):
         last = round(time * 1e-9 * truth[0].rate)
         window = beam[last - round(found[time].window * truth[0].rate) : last + 1]
-        closed = closed_amplitude(scene, amplitude_at(scene, time * 1e-9))
+        closed = scene.linear_amplitude(amplitude_at(scene, time * 1e-9), grain=True)
         assert value == pytest.approx(1.0 - 0.5 * np.ptp(window) / closed, abs=0.01)
 
 
@@ -79,7 +78,7 @@ def test_the_closed_damper_is_the_simulated_one(name: str) -> None:
         excitation={"amplitude": 0.01, "frequency": "resonance"}, duration=60.0
     )
     simulated = undamped_amplitude(scene)
-    assert closed_amplitude(scene, 0.01) == pytest.approx(simulated, rel=2e-3)
+    assert scene.linear_amplitude(0.01, grain=True) == pytest.approx(simulated, rel=2e-3)
 
 
 def test_the_damper_stands_as_the_plant_does(bag: Bag, traced: Traced) -> None:

@@ -10,6 +10,7 @@ A signal s drives a mode by the force `direct` s + `rate` s'. A moving support h
 force acts directly.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 #: Motion of the container in a joined mode, over the largest, below which it has a node there.
 _NODE = 1e-6
+#: Dynamic over static stiffness of a mode up to which its response has no bound: what rounding leaves at resonance.
+_UNBOUNDED = 1e-9
 
 
 class ModeSet(NamedTuple):
@@ -92,11 +95,6 @@ def coupling(modes: Modes) -> float:
         return float(np.max(left_out[counts] / apart[counts], initial=0.0))
 
 
-def free_of(table: Array) -> ModeSet:
-    """Return the modes in flight from what kernels take."""
-    return modes_in(table).free
-
-
 def modes_in(table: Array) -> Modes:
     """Return the modes from what kernels take (`Modes.table`)."""
     rows, count = len(ModeSet._fields), table.shape[1]
@@ -114,16 +112,31 @@ def static_response(modes: ModeSet) -> float:
     return float(np.abs(modes.direct / modes.stiffness).sum())
 
 
-def phasors(modes: ModeSet, frequency: float) -> NDArray[np.complex128]:
-    """Return each mode's steady displacement (modes,) for a unit of the drive's signal at `frequency` [Hz].
+def phasors(modes: ModeSet, frequency: float, amplitude: float = 1.0) -> NDArray[np.complex128]:
+    """Return each mode's steady displacement (modes,) for an amplitude of the drive's signal at `frequency` [Hz].
 
     Their sum is the container's, against the signal's sine; infinite at the resonance of a mode without damping.
     """
     omega = 2.0 * np.pi * frequency
-    force = modes.direct + 1j * omega * modes.rate
-    resistance = modes.stiffness - modes.mass * omega**2 + 1j * omega * modes.damping
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.divide(force, resistance, dtype=np.complex128)
+    force = amplitude * (modes.direct + 1j * omega * modes.rate)
+    resistance = modes.stiffness - modes.mass * omega * omega + 1j * omega * modes.damping
+    bounded = np.abs(resistance) > _UNBOUNDED * modes.stiffness
+    # divided by Python, whose last digits differ from those of numpy
+    pairs = zip(force.tolist(), resistance.tolist(), bounded, strict=True)
+    return np.array([each / by if ends else complex(np.inf) for each, by, ends in pairs])
+
+
+def bare_amplitude(mass: float, stiffness: float, damping: float, amplitude: float, frequency: float) -> float:
+    """Return the steady absolute amplitude [m] of one mass [kg] whose support moves by `amplitude` [m].
+
+    stiffness [N/m] and damping [N s/m] lie between support and mass, so the force through both drives it (Eq. 3.39
+    without a grain); frequency [Hz]. With the structure's own mass that is the structure as it is without the damper,
+    with the grain's added the one with the damper closed. Infinite at the resonance without damping.
+    """
+    omega = 2.0 * math.pi * frequency
+    drive = complex(stiffness, damping * omega)
+    resistance = complex(stiffness - mass * omega * omega, damping * omega)
+    return amplitude * abs(drive) / abs(resistance) if resistance else math.inf
 
 
 def resting(modes: ModeSet) -> Array:

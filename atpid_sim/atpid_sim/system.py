@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from atpid_sim.modal import container_mass, free_of
+from atpid_sim.modal import ModeSet, container_mass, modes_in
 
 #: Numbers; the docstrings give shape and unit.
 Array = NDArray[np.float64]
@@ -24,7 +24,17 @@ class System(NamedTuple):
     modes: Any = None  # `modal.Modes.table` of a structure that has several; the rest is then of the first
 
 
+def structure_of(system: System, *, held: bool) -> ModeSet:
+    """Return the structure's modes, also where it has one, with the grain held or in flight."""
+    if system.modes is not None:
+        modes = modes_in(system.modes)
+        return modes.joined if held else modes.free
+    mass = system.beam_mass + system.grain_mass if held else system.beam_mass
+    drive = system.stiffness, system.damping
+    return ModeSet(*(np.array([value]) for value in (mass, *drive, *drive, system.gravity)))
+
+
 def reduced_mass(system: System) -> float:
     """Mass that the relative motion of grain and container feels in an impact, m_s m_g / (m_s + m_g) [kg]."""
-    beam_mass = system.beam_mass if system.modes is None else container_mass(free_of(system.modes))
+    beam_mass = system.beam_mass if system.modes is None else container_mass(modes_in(system.modes).free)
     return beam_mass * system.grain_mass / (beam_mass + system.grain_mass)

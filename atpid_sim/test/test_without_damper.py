@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from atpid_sim.modal import bare_amplitude
 from atpid_sim.scene import load_scene
 from atpid_sim.simulation.integration import amplitude_without_damper
-from atpid_sim.simulation.quantities import bare_amplitude, half_peak_to_peak
+from atpid_sim.simulation.quantities import half_peak_to_peak
 from atpid_sim.simulation.simulate import simulate
 
 SCENE = Path(__file__).parents[2] / "scenes" / "standard.yaml"

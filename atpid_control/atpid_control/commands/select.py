@@ -18,7 +18,7 @@ from atpid_control.selection.registry import at_any_frequency, make_selector, me
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, load_scene
 from atpid_sim.simulation.excitation import amplitude_at
-from atpid_sim.simulation.quantities import efficiency, linear_amplitude, worse_than_without
+from atpid_sim.simulation.quantities import efficiency, worse_than_without
 
 #: Arguments of the example in the help.
 EXAMPLE = "scenes/thesis_4_3.yaml --method pca"
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         if isinstance(error.__cause__, NumericalFailure):
             raise NumericalFailure(f"{error.__cause__}{scene.hint()}") from None
         raise
-    bare = linear_amplitude(scene, amplitude, scene.frequency_hz, grain=False)
+    bare = scene.linear_amplitude(amplitude, scene.frequency_hz, grain=False)
     reduction = efficiency(chosen.beam_amplitude, bare)
     warnings = [*scene.warnings(), *range_warnings(scene, chosen), *worse_than_without(reduction)]
     if args.json:

@@ -18,10 +18,9 @@ from atpid_control.design.limits import warnings_of
 from atpid_control.design.motor import Motor, motor
 from atpid_control.design.problem import Problem, modes_of, resonance
 from atpid_control.design.worst_case import Interval, Point, Structures, point, response_of
-from atpid_sim.modal import phasors
+from atpid_sim.modal import bare_amplitude, phasors
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.simulation.batch import on_all_cores
-from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.simulation.simulate import finite
 from atpid_sim.system import Array
 

@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from atpid_control.design.problem import Problem, Uncertainty, deviation, drawn_frequencies, modes_of, resonance
-from atpid_sim.modal import phasors
+from atpid_sim.modal import bare_amplitude, phasors
 from atpid_sim.robust import inside
-from atpid_sim.simulation.quantities import bare_amplitude
 
 #: Structures drawn for the amplitude of several modes without the damper, and their seed.
 _DRAWN, _SEED = 512, 5

@@ -13,9 +13,9 @@ from atpid_control.selection.predictive import Impact, equilibrium, modal_respon
 from atpid_sim.engine import columns
 from atpid_sim.engine.state import State
 from atpid_sim.maps import DamperResponse
-from atpid_sim.modal import modes_in, resting
+from atpid_sim.modal import resting
 from atpid_sim.simulation.integration import Observation, impact_log, sample_series
-from atpid_sim.system import Array
+from atpid_sim.system import Array, structure_of
 
 #: gamma of equation 4.5: a contact shorter than gamma/2 periods is no sticking.
 GAMMA = 0.1
@@ -94,7 +94,7 @@ class ComplexModel:
             self._state = State.resting(start.beam - equilibrium(damper.system), start.beam_velocity)
         else:
             turned = amplitude * modal_response(damper.system, damper.frequency) * np.exp(1j * self._phase)
-            rest = resting(modes_in(damper.system.modes).free)
+            rest = resting(structure_of(damper.system, held=False))
             self._state = State.resting(0.0, 0.0, np.column_stack((turned.imag + rest, omega * turned.real)))
         self._state.y[columns.GRAIN] += _JUST_ABOVE
         self._state.y[columns.GRAIN_VELOCITY] = start.grain_velocity

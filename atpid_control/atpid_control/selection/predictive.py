@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from atpid_sim.modal import modes_in, phasors, resting
-from atpid_sim.system import System
+from atpid_sim.system import System, structure_of
 
 #: Halvings of half a period when the grain's return to the floor is sought.
 _BISECTIONS = 60
@@ -129,9 +129,7 @@ def modal_response(system: System, frequency: float) -> NDArray[np.complex128]:
 
 def equilibrium(system: System) -> float:
     """Return how far the structure's weight pulls it down without the grain [m], where displacements count from."""
-    if system.modes is not None:
-        return -float(resting(modes_in(system.modes).free).sum())
-    return system.beam_mass * system.gravity / system.stiffness
+    return -float(resting(structure_of(system, held=False)).sum())
 
 
 def moving_mass(system: System, frequency: float) -> float:

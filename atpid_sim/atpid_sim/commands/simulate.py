@@ -12,7 +12,6 @@ from atpid_common.arguments import file_path, path_to, positive, real
 from atpid_sim.display import working
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
-from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at
 from atpid_sim.simulation.integration import FIDELITIES, amplitude_without_damper
 from atpid_sim.simulation.quantities import efficiency
@@ -147,7 +146,9 @@ def _show_steady(args: argparse.Namespace, scene: Scene) -> bool:
 
 def _steady_values(scene: Scene, state: "SteadyState") -> dict[str, Any]:
     end = scene.steady_window[1]
-    undamped = closed_amplitude(scene, amplitude_at(scene, end), frequency_at(scene, end))  # settled, as the motion is
+    undamped = scene.linear_amplitude(
+        amplitude_at(scene, end), frequency_at(scene, end), grain=True
+    )  # settled, as the motion is
     bare = amplitude_without_damper(scene)
     return {
         "amplitude": state.amplitude,

@@ -20,8 +20,8 @@ from atpid_common.output import writing
 from atpid_common.vocabulary import DRIVES
 from atpid_sim.maps.curves import MapCurve, unbroken
 from atpid_sim.maps.identity import FREQUENCY, Identity, difference, identity_of
+from atpid_sim.modal import bare_amplitude
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.quantities import bare_amplitude
 from atpid_sim.system import Array
 
 #: Versions of the file and of what it calls the best height (docs/selection.md): for one frequency, and over ratios.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.response_run import EXCEEDED, Drive, Schedule, respond
@@ -20,16 +21,13 @@ from atpid_sim.periodic import Cliff, Conditions, find_cliff, periodic_motion
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.fidelity import complete_fidelity, finite_error
 from atpid_sim.simulation.integration import Integration, Observation, sample_series
-from atpid_sim.simulation.quantities import bare_amplitude
-from atpid_sim.system import System, reduced_mass
+from atpid_sim.system import System, reduced_mass, structure_of
 
 Path = tuple[tuple[float, float], ...]
 #: A reduction of the beam's amplitude below this is of no use: approach paths and model leave as much open [-].
 LEAST_USE = 0.01
 #: Frequencies over the natural one from which to which heights are selected [-].
 LOWEST_RATIO, HIGHEST_RATIO = 0.5, 2.0
-#: Dynamic over static stiffness up to which the steady response has no bound: what rounding leaves at resonance.
-_UNBOUNDED = 1e-9
 #: Period-to-period variation up to which a motion counts as regular [-].
 _REGULAR = 0.02
 #: Periods after which a regular motion repeats itself, at most, where grains rebound far.
@@ -91,7 +89,7 @@ class DamperResponse:
         self._run = self._integration.kernel_inputs
         self.fidelity = self._integration.fidelity
         self.system: System = self._integration.system
-        self._modes, self._unit = scene.modes, scene.driven_by.unit
+        self._closed = structure_of(self.system, held=True)
         self.frequency = scene.frequency_hz
         self.period = 1.0 / self.frequency
 
@@ -111,7 +109,7 @@ class DamperResponse:
         amplitude: of the support [m]. That is `finite`, or this response itself where its error is larger; with an
         infinite error that is not computed.
         """
-        if self.fidelity != "soft" or self._modes is not None:
+        if self.fidelity != "soft" or self.system.modes is not None:
             return self
         if error < math.inf:
             left_out = finite_error(self._integration.scene, self.closed_amplitude(amplitude), held=0.0)
@@ -122,9 +120,7 @@ class DamperResponse:
     @property
     def natural_frequency(self) -> float:
         """Natural frequency of beam and grain as one mass [Hz]."""
-        if self._modes is not None:
-            return self._integration.scene.natural_frequency_hz
-        return math.sqrt(self.system.stiffness / (self.system.beam_mass + self.system.grain_mass)) / (2.0 * math.pi)
+        return math.sqrt(self._closed.stiffness[0] / self._closed.mass[0]) / (2.0 * math.pi)
 
     @property
     def diameter(self) -> float:
@@ -134,10 +130,7 @@ class DamperResponse:
     @property
     def decay_periods(self) -> float:
         """Time constant of the closed damper's free decay, in periods."""
-        if self._modes is not None:
-            return 2.0 * float(self._modes.joined.mass[0] / max(self._modes.joined.damping[0], 1e-12)) * self.frequency
-        s = self.system
-        return 2.0 * (s.beam_mass + s.grain_mass) / max(s.damping, 1e-12) * self.frequency
+        return 2.0 * float(self._closed.mass[0] / max(self._closed.damping[0], 1e-12)) * self.frequency
 
     def settling(self) -> float:
         """Return how many periods the transient of a change of height lasts: five time constants, from 24 to 240."""
@@ -145,7 +138,7 @@ class DamperResponse:
 
     def closed_amplitude(self, amplitude: float) -> float:
         """Return the beam's steady amplitude with the damper closed [m]: beam and grain as one mass."""
-        return abs(self._phasor(amplitude))
+        return float(abs(self._phasors(amplitude).sum()))
 
     def restitution(self, amplitude: float) -> float:
         """Return the restitution [-] of grain and container at the closed beam's greatest velocity."""
@@ -175,37 +168,25 @@ class DamperResponse:
 
     def bare_amplitude(self, amplitude: float) -> float:
         """Return the steady amplitude of the structure without the damper [m]; infinite where nothing bounds it."""
-        if self._modes is not None:
-            return float(amplitude * abs(phasors(self._modes.free, self.frequency).sum()))
-        s = self.system
-        return bare_amplitude(s.beam_mass, s.stiffness, s.damping, amplitude, self.frequency)
+        return self._integration.scene.linear_amplitude(amplitude, self.frequency, grain=False)
 
-    def _phasor(self, amplitude: float) -> complex:
-        """Return the steady response of beam and grain as one mass, against the support's sine [m]."""
-        if self._modes is not None:
-            return complex(amplitude * phasors(self._modes.joined, self.frequency).sum())
-        s, w = self.system, 2.0 * math.pi * self.frequency
-        mass = s.beam_mass + s.grain_mass
-        drive_force = complex(s.stiffness, s.damping * w) * amplitude
-        resistance = complex(s.stiffness - mass * w * w, s.damping * w)
-        if abs(resistance) <= _UNBOUNDED * s.stiffness:
+    def _phasors(self, amplitude: float) -> NDArray[np.complex128]:
+        """Return the steady response of each mode (modes,) with the grain held, against the drive's sine [m]."""
+        found = phasors(self._closed, self.frequency, amplitude)
+        if not np.isfinite(found).all():
             raise NumericalFailure("a beam without damping grows without limit at resonance; give it damping")
-        return drive_force / resistance
+        return found
 
     def closed_state(self, amplitude: float) -> State:
         """Return the steady state of the closed damper at phase zero of the support's sine, grain on the floor.
 
         Without a ledger: nobody asks for one.
         """
-        s, w = self.system, 2.0 * math.pi * self.frequency
-        if self._modes is not None:
-            joined, back = self._modes.joined, self._modes.from_joined
-            each = amplitude * phasors(joined, self.frequency)
-            modes = back @ np.column_stack((each.imag + resting(joined), w * each.real))
-            return State.resting(0.0, 0.0, modes).without_ledger()
-        phasor = self._phasor(amplitude)
-        rest = (s.beam_mass + s.grain_mass) * s.gravity / s.stiffness
-        return State.resting(phasor.imag - rest, w * phasor.real).without_ledger()
+        each, modes = self._phasors(amplitude), self._integration.scene.modes
+        places, rates = each.imag + resting(self._closed), 2.0 * math.pi * self.frequency * each.real
+        if modes is None:
+            return State.resting(float(places[0]), float(rates[0])).without_ledger()
+        return State.resting(0.0, 0.0, modes.from_joined @ np.column_stack((places, rates))).without_ledger()
 
     def follow(self, amplitude: float, path: Path, timing: Timing) -> WindowResponse:
         """Return the response in the window after the ceiling has followed the path ((t [s], h [m]), ...).
@@ -239,7 +220,7 @@ class DamperResponse:
         return WindowResponse(size, change / size if size > 0.0 else 0.0, verdict == EXCEEDED)
 
     def _at(self, amplitude: float, path: Path) -> str:
-        return f"(amplitude {amplitude:g} {self._unit}, height {path[-1][1]:g} m)"
+        return f"(amplitude {amplitude:g} {self._integration.scene.driven_by.unit}, height {path[-1][1]:g} m)"
 
     def advance(self, amplitude: float, state: State, path: Path, observation: Observation, phase: float = 0.0) -> None:
         """Advance a state in place from its time to the end of the observation's window while the ceiling follows the

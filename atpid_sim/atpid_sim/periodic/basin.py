@@ -31,7 +31,6 @@ from atpid_sim.periodic.return_map import Conditions, ReturnMap
 from atpid_sim.periodic.solve import PeriodicMotion, periodic_motion, size_of, solve
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.scene import Scene
-from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.fidelity import choose
 from atpid_sim.simulation.integration import Integration
 from atpid_sim.system import Array
@@ -270,7 +269,7 @@ def _boxed(flow: Flow, size: Array, drawn: Array) -> tuple[Array, Counts]:
 def _lowest(flow: Flow, drawn: Array) -> Cycle | None:
     """Return the stable motion of the lowest amplitude that starts in a box come to; None where they come to none."""
     scene = flow.integration.scene
-    closed = closed_amplitude(scene, flow.conditions.amplitude, flow.conditions.frequency)
+    closed = scene.linear_amplitude(flow.conditions.amplitude, flow.conditions.frequency, grain=True)
     y, n = _boxed(flow, size_of(flow.integration, closed, flow.conditions), drawn)
     flow.follow(y, n, _RUN, flow.none, np.empty(0))
     found = [cycle for state in map(State, y, n) if (cycle := _cycle_at(flow, state)) is not None]

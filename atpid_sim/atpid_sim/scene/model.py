@@ -18,7 +18,7 @@ from atpid_common.vocabulary import DRIVES, Drive
 from atpid_sim.contact.laws import LAWS, NAMES
 from atpid_sim.contact.spec import ContactSpec
 from atpid_sim.fields import Duration, Number, Range, SceneBlock, Words, impossible, within
-from atpid_sim.modal import Modes, ModeSet, modes_of, resting
+from atpid_sim.modal import Modes, ModeSet, bare_amplitude, modes_of, phasors, resting
 from atpid_sim.scene.ceiling import Ceiling
 from atpid_sim.scene.errors import SceneError
 from atpid_sim.scene.excitation import Excitation
@@ -212,6 +212,18 @@ class SceneValues(SceneBlock):
         if self.modes is not None:
             return -float(resting(self.modes.joined).sum())
         return self.total_mass * self.gravity / self.beam.stiffness
+
+    def linear_amplitude(self, amplitude: float, frequency: float | None = None, *, grain: bool) -> float:
+        """Return the steady amplitude [m] of the structure with the grain held, or without the damper.
+
+        amplitude: of the support [m] or of a force [N]; frequency [Hz]: None is the scene's. NaN where either is.
+        """
+        frequency = self.frequency_hz if frequency is None else frequency
+        if self.modes is not None:
+            modes = self.modes.joined if grain else self.modes.free
+            return float(amplitude * abs(phasors(modes, frequency).sum()))
+        beam, mass = self.beam, self.total_mass if grain else self.beam.mass
+        return bare_amplitude(mass, beam.stiffness, beam.damping, amplitude, frequency)
 
     def require_prescribed_ceiling(self) -> None:
         """Raise SceneError where a controller moves the ceiling: a single run has no controller."""

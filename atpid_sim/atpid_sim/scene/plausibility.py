@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from atpid_sim.contact.materials import mismatch
 from atpid_sim.contact.spec import ElasticSpec
-from atpid_sim.modal import phasors
 from atpid_sim.scene.excitation import RandomExcitation, ShockExcitation, TonesExcitation
 from atpid_sim.scene.model import SceneValues
 
@@ -111,23 +110,9 @@ def _excitation(scene: SceneValues) -> Iterator[Quantity]:
         for tone in dict.fromkeys((min(tones), max(tones))):
             yield Quantity("excitation.frequency over the resonance", tone / scene.natural_frequency_hz, 0.1, 10.0, "")
         yield Quantity(
-            "excitation, steady amplitude of the beam with the damper closed", closed_amplitude(scene, amplitude), 0.0,
-            5.0, "m",
+            "excitation, steady amplitude of the beam with the damper closed",
+            scene.linear_amplitude(amplitude, grain=True), 0.0, 5.0, "m",
         )  # fmt: skip
-
-
-def closed_amplitude(scene: SceneValues, amplitude: float, frequency: float = math.nan) -> float:
-    """Return the beam's steady amplitude [m] with the damper closed: beam and grain as one mass.
-
-    amplitude: of the support [m], or of a force [N]; frequency: of the excitation [Hz], NaN: that of the scene.
-    """
-    frequency = scene.frequency_hz if math.isnan(frequency) else frequency
-    if scene.modes is not None:
-        return float(amplitude * abs(phasors(scene.modes.joined, frequency).sum()))
-    omega = 2.0 * math.pi * frequency
-    beam, damping = scene.beam, scene.beam.damping * omega
-    resistance = complex(beam.stiffness - scene.total_mass * omega**2, damping)
-    return abs(complex(beam.stiffness, damping)) * amplitude / max(abs(resistance), 1e-300)
 
 
 def friction_number(friction: float, gravity: float, acceleration: float) -> float:
@@ -140,12 +125,12 @@ def friction_number(friction: float, gravity: float, acceleration: float) -> flo
 
 def _sideways(scene: SceneValues) -> Iterator[Quantity]:
     points = scene.excitation.amplitude_points if scene.excitation.is_tone else ()
-    sizes = [closed_amplitude(scene, amplitude) for _, amplitude in points if amplitude > 0.0]
+    sizes = [scene.linear_amplitude(amplitude, grain=True) for _, amplitude in points if amplitude > 0.0]
     if not sizes:
         return
     least = (2.0 * math.pi * scene.frequency_hz) ** 2 * min(sizes)
     slides = friction_number(scene.container.side_friction or 0.0, scene.gravity, least)
-    turns = (scene.container.slope or 0.0) * max(sizes)
+    turns = scene.container.slope * max(sizes) if scene.container.slope else 0.0
     yield Quantity(
         "container.side_friction, deceleration over the closed damper's acceleration", slides, 0.0, FRICTION_LIMIT, "",
         "sliding and rolling are left out: smoother walls, larger amplitudes, or measure (docs/horizontal.md)",

@@ -12,8 +12,8 @@ from atpid_sim.contact.laws import IMPACT
 from atpid_sim.engine import columns, drive
 from atpid_sim.engine.state import State
 from atpid_sim.kernel_inputs import Contact
-from atpid_sim.modal import ModeSet, free_of
-from atpid_sim.system import Array, System
+from atpid_sim.modal import ModeSet
+from atpid_sim.system import Array, System, structure_of
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def _stored(system: System, y: Array, support: float) -> Any:
     grain, grain_velocity = y[..., columns.GRAIN], y[..., columns.GRAIN_VELOCITY]
     if system.modes is not None:
         states = _mode_states(y, system.modes.shape[1])
-        own = _stored_by_mode(free_of(system.modes), states).sum(axis=-1)
+        own = _stored_by_mode(structure_of(system, held=False), states).sum(axis=-1)
         return own + system.grain_mass * (0.5 * grain_velocity**2 + system.gravity * grain)
     stretch = beam - support
     return (
@@ -108,7 +108,7 @@ def _sprung(system: System, y: Array, support: float) -> Any:
     """Return the elastic energy of the structure (...) [J]."""
     if system.modes is not None:
         places = _mode_states(y, system.modes.shape[1])[..., columns.Q]
-        return 0.5 * (free_of(system.modes).stiffness * places**2).sum(axis=-1)
+        return 0.5 * (structure_of(system, held=False).stiffness * places**2).sum(axis=-1)
     return 0.5 * system.stiffness * (y[..., columns.BEAM] - support) ** 2
 
 

@@ -29,8 +29,7 @@ from atpid_sim.simulation.contact_tables import table_of
 from atpid_sim.simulation.energy import Ledger, ledger_of, residuals
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points, support_rows
 from atpid_sim.simulation.further_grains import displace, with_further_grains
-from atpid_sim.simulation.quantities import linear_amplitude
-from atpid_sim.system import Array, System
+from atpid_sim.system import Array, System, structure_of
 
 #: Names of the fidelity levels, from the cheapest to the most complete.
 FIDELITIES = ("simplified", "impact", "finite", "soft")
@@ -231,17 +230,15 @@ class Integration:
     @property
     def static_response(self) -> float:
         """How far the beam moves at most under a constant unit of the drive: of a force [m/N]."""
-        return 1.0 if self.scene.modes is None else static_response(self.scene.modes.free)
+        return static_response(structure_of(self.system, held=False))
 
     def sizes(self, frequency: float) -> Array:
         """Return the sizes (n,) of a section state where the beam moves by a unit at a frequency [Hz].
 
         Velocities are alike, and what a further mode of a higher frequency moves by at that velocity is less.
         """
-        pace, modes = 2.0 * math.pi * frequency, self.scene.modes
-        if modes is None:
-            return np.array((1.0, pace, 1.0, pace))
-        fast = np.sqrt(modes.free.stiffness[1:] / modes.free.mass[1:])
+        pace, modes = 2.0 * math.pi * frequency, structure_of(self.system, held=False)
+        fast = np.sqrt(modes.stiffness[1:] / modes.mass[1:])
         moved = np.array((1.0, *np.minimum(1.0, pace / fast), 1.0))
         return np.column_stack((moved, np.full(len(moved), pace))).ravel()[: len(self.sections.places)]
 
@@ -426,7 +423,7 @@ def amplitude_without_damper(scene: Scene) -> float:
         return math.nan
     tone = [{of(scene, t) for t in window} for of in (amplitude_at, frequency_at)]
     if scene.excitation.is_tone and all(len(values) == 1 for values in tone):
-        return linear_amplitude(scene, *(values.pop() for values in tone), grain=False)
+        return scene.linear_amplitude(*(values.pop() for values in tone), grain=False)
     without = scene.with_(gravity=0.0, initial=None)  # at rest at first, where a smaller mass hangs higher
     bare = Integration(without, "simplified", mass=beam.mass)
     state = bare.initial_state()

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_sim.modal import ModeSet, phasors
+from atpid_sim.kernel_inputs import system_of
+from atpid_sim.modal import ModeSet
 from atpid_sim.scene import Scene
-from atpid_sim.system import Array
+from atpid_sim.system import Array, structure_of
 
 #: Peaks below this share of the first are noise and rest, not decay.
 _SMALLEST = 0.02
@@ -18,31 +19,6 @@ def half_peak_to_peak(displacement: Array) -> float:
     """Return half the range of a displacement (n,) [m], NaN left out; NaN where there is nothing else."""
     known = displacement[np.isfinite(displacement)]
     return float(0.5 * np.ptp(known)) if len(known) else math.nan
-
-
-def bare_amplitude(mass: float, stiffness: float, damping: float, amplitude: float, frequency: float) -> float:
-    """Return the steady absolute amplitude [m] of one mass [kg] whose support moves by `amplitude` [m].
-
-    stiffness [N/m] and damping [N s/m] lie between support and mass, so the force through both drives it (Eq. 3.39
-    without a grain); frequency [Hz]. With the structure's own mass that is the structure as it is without the damper,
-    with the grain's added the one with the damper closed. Infinite at the resonance without damping.
-    """
-    omega = 2.0 * math.pi * frequency
-    drive = complex(stiffness, damping * omega)
-    resistance = complex(stiffness - mass * omega * omega, damping * omega)
-    return amplitude * abs(drive) / abs(resistance) if resistance else math.inf
-
-
-def linear_amplitude(scene: Scene, amplitude: float, frequency: float, *, grain: bool) -> float:
-    """Return the steady amplitude [m] of a scene's structure, with the grain held, or without the damper.
-
-    amplitude: of the support [m] or of a force [N]; frequency [Hz]. NaN where either is.
-    """
-    if scene.modes is not None:
-        modes = scene.modes.joined if grain else scene.modes.free
-        return float(amplitude * abs(phasors(modes, frequency).sum()))
-    beam, mass = scene.beam, scene.total_mass if grain else scene.beam.mass
-    return bare_amplitude(mass, beam.stiffness, beam.damping, amplitude, frequency)
 
 
 class ModeShown(NamedTuple):
@@ -57,12 +33,8 @@ class ModeShown(NamedTuple):
 
 def modes_in(scene: Scene) -> list[ModeShown]:
     """Return the modes of a scene's structure, by rising frequency."""
-    beam = scene.beam
-    if scene.modes is None:
-        frequency = math.sqrt(beam.stiffness / beam.mass) / (2.0 * math.pi)
-        ratio = 0.5 * beam.damping / math.sqrt(beam.stiffness * beam.mass)
-        return [ModeShown(frequency, scene.natural_frequency_hz, beam.mass, ratio, 1.0)]
-    free, held = scene.modes.free, np.sort(_frequencies(scene.modes.joined))
+    free, joined = (structure_of(system_of(scene), held=held) for held in (False, True))
+    held = np.sort(_frequencies(joined))
     ratios = 0.5 * free.damping / np.sqrt(free.stiffness * free.mass)
     factors = free.direct / free.stiffness if scene.drive == "support" else free.direct
     rows = np.stack([_frequencies(free), free.mass, ratios, factors], axis=1)

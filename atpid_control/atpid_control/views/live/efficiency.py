@@ -4,7 +4,7 @@
 import math
 
 from atpid_sim.scene import Scene
-from atpid_sim.simulation.quantities import efficiency, linear_amplitude
+from atpid_sim.simulation.quantities import efficiency
 
 
 class ShareSoFar:
@@ -27,7 +27,7 @@ class ShareSoFar:
 
     def add(self, amplitude: float, frequency: float, beam: float) -> None:
         """Take a steady estimate: of the support [m, Hz], `beam` its amplitude [m]; NaN: not known, nor the share."""
-        self.reference = linear_amplitude(self._scene, amplitude, frequency, grain=self._grain)
+        self.reference = self._scene.linear_amplitude(amplitude, frequency, grain=self._grain)
         self.now = efficiency(beam, self.reference)
         if math.isfinite(self.now):
             self._sum, self._count = self._sum + self.now, self._count + 1

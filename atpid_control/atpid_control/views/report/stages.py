@@ -16,7 +16,7 @@ from atpid_control.runs.tables import TRUTH
 from atpid_control.views.report.comparison import Closed, closed_motion, repeated
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points
-from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak, linear_amplitude
+from atpid_sim.simulation.quantities import efficiency, half_peak_to_peak
 from atpid_sim.simulation.reproducibility import Verdict
 from atpid_sim.simulation.simulate import finite
 from atpid_sim.system import Array
@@ -184,7 +184,7 @@ def _bare(scene: Scene | None, time: float) -> float:
     """Return the amplitude [m] of the structure without the damper, at the excitation of a time [s] in the run."""
     if scene is None:
         return math.nan
-    return linear_amplitude(scene, amplitude_at(scene, time), frequency_at(scene, time), grain=False)
+    return scene.linear_amplitude(amplitude_at(scene, time), frequency_at(scene, time), grain=False)
 
 
 def _commanded(run: Run, end: float) -> float:

@@ -14,7 +14,6 @@ from atpid_control.runs.losses import scans_of, stamp_of
 from atpid_control.views.traces.markers import Pose, damper
 from atpid_control.views.traces.records import LOG, TEXT, TraceRecord, class_of, message, number
 from atpid_sim.scene import Scene
-from atpid_sim.scene.plausibility import closed_amplitude
 from atpid_sim.simulation.quantities import efficiency
 
 #: Pictures of the damper a second, as far as the rate of the samples can be divided.
@@ -93,7 +92,7 @@ class Tracer:
         yield number("amplitude_high", time_ns, found.amplitude + bound)
         yield _text("excitation_quality", time_ns, Quality(found.quality).name.lower())
         if self._scene is not None and found.quality == Quality.STEADY and math.isfinite(found.beam_amplitude):
-            closed = closed_amplitude(self._scene, found.amplitude, found.frequency)
+            closed = self._scene.linear_amplitude(found.amplitude, found.frequency, grain=True)
             if closed > 0.0:
                 yield number("efficiency", time_ns, efficiency(found.beam_amplitude, closed))
 
