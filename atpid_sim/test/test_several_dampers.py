@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from atpid_sim.engine.power_series import ORDER, first_zero
 from atpid_sim.maps.response import DamperResponse
 from atpid_sim.periodic.basin import Starts, basin
+from atpid_sim.periodic.over_heights import over_heights
 from atpid_sim.periodic.steady import steady_state
 from atpid_sim.plant.plant import Plant
 from atpid_sim.scene import Scene, SceneError, standard_bench
@@ -164,7 +165,7 @@ def test_what_takes_one_damper_refuses_several() -> None:
         lambda: basin(scene, Starts(0.1)),
         lambda: Plant(scene),
         lambda: DamperResponse(scene),
-        lambda: Integration(scene, "impact").advance_alike(np.zeros((1, 1, 12)), 0),
+        lambda: over_heights([scene], np.array([0.1])),
     ):
         with pytest.raises(SceneError, match=r"further_dampers: given 1 beside the first; .* takes one damper; leave"):
             refused()

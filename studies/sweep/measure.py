@@ -2,21 +2,34 @@
 """Many simulations of the thesis's range at once: how fast they go, and whether every ledger closes."""
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from atpid_sim.engine import columns
+from atpid_sim.engine.state import State
+from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene, standard_bench
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
 from atpid_sim.simulation.heights import tables_at
-from atpid_sim.simulation.integration import AlikeRuns, Integration
+from atpid_sim.simulation.integration import Integration, failure_at
 from atpid_sim.simulation.journal import Record
 from atpid_sim.system import Array
 
 #: Runs of a chunk: its Python takes 0.2 ms, its runs 5 ms or more. Chunks are handed out one by one, so that a worker
 #: with cheap heights gets more of them.
 _CHUNK = 16
+
+
+class _Chunk(NamedTuple):
+    """What is known of some heights (n,), as in `Sweep`, and what they took, compiled [s]."""
+
+    amplitudes: Array
+    residuals: Array
+    impacts: Array
+    wall_s: float
 
 
 class Sweep(NamedTuple):
@@ -68,13 +81,11 @@ def sweep(
         if progress is not None:
             progress(seen[-1])
 
-    record: Record[int, AlikeRuns] | None = None
+    record: Record[int, _Chunk] | None = None
     if journal is not None:
         settings = [lowest, highest, count, _CHUNK, rtol, fidelity]
         purpose = {"sweep": settings, "scene": scene.to_mapping()}
-        record = Record[int, AlikeRuns](
-            journal, purpose, lambda place: (place,), AlikeRuns.to_plain, AlikeRuns.from_plain
-        )
+        record = Record[int, _Chunk](journal, purpose, lambda place: (place,), _Chunk._asdict, _chunk)
     done = batch.run(workers, report, record)
     wall = time.perf_counter() - begin
     if record is not None:
@@ -90,10 +101,27 @@ def sweep(
     )
 
 
-def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) -> AlikeRuns:
+def at_heights(scene: Scene, heights: Array, fidelity: str, rtol: float | None) -> _Chunk:
     """Return the runs of a scene at heights (n,) [m], to which its ceiling's last ramp leads; raises as `sweep`."""
     widest, tables, common = tables_at(scene, heights)
-    return Integration(widest, fidelity, rtol, table=tables[0]).advance_alike(tables, common)
+    integration = Integration(widest, fidelity, rtol, table=tables[0])
+    begun, first = time.perf_counter(), integration.initial_state()
+    y, n, outcomes = integration.ends_alike(first, tables, common)
+    wall = time.perf_counter() - begun
+    ends = [State(*each) for each in zip(y, n, strict=True)]
+    for state, outcome in zip(ends, outcomes.tolist(), strict=True):
+        if outcome != Outcome.DONE:
+            raise NumericalFailure(failure_at(Outcome(outcome), state))
+    amplitudes = np.array([state.amplitude for state in ends])
+    ledgers = [integration.ledger(first, state, table) for state, table in zip(ends, tables, strict=True)]
+    impacts = n[:, columns.FLOOR_HITS] + n[:, columns.CEILING_HITS]
+    return _Chunk(amplitudes, np.array([one.residual for one in ledgers]), impacts.astype(float), wall)
+
+
+def _chunk(plain: Mapping[str, Any]) -> _Chunk:
+    """Return what a journal has."""
+    amplitudes, residuals, impacts = (np.array(plain[name]) for name in ("amplitudes", "residuals", "impacts"))
+    return _Chunk(amplitudes, residuals, impacts, float(plain["wall_s"]))
 
 
 def standard_task(amplitude: float, fraction: float, height: float) -> Scene:

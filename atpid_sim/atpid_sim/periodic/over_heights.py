@@ -26,7 +26,7 @@ from atpid_sim.engine.neighbour_run import solve_along
 from atpid_sim.engine.state import State
 from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.periodic.approach import still_from
-from atpid_sim.periodic.return_map import Conditions, passage
+from atpid_sim.periodic.return_map import Conditions, passage, table_of
 from atpid_sim.periodic.solve import least_size, size_of
 from atpid_sim.scene import Scene, SceneError
 from atpid_sim.simulation.batch import HERE, Batch, Progress, Workers
@@ -90,13 +90,9 @@ class HeightSweep:
         best = int(np.argmin(np.where(self.periods > 0, self.amplitudes, math.inf)))
         return f"{said}; the lowest steady amplitude {self.amplitudes[best]:.6g} m at {self.heights[best]:.5g} m"
 
-    def to_plain(self) -> dict[str, Any]:
-        """Return plain numbers, for a journal."""
-        return {name: np.asarray(getattr(self, name)).tolist() for name in (one.name for one in fields(self))}
-
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> HeightSweep:
-        """Return what `to_plain` has made plain numbers of."""
+        """Return what a journal has, by the names of the fields."""
         arrays: dict[str, Any] = {name: np.array(value) for name, value in plain.items() if name != "fidelity"}
         return cls(**arrays, fidelity=str(plain["fidelity"]))
 
@@ -130,9 +126,7 @@ def over_heights(
     if journal is not None:
         purpose = {"heights": heights.tolist(), "scenes": [scene.to_mapping() for scene in scenes],
                    "settings": [_CHUNK, rtol, fidelity]}  # fmt: skip
-        record = Record[tuple[int, int], HeightSweep](
-            journal, purpose, lambda job: job, HeightSweep.to_plain, HeightSweep.from_plain
-        )
+        record = Record[tuple[int, int], HeightSweep](journal, purpose, lambda job: job, vars, HeightSweep.from_plain)
     report = progress or (lambda _: None)
     each, most = min(_CHUNK, len(heights)), len(scenes) * len(heights)
     done = Batch(partial(_job, rows), jobs).run(workers, lambda count: report(min(each * count, most)), record)
@@ -307,10 +301,8 @@ class _Part:
 
     def _solve(self, near: _Motion, heights: Array) -> tuple[Array, Array]:
         """Return motions (k, d) and what is known of them (3, k) at heights, or at those before one without."""
-        table = np.zeros((1, columns.DRIVE_COLUMNS))
-        table[0, columns.END] = near.periods / self.frequency
-        table[0, columns.A0], table[0, columns.OMEGA] = self.support, 2.0 * math.pi * self.frequency
-        table[0, columns.PHASE] = 2.0 * math.pi * near.phase
+        conditions = Conditions(self.support, self.frequency, float(heights[0]))
+        table = table_of(conditions, near.phase, near.periods / self.frequency)
         places = self.integration.sections
         sections, solved = np.empty((len(heights), len(near.section))), np.empty((3, len(heights)))
         try:

@@ -66,7 +66,7 @@ class ReturnMap:
         self.integration, self.conditions = integration, conditions
         self.phase, self.periods = phase, periods
         self.duration = periods / conditions.frequency
-        self._table = _table(conditions, phase, self.duration)
+        self._table = table_of(conditions, phase, self.duration)
 
     def by(self, integration: Integration) -> ReturnMap:
         """Return the same map by another integration: the conditions and the section stay."""
@@ -96,7 +96,7 @@ class ReturnMap:
     def part(self, section: Array, share: float) -> Array:
         """Return the section state (n,) a share of the map's duration later, from one (n,). Raises NumericalFailure."""
         other = copy(self)
-        other._table = _table(self.conditions, self.phase, share * self.duration)
+        other._table = table_of(self.conditions, self.phase, share * self.duration)
         return other(section)
 
     def orbit(self, section: Array) -> Orbit:
@@ -232,13 +232,14 @@ def _run(
     later = state.copy()
     later.y[columns.TIME] = 0.0
     later.restart_observation()
-    outcome = integration.advance(later, _table(conditions, phase, duration), observation)
+    outcome = integration.advance(later, table_of(conditions, phase, duration), observation)
     if outcome != Outcome.DONE:
         raise NumericalFailure(outcome.sentence)
     return later
 
 
-def _table(conditions: Conditions, phase: float, duration: float) -> Array:
+def table_of(conditions: Conditions, phase: float, duration: float) -> Array:
+    """Return the drive table (1, DRIVE_COLUMNS) of constant conditions, from a phase in periods, for so long [s]."""
     row = np.zeros((1, columns.DRIVE_COLUMNS))  # a few periods: `drive.harmonic_rows` takes as long as they do
     row[0, columns.END] = duration
     row[0, columns.A0], row[0, columns.OMEGA] = conditions.amplitude, 2.0 * math.pi * conditions.frequency

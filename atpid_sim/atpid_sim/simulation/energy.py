@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from atpid_sim.contact import dispatch
 from atpid_sim.contact.laws import IMPACT
@@ -36,38 +35,19 @@ def ledger_of(
     system: System, contact: Contact, table: Array, first: State, last: State, further: Array | None = None
 ) -> Ledger:
     """Return the ledger between two states of a run through `table`; further: masses of further grains (k,) [kg]."""
-    left: float | Array = contact_energy(contact, system, last, table)
+    start_u, end_u = (drive.support_displacement(table, state.time) for state in (first, last))
+    work, beam_loss, contact_loss, ceiling = (
+        float(last.y[k] - first.y[k])
+        for k in (columns.INPUT, columns.BEAM_LOSS, columns.CONTACT_LOSS, columns.CEILING_WORK)
+    )
+    stored = stored_energy(system, last, end_u) - stored_energy(system, first, start_u)
+    left = contact_energy(contact, system, last, table)
     if further is not None:
         left += _stored_further(system, further, last.y) - _stored_further(system, further, first.y)
-    flows = _flows(system, table, first, last.y, last.time, left)
-    return Ledger(*(float(flow) for flow in flows))
-
-
-def residuals(system: System, contact: Contact, tables: Array, first: State, y: Array, n: NDArray[np.int64]) -> Array:
-    """Return the relative residuals (runs,) of the ledgers of runs that begin and end together, each through its table.
-
-    tables (runs, rows, DRIVE_COLUMNS), whose support moves alike; y (runs, STATE_SIZE), n (runs, COUNTERS): last states
-    """
-    touching = np.isin(n[:, columns.MODE], (columns.ON_FLOOR, columns.ON_CEILING))
-    left = np.zeros(len(y))
-    for run in np.flatnonzero(touching):
-        left[run] = contact_energy(contact, system, State(y[run], n[run]), tables[run])
-    residual: Array = _flows(system, tables[0], first, y, float(y[0, columns.TIME]), left)[-1]
-    return residual
-
-
-def _flows(system: System, table: Array, first: State, y: Array, end: float, left: float | Array) -> tuple[Any, ...]:
-    """Return the values of a ledger up to time `end` [s]; y (..., STATE_SIZE): the last state, left: energy of its
-    contact [J].
-    """
-    start_u, end_u = (drive.support_displacement(table, time) for time in (first.time, end))
-    work, beam_loss, contact_loss, ceiling = (
-        y[..., k] - first.y[k] for k in (columns.INPUT, columns.BEAM_LOSS, columns.CONTACT_LOSS, columns.CEILING_WORK)
-    )
-    stored = _stored(system, y, end_u) - _stored(system, first.y, start_u) + left
-    sprung = np.maximum(_sprung(system, first.y, start_u), _sprung(system, y, end_u))
+    stored += left
+    sprung = max(_sprung(system, first.y, start_u), _sprung(system, last.y, end_u))
     residual = relative_residual(work, beam_loss, contact_loss, ceiling, stored, sprung)
-    return work, beam_loss, contact_loss, ceiling, stored, residual
+    return Ledger(work, beam_loss, contact_loss, ceiling, stored, float(residual))
 
 
 def relative_residual(work: Any, beam_loss: Any, contact_loss: Any, ceiling: Any, stored: Any, sprung: Any) -> Any:
@@ -85,18 +65,15 @@ def stored_energy(system: System, state: State, support: float) -> float:
 
     The energy of a contact is not in it (see `contact_energy`).
     """
-    return float(_stored(system, state.y, support))
-
-
-def _stored(system: System, y: Array, support: float) -> Any:
-    beam, velocity = y[..., columns.BEAM], y[..., columns.BEAM_VELOCITY]
-    grain, grain_velocity = y[..., columns.GRAIN], y[..., columns.GRAIN_VELOCITY]
+    y = state.y
+    beam, velocity, grain, grain_velocity = y[[columns.BEAM, columns.BEAM_VELOCITY, columns.GRAIN,
+                                               columns.GRAIN_VELOCITY]]  # fmt: skip
     if system.modes is not None:
         states = _mode_states(y, system.modes.shape[1])
-        own = _stored_by_mode(structure_of(system, held=False), states).sum(axis=-1)
-        return own + system.grain_mass * (0.5 * grain_velocity**2 + system.gravity * grain)
+        own = _stored_by_mode(structure_of(system, held=False), states).sum()
+        return float(own + system.grain_mass * (0.5 * grain_velocity**2 + system.gravity * grain))
     stretch = beam - support
-    return (
+    return float(
         0.5 * system.beam_mass * velocity**2
         + 0.5 * system.grain_mass * grain_velocity**2
         + 0.5 * system.stiffness * stretch**2
@@ -104,12 +81,12 @@ def _stored(system: System, y: Array, support: float) -> Any:
     )
 
 
-def _sprung(system: System, y: Array, support: float) -> Any:
-    """Return the elastic energy of the structure (...) [J]."""
+def _sprung(system: System, y: Array, support: float) -> float:
+    """Return the elastic energy of the structure [J]."""
     if system.modes is not None:
-        places = _mode_states(y, system.modes.shape[1])[..., columns.Q]
-        return 0.5 * (structure_of(system, held=False).stiffness * places**2).sum(axis=-1)
-    return 0.5 * system.stiffness * (y[..., columns.BEAM] - support) ** 2
+        places = _mode_states(y, system.modes.shape[1])[:, columns.Q]
+        return float(0.5 * (structure_of(system, held=False).stiffness * places**2).sum())
+    return float(0.5 * system.stiffness * (y[columns.BEAM] - support) ** 2)
 
 
 def _stored_further(system: System, masses: Array, y: Array) -> float:
@@ -120,14 +97,14 @@ def _stored_further(system: System, masses: Array, y: Array) -> float:
 
 
 def _mode_states(y: Array, modes: int) -> Array:
-    """Return the modes' part (..., modes, MODE_COLUMNS) of states (..., n)."""
-    part = y[..., columns.STATE_SIZE : columns.STATE_SIZE + modes * columns.MODE_COLUMNS]
-    return part.reshape(*part.shape[:-1], -1, columns.MODE_COLUMNS)
+    """Return the modes' part (modes, MODE_COLUMNS) of a state (n,)."""
+    part = y[columns.STATE_SIZE : columns.STATE_SIZE + modes * columns.MODE_COLUMNS]
+    return part.reshape(-1, columns.MODE_COLUMNS)
 
 
 def _stored_by_mode(modes: ModeSet, states: Array) -> Array:
-    """Return kinetic, elastic and potential energy of each mode (..., modes) [J]."""
-    q, rate = states[..., columns.Q], states[..., columns.Q_RATE]
+    """Return kinetic, elastic and potential energy of each mode (modes,) [J]."""
+    q, rate = states[:, columns.Q], states[:, columns.Q_RATE]
     stored: Array = 0.5 * modes.mass * rate**2 + 0.5 * modes.stiffness * q**2 + modes.mass * modes.gravity * q
     return stored
 

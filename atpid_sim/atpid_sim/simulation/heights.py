@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from atpid_sim.engine.columns import CEILING_VELOCITY, END, HEIGHT, START
+from atpid_sim.engine import columns, drive
 from atpid_sim.scene import Scene
 from atpid_sim.simulation.integration import drive_table
 from atpid_sim.system import Array
@@ -28,11 +28,10 @@ def tables_at(scene: Scene, heights: Array) -> HeightTables:
     widest = opened(scene, float(heights.max()))
     table = drive_table(widest, widest.steady_window)
     tables = np.repeat(table[None], len(heights), axis=0)
-    start, end = table[:, START], table[:, END]
-    begins = _ceiling(widest, start, heights)
-    tables[:, :, HEIGHT] = begins
-    tables[:, :, CEILING_VELOCITY] = (_ceiling(widest, end, heights) - begins) / (end - start)
-    alike = (tables == tables[0]).all(axis=(0, 2)) & (end <= widest.steady_window[0])
+    *before, (end, _) = widest.ceiling.heights
+    for each, height in zip(tables, heights.tolist(), strict=True):
+        drive.enter_ceiling(each, [*before, (end, height)])
+    alike = (tables == tables[0]).all(axis=(0, 2)) & (table[:, columns.END] <= widest.steady_window[0])
     return HeightTables(widest, tables, int(np.argmin(alike)) if not alike.all() else len(table))
 
 
@@ -43,15 +42,3 @@ def opened(scene: Scene, height: float) -> Scene:
         return scene.with_(height=height)
     (_, closed), *_, (start, _), (end, _) = [(0.0, scene.ceiling.heights[0][1]), *scene.ceiling.heights[-2:]]
     return scene.with_(ceiling={"closed": closed, "open": height, "start": start, "end": end})
-
-
-def _ceiling(scene: Scene, times: Array, heights: Array) -> Array:
-    """Return where the ceiling is at times (k,) [s] on its way to each of the heights (n,) [m]: (n, k) [m]."""
-    if len(scene.ceiling.heights) == 1:
-        return np.repeat(heights[:, None], len(times), axis=1)
-    *_, (begin, lowest), (end, _) = scene.ceiling.heights
-    instants, earlier = zip(*scene.ceiling.heights[:-1], strict=True)
-    before = np.interp(times, instants, earlier)
-    rise = ((heights - lowest) / (end - begin))[:, None] * (times - begin) + lowest
-    found: Array = np.where(times <= begin, before, np.where(times < end, rise, heights[:, None]))
-    return found

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Mapping
 from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -26,7 +24,7 @@ from atpid_sim.outcome import NumericalFailure, Outcome
 from atpid_sim.scene import Scene
 from atpid_sim.scene.structure import Initial
 from atpid_sim.simulation.contact_tables import table_of
-from atpid_sim.simulation.energy import Ledger, ledger_of, residuals
+from atpid_sim.simulation.energy import Ledger, ledger_of
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at, frequency_points, support_rows
 from atpid_sim.simulation.further_grains import displace, with_further_grains
 from atpid_sim.system import Array, System, structure_of
@@ -81,26 +79,6 @@ class FinishedRun(NamedTuple):
     samples: Array  # those written (SAMPLE_ROWS, k)
     impacts: Array  # those logged (k, IMPACT_COLUMNS)
     ledger: Ledger
-
-
-class AlikeRuns(NamedTuple):
-    """Runs that differ in the ceiling only: what is known at their end."""
-
-    amplitudes: Array  # of the beam in the steady window (runs,) [m]
-    residuals: Array  # of the energy ledgers, relative (runs,)
-    impacts: NDArray[np.int64]  # on floor and ceiling (runs,)
-    wall_s: float  # of all together, compiled [s]
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return plain numbers, for a journal."""
-        arrays = {name: getattr(self, name).tolist() for name in ("amplitudes", "residuals", "impacts")}
-        return arrays | {"wall_s": self.wall_s}
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> AlikeRuns:
-        """Return what `to_plain` has made plain numbers of."""
-        amplitudes, residuals, impacts = (np.array(plain[name]) for name in ("amplitudes", "residuals", "impacts"))
-        return cls(amplitudes, residuals, impacts, float(plain["wall_s"]))
 
 
 class Integration:
@@ -295,25 +273,6 @@ class Integration:
         grounded = "the grain is in contact at the phase of the section"
         return after[:done], grounded if ended == IN_CONTACT else Outcome(ended).sentence
 
-    def advance_alike(self, tables: Array, common: int) -> AlikeRuns:
-        """Return where runs of the scene end, each through its own of `tables` (runs, rows, DRIVE_COLUMNS).
-
-        The tables differ in the ceiling only, and only behind their first `common` rows, which lie before the steady
-        window; nothing but the beam's range in that window is observed. Compiled, without the interpreter's lock.
-        Raises NumericalFailure.
-        """
-        self.scene.refuse_further_dampers("a batch of heights")
-        begun = time.perf_counter()
-        first = self.initial_state()
-        y, n, outcomes = self.ends_alike(first, tables, common)
-        wall = time.perf_counter() - begun
-        if outcomes.any():
-            failed = int(np.flatnonzero(outcomes)[0])
-            raise NumericalFailure(failure_at(Outcome(int(outcomes[failed])), State(y[failed], n[failed])))
-        amplitudes = 0.5 * (y[:, columns.HIGHEST] - y[:, columns.LOWEST])
-        impacts = n[:, columns.FLOOR_HITS] + n[:, columns.CEILING_HITS]
-        return AlikeRuns(amplitudes, residuals(self.system, self.contact, tables, first, y, n), impacts, wall)
-
     def ends_alike(
         self,
         first: State,
@@ -322,10 +281,12 @@ class Integration:
         sampling: tuple[float, float] = (0.0, 1.0),
         series: Array | None = None,
     ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-        """Return states (runs, m) and counters (runs, COUNTERS) in which such runs end, and their outcomes (runs,).
+        """Return states (runs, m) and counters (runs, COUNTERS) in which runs of the scene end, and outcomes (runs,).
 
-        first: state in which they begin; sampling: first instant, not before the first `common` rows end, and period
-        [s] of the samples in `series` (runs, SAMPLE_ROWS, n).
+        Each goes through its own of `tables` (runs, rows, DRIVE_COLUMNS), which differ in the ceiling only, and only
+        behind their first `common` rows, which lie before the steady window, where the beam's range is taken. Compiled,
+        without the interpreter's lock. first: state in which they begin; sampling: first instant, not before the
+        first `common` rows end, and period [s] of the samples in `series` (runs, SAMPLE_ROWS, n).
         """
         count = len(tables)
         y, n = np.tile(first.y, (count, 1)), np.tile(first.n, (count, 1))

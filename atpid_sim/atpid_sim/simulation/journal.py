@@ -110,9 +110,9 @@ class Journal:
 
 
 def _plain(value: Any) -> Any:
-    """Return a number of numpy as Python's; raise TypeError for what JSON has not."""
-    if isinstance(value, np.generic):
-        return value.item()
+    """Return numbers of numpy as Python's; raise TypeError for what JSON has not."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
     raise TypeError(f"{type(value).__name__} is not for a journal")
 
 
