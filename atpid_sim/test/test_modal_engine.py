@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from atpid_sim.kernel_inputs import contact_of
 from atpid_sim.maps.response import DamperResponse, Timing
 from atpid_sim.modal import phasors
-from atpid_sim.plant.plant import Plant, PlantError
 from atpid_sim.scene import Scene, SceneError, standard_bench
 from atpid_sim.simulation.energy import mode_residuals
 from atpid_sim.simulation.integration import Integration
@@ -201,8 +200,6 @@ def test_a_force_is_no_unusual_displacement() -> None:
     assert [line for line in lines if line.startswith("excitation, ")] == []
 
 
-def test_what_several_modes_do_not_have_is_refused() -> None:
-    with pytest.raises(PlantError, match="given force; allowed: support"):
-        Plant(scene_of("force"))
+def test_a_mode_without_mass_is_refused() -> None:
     with pytest.raises(SceneError, match=r"further_modes\[0\].mass"):
         scene_of(further_modes=[{"mass": 0.0, "frequency": 1.0, "damping_ratio": 0.0}])

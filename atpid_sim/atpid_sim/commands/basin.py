@@ -2,7 +2,6 @@
 """`atpid basin`: the share of kicks, or of initial states, that come to the promised motion, over heights."""
 
 import argparse
-import csv
 import json
 from dataclasses import asdict
 from functools import partial
@@ -10,9 +9,9 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from atpid_common import output
-from atpid_common.arguments import MOST_SEED, file_path, path_to, positive, real, whole
+from atpid_common.arguments import MOST_SEED, file_path, positive, real, whole
 from atpid_sim.commands.map import amplitudes_of
-from atpid_sim.commands.options import add_workers, workers_of
+from atpid_sim.commands.options import add_table, add_workers, workers_of, write_table
 from atpid_sim.display import counting
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
@@ -46,10 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--error", type=real(1e-3, 0.5), default=0.02, metavar="E", help=help_error)
     parser.add_argument("--starts", type=whole(1, 1_000_000), metavar="N", help="so many in place of --error")
     parser.add_argument("--seed", type=whole(0, MOST_SEED), default=1, metavar="S", help="of the starts; default: 1")
-    parser.add_argument("--out", type=path_to(".csv"), metavar="FILE.csv", help="also write the table here")
     add_workers(parser)
-    output.add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON array and nothing else")
+    add_table(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,11 +64,7 @@ def run(args: argparse.Namespace) -> int:
     with counting("basins", len(jobs)) as count:
         found = Batch(work, jobs).run(workers_of(args), count)
     rows: list[dict[str, Any]] = [finite(asdict(one)) for one in found]
-    if args.out is not None:
-        with output.writing(args.out), args.out.open("w", newline="") as file:
-            table = csv.DictWriter(file, fieldnames=list(rows[0]))
-            table.writeheader()
-            table.writerows(rows)
+    write_table(rows, args.out)
     if args.json:
         print(json.dumps(rows, allow_nan=False))
     else:

@@ -2,7 +2,6 @@
 """`atpid cliffs`: the periodic motion over the height through its folds, and where it ends over a second parameter."""
 
 import argparse
-import csv
 import json
 import math
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, rising
+from atpid_sim.commands.options import add_table, write_table
 from atpid_sim.display import working
 from atpid_sim.figure_numbers import drawn
 from atpid_sim.outcome import NumericalFailure
@@ -38,10 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     frequencies = rising(0.0, 1e6, "LO:HI with 0 < LO < HI, at most 1e6 Hz", closed=False)
     help_frequencies = "follow it over these frequencies [Hz], around the scene's"
     second.add_argument("--frequencies", type=frequencies, metavar="LO:HI", help=help_frequencies)
-    parser.add_argument("--out", type=path_to(".csv"), metavar="FILE.csv", help="write all points here")
     parser.add_argument("--picture", type=path_to(".png"), metavar="FILE.png", help="draw branch and cliff here")
-    output.add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
+    add_table(parser, "write all points here")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,11 +50,7 @@ def run(args: argparse.Namespace) -> int:
             output.file(getattr(args, option), f"--{option}", replace=args.force)
     with working("following (the first time the kernels are compiled, a minute or two)"):
         rows = points(scene, args.height, args.amplitudes, args.frequencies)
-    if args.out is not None:
-        with output.writing(args.out), args.out.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+    write_table(rows, args.out)
     if args.picture is not None:
         draw(rows, "frequency" if args.frequencies else "amplitude", args.picture, scene.drive)
     found = {curve: [row for row in rows if row["curve"] == curve] for curve in _CURVES}

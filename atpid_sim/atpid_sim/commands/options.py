@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The options of every command that runs a batch: workers, a cluster."""
+"""The options that several commands have: workers, a cluster, accuracy, a table of the results."""
 
 import argparse
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from atpid_common.arguments import whole, word
+from atpid_common import output
+from atpid_common.arguments import path_to, real, whole, word
 from atpid_sim.simulation.batch import Workers
+from atpid_sim.simulation.integration import FIDELITIES
 
 
 def add_workers(parser: argparse.ArgumentParser, kind: str = "threads") -> None:
@@ -17,3 +23,28 @@ def add_workers(parser: argparse.ArgumentParser, kind: str = "threads") -> None:
 def workers_of(args: argparse.Namespace) -> Workers:
     """Return what the options name."""
     return Workers(args.workers, args.cluster)
+
+
+def add_accuracy(parser: argparse.ArgumentParser) -> None:
+    """Declare --fidelity and --rtol."""
+    levels = "fidelity level; default: the cheapest within the scene's tolerance"
+    parser.add_argument("--fidelity", default="auto", choices=("auto", *FIDELITIES), help=levels)
+    rtol = "relative tolerance of the integrator; default: as the scene's tolerance asks"
+    parser.add_argument("--rtol", type=real(1e-13, 0.1), metavar="R", help=rtol)
+
+
+def add_table(parser: argparse.ArgumentParser, out: str = "also write the table here") -> None:
+    """Declare --out of a table, --force and --json."""
+    parser.add_argument("--out", type=path_to(".csv"), metavar="FILE.csv", help=out)
+    output.add_force(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], path: Path | None) -> None:
+    """Write rows of the same names as CSV, where a file is given. Raises OutputError."""
+    if path is None:
+        return
+    with output.writing(path), path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)

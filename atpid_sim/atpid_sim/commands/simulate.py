@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from atpid_common import output
 from atpid_common.arguments import file_path, path_to, positive, real
+from atpid_sim.commands.options import add_accuracy
 from atpid_sim.display import working
 from atpid_sim.outcome import NumericalFailure
 from atpid_sim.scene import Scene, SceneError, load_scene
 from atpid_sim.simulation.excitation import amplitude_at, frequency_at
-from atpid_sim.simulation.integration import FIDELITIES, amplitude_without_damper
+from atpid_sim.simulation.integration import amplitude_without_damper
 from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.simulation.series import draw, write_series
 from atpid_sim.simulation.simulate import Result, Trajectory, finite, simulate, trajectory
@@ -50,10 +51,7 @@ EXAMPLE = "scenes/standard.yaml --height 0.15"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", type=file_path, metavar="SCENE.yaml", help="everything the run needs (docs/scenes.md)")
-    parser.add_argument(
-        "--fidelity", default="auto", choices=("auto", *FIDELITIES), help="fidelity level; default: cheapest that fits"
-    )
-    parser.add_argument("--rtol", type=real(1e-13, 0.1), metavar="R", help="relative tolerance of the integration")
+    add_accuracy(parser)
     parser.add_argument(
         "--height", type=positive("m"), metavar="H", help="a fixed ceiling at H [m] in place of the scene's"
     )

@@ -2,7 +2,6 @@
 """`atpid sweep`: the steady motions of a scene over heights, support amplitudes and grain masses."""
 
 import argparse
-import csv
 import json
 from dataclasses import fields
 from itertools import product
@@ -11,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from atpid_common import output
-from atpid_common.arguments import file_path, path_to, real
+from atpid_common.arguments import file_path
 from atpid_sim.commands.map import amplitudes_of, mass_fractions_of
-from atpid_sim.commands.options import add_workers, workers_of
+from atpid_sim.commands.options import add_accuracy, add_table, add_workers, workers_of, write_table
 from atpid_sim.display import counting
 from atpid_sim.scene import load_scene
-from atpid_sim.simulation.integration import FIDELITIES
 from atpid_sim.simulation.journal import beside
 from atpid_sim.simulation.simulate import finite
 
@@ -32,15 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--amplitudes", type=amplitudes_of, metavar="A0:A1:N", help="N support amplitudes [m]")
     fractions = "grain mass over total mass [-]"
     parser.add_argument("--mass-fractions", type=mass_fractions_of, metavar="m1,m2,...", help=fractions)
-    levels = "fidelity level; default: the cheapest within the scene's tolerance"
-    parser.add_argument("--fidelity", default="auto", choices=("auto", *FIDELITIES), help=levels)
-    rtol = "relative tolerance of the integrator; default: as the scene's tolerance asks"
-    parser.add_argument("--rtol", type=real(1e-13, 0.1), metavar="R", help=rtol)
-    help_out = "write the table here, and what is done in a journal beside it"
-    parser.add_argument("--out", type=path_to(".csv"), metavar="FILE.csv", help=help_out)
+    add_accuracy(parser)
     add_workers(parser)
-    output.add_force(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON array and nothing else")
+    add_table(parser, "write the table here, and what is done in a journal beside it")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -68,11 +60,8 @@ def run(args: argparse.Namespace) -> int:
             support = each.excitation.amplitude_points[-1][1]
             head = {"mass_fraction": each.grain.mass_fraction, "support": support}
             rows.append(finite({**head, **row, "ways": Way(row["ways"]).name.lower(), "fidelity": one.fidelity}))
+    write_table(rows, args.out)
     if args.out is not None:
-        with output.writing(args.out), args.out.open("w", newline="") as file:
-            table = csv.DictWriter(file, fieldnames=list(rows[0]))
-            table.writeheader()
-            table.writerows(rows)
         beside(args.out).unlink(missing_ok=True)
     if args.json:
         print(json.dumps(rows, allow_nan=False))
