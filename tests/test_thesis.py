@@ -121,7 +121,7 @@ def test_reductions_of_the_standard_bench(height: float, reduction: float) -> No
 def test_best_heights(phi: float, amplitude: float, height: float, left: float) -> None:
     scene = standard(mass_fraction=phi, amplitude=amplitude, duration=20.0, steady_window=[18.0, 20.0])
     heights = [float(h) for h in np.linspace(0.85, 1.15, 25) * height]
-    runs = on_all_cores(lambda h: simulate(scene, height=h, check=False), heights)
+    runs = on_all_cores(lambda h: simulate(scene.with_(height=h), check=False), heights)
     best, result = min(runs, key=lambda run: run[1].amplitude)
     assert best == pytest.approx(height, rel=0.05)
     assert 100.0 * (1.0 - result.efficiency) == pytest.approx(left, abs=1.0)

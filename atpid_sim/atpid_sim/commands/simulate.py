@@ -17,7 +17,7 @@ from atpid_sim.simulation.excitation import amplitude_at, frequency_at
 from atpid_sim.simulation.integration import amplitude_without_damper
 from atpid_sim.simulation.quantities import efficiency
 from atpid_sim.simulation.series import draw, write_series
-from atpid_sim.simulation.simulate import Result, Trajectory, finite, simulate, trajectory
+from atpid_sim.simulation.simulate import Result, finite, simulate, trajectory
 from atpid_sim.simulation.unrepeated import vibration, write_spectrum
 
 if TYPE_CHECKING:
@@ -182,14 +182,13 @@ def _check_files(args: argparse.Namespace, scene: Scene) -> None:
 
 
 def _write_files(args: argparse.Namespace, scene: Scene) -> None:
-    def motion(rate: float, fidelity: str = args.fidelity, height: float | None = None) -> Trajectory:
-        return trajectory(scene, rate, fidelity, args.rtol, height)
-
     if args.series is not None:
-        write_series(motion(args.rate or scene.sensors.laser.rate), args.series, scene.driven_by)
+        found = trajectory(scene, args.rate or scene.sensors.laser.rate, args.fidelity, args.rtol)
+        write_series(found, args.series, scene.driven_by)
     if args.picture is not None:
-        rate, diameter = 100.0 * scene.frequency_hz, 2.0 * scene.grain.radius
-        draw(scene, motion(rate), motion(rate, "simplified", diameter), args.picture)
+        rate, closed = 100.0 * scene.frequency_hz, scene.with_(height=2.0 * scene.grain.radius)
+        beside = trajectory(closed, rate, "simplified", args.rtol)
+        draw(scene, trajectory(scene, rate, args.fidelity, args.rtol), beside, args.picture)
     if args.spectrum is not None:
         write_spectrum(vibration(scene, args.fidelity, args.rtol), args.spectrum, scene.driven_by)
 

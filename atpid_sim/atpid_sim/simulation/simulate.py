@@ -114,17 +114,14 @@ class Trajectory:
     further_grains: Array  # displacements (k, n) [m]
 
 
-def simulate(
-    scene: Scene, fidelity: str = "auto", rtol: float | None = None, height: float | None = None, check: bool = True
-) -> Result:
+def simulate(scene: Scene, fidelity: str = "auto", rtol: float | None = None, check: bool = True) -> Result:
     """Run a scene and return its result.
 
-    `height` [m] replaces the ceiling by a fixed one. With `check` the run is repeated with a finer
-    tolerance and a disturbed start, which gives the error estimate and shows whether the amplitude is reproducible.
-    Raises NumericalFailure, naming time and state, where the run does not end as it should, and SceneError where a
-    controller moves the ceiling and no height is given.
+    With `check` the run is repeated with a finer tolerance and a disturbed start, which gives the error estimate and
+    shows whether the amplitude is reproducible. Raises NumericalFailure, naming time and state, where the run does not
+    end as it should, and SceneError where a controller moves the ceiling.
     """
-    scene = _with_height(scene, height)
+    scene.require_prescribed_ceiling()
     table = drive_table(scene, scene.steady_window)
     undamped, bare = undamped_amplitude(scene, table), amplitude_without_damper(scene)
     choice = choose(scene, fidelity, undamped=undamped)
@@ -185,14 +182,12 @@ def _verdict(integration: Integration, choice: Choice, amplitude: float, steps: 
     return replace(verdict, error=verdict.error + choice.model_error)
 
 
-def trajectory(
-    scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None, height: float | None = None
-) -> Trajectory:
+def trajectory(scene: Scene, rate: float, fidelity: str = "auto", rtol: float | None = None) -> Trajectory:
     """Run a scene and return its motion at i / rate [s], `rate` in Hz, over the whole run.
 
-    `fidelity`, `rtol` and `height` [m] as in `simulate`. Raises NumericalFailure and SceneError as that does.
+    `fidelity` and `rtol` as in `simulate`. Raises NumericalFailure and SceneError as that does.
     """
-    scene = _with_height(scene, height)
+    scene.require_prescribed_ceiling()
     integration = Integration(scene, choose(scene, fidelity).fidelity, rtol)
     count = math.floor(scene.duration * rate * (1.0 + 1e-12)) + 1
     further = len(scene.dampers) - 1
@@ -203,26 +198,20 @@ def trajectory(
     return Trajectory(times, support, beam, velocity, acceleration, grain, ceiling, run.impacts, others)
 
 
-def _with_height(scene: Scene, height: float | None) -> Scene:
-    changed = scene if height is None else scene.with_(height=height)
-    changed.require_prescribed_ceiling()
-    return changed
-
-
 def _decay(scene: Scene, fidelity: str, rtol: float) -> dict[str, float]:
     """Return what a free decay is measured by; nothing for any other excitation."""
     if not scene.excitation.is_free:
         return {}
 
-    def largest(fidelity: str, rtol: float, height: float | None = None) -> float:
-        motion = trajectory(scene, _DECAY_SAMPLES * scene.natural_frequency_hz, fidelity, rtol, height)
+    def largest(scene: Scene, fidelity: str, rtol: float) -> float:
+        motion = trajectory(scene, _DECAY_SAMPLES * scene.natural_frequency_hz, fidelity, rtol)
         return largest_decrement(motion.beam + scene.static_deflection)
 
-    found = largest(fidelity, rtol)
+    found = largest(scene, fidelity, rtol)
     return {
         "decrement": found,
-        "undamped_decrement": largest("simplified", rtol, 2.0 * scene.grain.radius),
-        "decrement_error": abs(largest(fidelity, max(1e-2 * rtol, 1e-12)) / found - 1.0),
+        "undamped_decrement": largest(scene.with_(height=2.0 * scene.grain.radius), "simplified", rtol),
+        "decrement_error": abs(largest(scene, fidelity, max(1e-2 * rtol, 1e-12)) / found - 1.0),
     }
 
 
