@@ -117,7 +117,7 @@ def test_a_run_that_does_not_reach_its_end_is_named() -> None:
     ("scene", "said"),
     [
         (TASK.with_(steady_window=[6.5, 16.0]), "with changes until 7 s"),
-        (TASK.with_(further_modes=[{"mass": 1.0, "frequency": 30.0, "damping_ratio": 0.02}]), "several modes"),
+        (TASK.with_(further_dampers=[{"mass_fraction": 0.1, "height": 0.1}]), "takes one damper"),
         (TASK.with_(excitation={"sweep": {"amplitude": 0.01, "from": 4.0, "to": 6.0}}), "a tone"),
     ],
 )
