@@ -34,6 +34,11 @@ class ModeSet(NamedTuple):
     rate: Array
     gravity: Array
 
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies without damping (modes,) [Hz]."""
+        return np.asarray(np.sqrt(self.stiffness / self.mass) / (2.0 * math.pi))
+
 
 class Modes(NamedTuple):
     """A structure in flight and with the grain held, and how coordinates of the one become those of the other."""

@@ -256,7 +256,7 @@ def mapping_of(
     if problem.is_modal:
         mapping |= {"further_modes": further, "drive": problem.drive}
     if frequency is None and off.detuning != 0.0:
-        frequency = _resonance_of(mapping) if further else natural * math.sqrt(1.0 - share)
+        frequency = _standing(mapping).natural_frequency_hz if further else natural * math.sqrt(1.0 - share)
     if frequency is not None:
         mapping["excitation"]["frequency"] = frequency * (1.0 + off.detuning)
     return mapping
@@ -277,10 +277,10 @@ def _further(problem: Problem, off: Deviation) -> list[dict[str, float]]:
     return found
 
 
-def _resonance_of(mapping: dict[str, Any]) -> float:
-    """Return the resonance [Hz] of the structure of a scene's blocks, damper closed."""
+def _standing(mapping: dict[str, Any]) -> Scene:
+    """Return the scene of a system's blocks with the damper closed."""
     run = {"ceiling": {"height": 2.0 * mapping["grain"]["radius"]}, "duration": 1.0}
-    return scene_from_mapping(mapping | run, source="design").natural_frequency_hz
+    return scene_from_mapping(mapping | run, source="design")
 
 
 def scene_of(
@@ -302,15 +302,13 @@ def modes_of(problem: Problem, fraction: float, off: Deviation = NOMINAL) -> Mod
     """Return the modes of a structure off by a deviation with a grain of a mass fraction [-]; None: it has one."""
     if not problem.is_modal:
         return None
-    run = {"ceiling": {"height": problem.max_height}, "duration": 1.0}
-    frequency = problem.frequency
-    return scene_from_mapping(mapping_of(problem, fraction, 0.0, off, frequency) | run, source="design").modes
+    return _standing(mapping_of(problem, fraction, 0.0, off, problem.frequency)).modes
 
 
 def resonance(problem: Problem, fraction: float) -> float:
     """Return the natural frequency of the structure with the damper closed [Hz]: of one mode, beam and grain as one."""
     if (modes := modes_of(problem, fraction)) is not None:
-        return math.sqrt(modes.joined.stiffness[0] / modes.joined.mass[0]) / (2.0 * math.pi)
+        return float(modes.joined.frequencies[0])
     return problem.frequency * math.sqrt(1.0 - fraction)
 
 

@@ -53,7 +53,6 @@ def _bare_over_drive(problem: Problem, fraction: float) -> tuple[float, float]:
         off = deviation(problem, point)
         modes = modes_of(problem, fraction, off)
         assert modes is not None
-        own = math.sqrt(modes.joined.stiffness[0] / modes.joined.mass[0]) / (2.0 * math.pi)
-        at = (own if drawn is None else drawn) * (1.0 + off.detuning)
+        at = (modes.joined.frequencies[0] if drawn is None else drawn) * (1.0 + off.detuning)
         found.append((1.0 + off.amplitude) * abs(phasors(modes.free, at).sum()))
     return float(min(found)), float(max(found))

@@ -120,7 +120,7 @@ class DamperResponse:
     @property
     def natural_frequency(self) -> float:
         """Natural frequency of beam and grain as one mass [Hz]."""
-        return math.sqrt(self._closed.stiffness[0] / self._closed.mass[0]) / (2.0 * math.pi)
+        return float(self._closed.frequencies[0])
 
     @property
     def diameter(self) -> float:

@@ -127,8 +127,7 @@ class SceneValues(SceneBlock):
     def natural_frequency_hz(self) -> float:
         """Undamped natural frequency of beam and grain as one mass [Hz] (equation 3.45)."""
         if self.modes is not None:
-            joined = self.modes.joined
-            return math.sqrt(joined.stiffness[0] / joined.mass[0]) / (2.0 * math.pi)
+            return float(self.modes.joined.frequencies[0])
         return math.sqrt(self.beam.stiffness / self.total_mass) / (2.0 * math.pi)
 
     @property

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from atpid_sim.kernel_inputs import system_of
-from atpid_sim.modal import ModeSet
 from atpid_sim.scene import Scene
 from atpid_sim.system import Array, structure_of
 
@@ -34,17 +33,14 @@ class ModeShown(NamedTuple):
 def modes_in(scene: Scene) -> list[ModeShown]:
     """Return the modes of a scene's structure, by rising frequency."""
     free, joined = (structure_of(system_of(scene), held=held) for held in (False, True))
-    held = np.sort(_frequencies(joined))
     ratios = 0.5 * free.damping / np.sqrt(free.stiffness * free.mass)
     factors = free.direct / free.stiffness if scene.drive == "support" else free.direct
-    rows = np.stack([_frequencies(free), free.mass, ratios, factors], axis=1)
+    rows = np.stack([free.frequencies, free.mass, ratios, factors], axis=1)
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
-    return [ModeShown(float(row[0]), float(low), *map(float, row[1:])) for row, low in zip(rows, held, strict=True)]
-
-
-def _frequencies(modes: ModeSet) -> Array:
-    """Return the frequencies of modes without damping (modes,) [Hz]."""
-    return np.asarray(np.sqrt(modes.stiffness / modes.mass) / (2.0 * math.pi))
+    return [
+        ModeShown(float(row[0]), float(low), *map(float, row[1:]))
+        for row, low in zip(rows, np.sort(joined.frequencies), strict=True)
+    ]
 
 
 def efficiency(damped: float, undamped: float) -> float:
